@@ -92,7 +92,7 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def add_forces(law: ContactLaw, room: ClosePairs, place: int, bed: Bed, time: float) -> int:
-        """Add the forces of the grains in contact; 1 where there was no room for them."""
+        """Add the forces of the grains in contact; 1 where the buffer is too short for them."""
         state, constants = bed.state, bed.constants
         find_close_pairs(room, state.x, state.y, constants.grains, law.widest, law.radius)
         for p in range(room.filled[0]):
@@ -137,7 +137,7 @@ class ContactLaw(NamedTuple):
     def flow(
         law: ContactLaw, room: ClosePairs, place: int, dt: float, bed: Bed, opening: bool
     ) -> int:
-        """Take the dashpots' share of the normal velocities of grains in contact."""
+        """Apply the dashpots to the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
         masses = constants.masses
         for turn in range(room.filled[0]):

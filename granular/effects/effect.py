@@ -4,7 +4,7 @@ An effect is a section of the scene: its fields are its parameters, with units a
 run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
 each grain, which follow a grain that leaves. (Arrays that are something else stand in a tuple of
 their own within the law.) The law's class has kernels as static methods, the *hooks* of the loop.
-What is not there costs nothing; ``law, room, place`` stand before the others' arguments. An effect
+What is not there costs nothing; ``law, room, place`` come before the others' arguments. An effect
 is of one of three kinds, or of several.
 
 A **force** has an energy, and is minus its gradient. `granular.effects.gravity` is one.
@@ -19,7 +19,7 @@ A **force** has an energy, and is minus its gradient. `granular.effects.gravity`
 ``collision(..., speed, constants) -> float``
     Greatest stiffness over mass that a grain of this speed meets.
 
-A **flow** takes energy: the velocities after a duration, solved exactly while places stand still.
+A **flow** takes energy: the velocities after a duration, solved exactly at fixed positions.
 As a force it would cost the second order. What it takes is entered in
 ``state.ledger[LOSSES + place]``. `granular.effects.eddy` is one.
 
@@ -38,11 +38,11 @@ grains and piston by their forces, so the loop itself moves it: `granular.engine
 ``lift(..., time) -> float``
     Upward acceleration of all that has a mass.
 ``glide(..., dt, bed) -> int``
-    Places after ``dt``, instead of the plain drift, and velocities that change in its middle, as
+    Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
     a heat bath wants it; for Störmer-Verlet's coefficients alone.
 
 ``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;
-what stands in its field ``kept``, if it has one, is of the run's state.
+its field ``kept``, if it has one, is part of the run's state.
 
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
 written: a class with the functions of one of them, decorated with `granular.effects.own.effect` as
@@ -90,11 +90,11 @@ class Setting:
     cell : Cell
     scales : Scales
     species : int (n,)
-        Of each grain.
+        Species of each grain.
     effects : mapping of str to Effect
-        All that act.
+        All effects that act, by their keys.
     places : mapping of str to int
-        Of each effect in the tuple of laws.
+        Index of each effect in the tuple of laws.
     piston : Piston or None
     """
 

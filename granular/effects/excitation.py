@@ -222,8 +222,8 @@ def excitation_at(drive: Drive, time: float) -> float:
 def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> float:
     """`excitation_at`, for a kick that begins at ``time`` or, where it closes a step, ends there.
 
-    Begin and end, where the drive may jump, fall within a kick: it then counts for its share of it.
-    All of the kick, or nothing, would cost a step the second order.
+    Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the
+    kick. All of the kick, or nothing, would cost a step the second order.
     """
     t = time - drive.start
     other = t + dt if opening else t - dt

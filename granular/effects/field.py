@@ -1,7 +1,7 @@
 """Fields: forces on every grain from energies that are written as formulas.
 
 ``effects.field = [{ energy = "k*y**2/2 + a*sin(x/l)", k = "10 N/m", a = "1 uJ", l = "3 mm" }]``.
-The variables are the place ``x``, ``y``, the time ``t``, and a grain's ``mass`` and magnetic
+The variables are the position ``x``, ``y``, the time ``t``, and a grain's ``mass`` and magnetic
 ``moment``; see `granular.effects.formula`. Where ``t`` is in it, the work from outside is derived
 too.
 """

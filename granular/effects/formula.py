@@ -1,7 +1,7 @@
 """Energies that are written as formulas, and what is derived from them.
 
 A text is read by `granular.formulas`, never run. Its names are variables, which the kind of
-formula fixes, and parameters, which stand beside it with their units; the units must make joules.
+formula fixes, and parameters, which stand next to it with their units; the units must make joules.
 Force, stiffness and the rate of change in time are derived from it, so that the force is minus the
 gradient of the energy.
 """
@@ -182,7 +182,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
 
 
 def _smooth(form: sympy.Expr) -> sympy.Expr:
-    """Without the infinite stiffness of a kink, at the one place where it is."""
+    """Without the infinite stiffness of a kink, at the one point where it is."""
     import sympy
 
     return form.replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))

@@ -82,7 +82,7 @@ def _length(x: float, y: float) -> float:
 def _push_grain(
     entry: int | None, flow: Flow, share: float, state: State, i: int, mass: float
 ) -> None:
-    """Kick and drag of one grain under a share of its force."""
+    """Kick and drag of a grain under a fraction of its force."""
     decay, gain, a, b, c = flow
     ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
@@ -111,7 +111,7 @@ def _start_grain(
 def _fast_grain(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opening: bool
 ) -> tuple[float, float, float, float]:
-    """Kick and drag, then friction, or the other way round in the kick that closes a step.
+    """Kick and drag, then friction, or in the reverse order in the kick that closes a step.
 
     Returns
     -------
@@ -240,7 +240,7 @@ def _sticks(
 def _stop_grain(
     law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
 ) -> None:
-    """Stop a grain; friction and drag take their shares, the rest becomes potential energy."""
+    """Stop a grain; friction and drag take their parts, the rest becomes potential energy."""
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load

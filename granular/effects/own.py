@@ -32,7 +32,7 @@ reads as it does in SI. There may be, each with what belongs to it:
 ``stiffness(p, grain, time)``
     A bound of the force's slope, which the automatic step follows.
 ``power(p, grain, time)``
-    d(energy)/d(time) at a fixed place, where the energy depends on time: work from outside.
+    d(energy)/d(time) at a fixed position, where the energy depends on time: work from outside.
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
     Velocity after ``dt`` under a dissipative effect alone, exactly, for either sign of ``dt``.
     What it takes is entered in the ledger.

@@ -1,4 +1,4 @@
-"""Check that functions of a user's own fit each other, in plain Python at a few places."""
+"""Check that a user's functions fit each other, in plain Python at a few points."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Grain(NamedTuple):
     Attributes
     ----------
     x, y : float
-        Its place; for a pair, the names that matter are the next ones.
+        Its position; for a pair, the names that matter are the next ones.
     mass, moment : float
         Its mass and its magnetic moment.
     """

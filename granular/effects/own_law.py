@@ -37,7 +37,7 @@ class OwnLaw(NamedTuple):
     factor: Array | None
 
     def room(self, size: int, count: int) -> Cells | None:
-        """The cells that grains within reach are found with; None where all pairs count."""
+        """Cells for the search of grains within reach; None where all pairs count."""
         pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
         return cells_room(count) if pairs and math.isfinite(self.reach) else None
 
@@ -181,7 +181,7 @@ def _make_flow(definition: Definition) -> Loop:
 
 @compiled
 def _ready(law: OwnLaw, cells: Cells | None, state: State, count: int) -> bool:
-    """Sort the grains, where pairs end; False where a place is no number."""
+    """Sort the grains, where pairs end; False where a position is no number."""
     return True if cells is None else sort_into_cells(cells, state.x, state.y, count, law.reach)
 
 
@@ -298,7 +298,7 @@ class OwnWallLaw(NamedTuple):
     @staticmethod
     @compiled
     def turning_stiffness(law: OwnWallLaw, speed: float) -> float:
-        """Stiffness where a grain of this speed turns, found by bisection of the distance."""
+        """Stiffness where a grain of this speed turns, by bisection of the distance."""
         near, far = math.log(NEAREST), math.log(FARTHEST)
         for _ in range(60):
             middle = 0.5 * (near + far)

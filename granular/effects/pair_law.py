@@ -1,9 +1,9 @@
 """Pair laws: forces between the grains from energies that are written as formulas of the distance.
 
 ``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm", reach = "3 D" }]``. It acts
-beside the dipoles, or instead of them where the scene names none. The variables are the distance
-``r`` of the centres and the grains' moments ``q1`` and ``q2`` over that of the first species; see
-`granular.effects.formula`. Both grains must be treated alike.
+along with the dipoles, or instead of them where the scene names none. The variables are the
+distance ``r`` of the centres and the grains' moments ``q1`` and ``q2`` over that of the first
+species; see `granular.effects.formula`. Both grains must be treated alike.
 """
 
 from __future__ import annotations

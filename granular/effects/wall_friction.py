@@ -134,7 +134,7 @@ def _normal(law: Any, w: float) -> float:
 
 @compiled
 def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
-    """Velocity after ``dt`` under acceleration and drag; the way, and what drag took per mass."""
+    """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.flow(rate, dt)
     way = drag.way(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
     return decay * v + gain * push, way, a * v * v + b * v * push + c * push * push
@@ -149,7 +149,7 @@ def slide(
     Returns
     -------
     tuple
-        Velocity after ``dt``; the way on which friction acted, and what drag took per mass.
+        Velocity after ``dt``; the path on which friction acted, and the loss to drag per mass.
     """
     way, dragged = 0.0, 0.0
     if v != 0.0:

@@ -20,7 +20,7 @@ LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
 
 
 class Side(NamedTuple):
-    """A wall's place, and the grains' coordinates as seen from it.
+    """A wall's position, and the grains' coordinates as seen from it.
 
     Attributes
     ----------

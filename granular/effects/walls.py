@@ -90,7 +90,7 @@ class Wall(Section):
     gap_start, gap_end : float or None
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
     own : section or None
-        Of a law of one's own; in a scene its keys stand beside ``law``. See
+        Of a law of one's own; in a scene its keys stand next to ``law``. See
         `granular.effects.own`.
     """
 

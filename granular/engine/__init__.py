@@ -18,15 +18,15 @@ and one of its ticks, here of twelve steps and with a far field that acts at mos
 step
     The least advance: the kicks and drifts of a method, one after another. Verlet's method is
     half a kick (velocities, positions stand still), a drift (positions, velocities stand still),
-    the forces at the new places, and the other half of the kick (`step`, `kick`, `piston`,
+    the forces at the new positions, and the other half of the kick (`step`, `kick`, `piston`,
     `forces`; Runge-Kutta methods in `runge_kutta`).
 tick
-    Some steps and a *look* at the bed behind the last of them: the forces of that step are found
+    Some steps and a *look* at the bed after the last of them: the forces of that step are computed
     in a *measuring pass*, which sums the energies, the stiffness and the least distance as well.
-    What it finds is a row of `columns`. Ticks of a stage are equally long (to a step, where the
+    Its result is a row of `columns`. Ticks of a stage are equally long (to a step, where the
     user gives the step); how many steps one has may change (`loop`).
 record, frame
-    Every so many ticks the row is kept as a record, and, less often, places, velocities and
+    Every so many ticks the row is kept as a record, and, less often, positions, velocities and
     forces of all grains as a frame.
 pace
     How a stage is cut: the length of a tick and of a step, ticks from record to record and from
@@ -45,15 +45,15 @@ watch
     piston that the stage was to reach, a step that has grown too long, a grain that has left.
 far field
     Where pairs are summed with a mesh, the part of the force that varies slowly acts in impulses
-    (`far`): one kick opens a span of at most ``far_every`` steps (``<``), one closes it (``>``),
-    each with the field of that moment over half the span. Spans divide a tick, so that every look
-    sees whole ones. The field at the stage's beginning is *held*: it acts in every step, like any
-    other force, and the impulses give what the field differs from it by. (Where the scene
-    dissipates, the present field is held anew every so many ticks.) Where dry friction must see
-    the whole force at once, and with methods other than Verlet's, the far field is found anew in
+    (`far`): one kick opens an interval of at most ``far_every`` steps (``<``), one closes it
+    (``>``), each with the field of that moment over half the interval. Intervals divide a tick, so
+    that a look sees whole ones. The field at the stage's beginning is *held*: it acts in every
+    step, like any other force, and the impulses give what the field differs from it by. (Where the
+    scene dissipates, the present field is held anew every so many ticks.) Where dry friction must
+    see the whole force at once, and with methods other than Verlet's, the far field is computed in
     every step and there are no impulses.
 
-What a run changes is a `State` of plain arrays, what it does not are `Constants`
+A run changes a `State` of plain arrays, and reads `Constants`
 (`granular.kernel_data`). In these stands, for every effect that acts, a law whose kernels the
 compiler writes into the loop (`granular.effects.effect`, `granular.compiled.dispatch`); of what
 does not act nothing is there. A host that carries the cell moves all the others (`host`).

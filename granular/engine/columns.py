@@ -67,12 +67,12 @@ def own_column(place: int) -> str:
 
 
 def energy_column(place: int) -> str:
-    """Column of the energy of the law in that place."""
+    """Column of the energy of the law with that index."""
     return f"energy {place}"
 
 
 def loss_column(place: int) -> str:
-    """Column of what the law in that place took."""
+    """Column of the loss to the law with that index."""
     return f"loss {place}"
 
 

@@ -35,7 +35,7 @@ def take_out(state: State, constants: Constants) -> Constants:
 
 
 def _move_last_to(i: int, last: int, state: State, constants: Constants) -> None:
-    """Fill the place of a grain with the last one's values, and put the padding there."""
+    """Swap a grain with the last one, and put padding in the last entry."""
     moving = [state.x, state.y, state.vx, state.vy, state.label, *grain_constants(constants)]
     if state.rounding is not None:
         moving += list(state.rounding)

@@ -65,7 +65,7 @@ def misplaced(
 
 
 def unbalanced(residual: float, limit: float, step: int, time: float, remedy: str) -> EnergyError:
-    """The error for an energy ledger that is off by that share of the energy turned over."""
+    """Error for an energy ledger that is off by that fraction of the energy turned over."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, "
         f"{limit:g} is the limit",

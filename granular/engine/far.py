@@ -25,7 +25,7 @@ from granular.pairs.mesh import Mesh
 
 @compiled(inline=True)
 def find_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
-    """Find the far field at the present places and time; 1 where its mesh has no room for them."""
+    """Compute the far field at the present positions and time; 1 where its mesh is too small."""
     if far is None:
         return 0
     far.moment[TIME] = time
@@ -89,7 +89,7 @@ def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -
 
 @compiled(inline=True)
 def _find_course(course: Array | None, far: FarForces, bed: Bed, time: float) -> int:
-    """Find the far field, and how it changes where it was last found shortly before."""
+    """Compute the far field, and its rate of change where the last one is recent."""
     if course is None:
         return find_far_field(far, bed, time)
     lapse = time - far.moment[TIME]
@@ -157,7 +157,7 @@ def _add_course(
 
 @compiled
 def far_energy(far: FarForces | None) -> float:
-    """Energy of the far field [F* D] at the places where it was last found; 0 without one."""
+    """Energy of the far field [F* D] at the positions of its last evaluation; 0 without one."""
     return 0.0 if far is None else far.energy[0]
 
 

@@ -1,12 +1,12 @@
 """The motion of a host and of the cell on it (`granular.effects.host`).
 
-Everything is told in the frame of the cell, as without a host; the frame has the acceleration A, so
-that every mass in it feels the force -m A. Let V be the velocity of the frame, v_i those of the
+All motion is given in the frame of the cell, as without a host; the frame has the acceleration A,
+so that every mass in it feels the force -m A. Let V be the velocity of the frame, v_i those of the
 grains in it, and Q = M V + sum m_i (V + v_i) + ... the momentum of the whole, all over the base. In
 the momenta of grains, piston and bodies over the base, the energy is the kinetic energy of each,
-and a potential of relative places and springs: a separable one, though the velocities v_i in the
-frame are not. So the steps of a symplectic method stay kicks and drifts. A kick leaves all places
-as they are, and changes V by A dt with
+and a potential of relative positions and springs: a separable one, though the velocities v_i in the
+frame are not. So the steps of a symplectic method stay kicks and drifts. A kick leaves all
+positions as they are, and changes V by A dt with
 
     M A = (spring and outer force on the body) - (force of the body on grains and piston),
 
@@ -22,7 +22,7 @@ velocities. The momentum of the whole then gives V to rounding. Dashpots act at 
 of the kick, within the same equation; on a chain that carries the piston of a free cell they are a
 part of their own, on the inner side of the kicks.
 
-The base is the place of reference: where it moves, all masses feel minus its acceleration, and the
+The base is the reference: where it moves, all masses feel minus its acceleration, and the
 energy is that of the motion over the base. Weights are held by the springs' rest lengths.
 
 Seen from a free cell (``mount = "piston"``), the piston is one body with the chain's last one.

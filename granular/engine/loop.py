@@ -1,6 +1,6 @@
 """The loop: kicks and drifts from a table, over ticks that end with a measurement.
 
-A tick is the span between two looks at the bed. At its end the loop takes the energies, the
+A tick is the interval between two looks at the bed. At its end the loop takes the energies, the
 stiffest mode and the speeds in the pass that the step needs anyway, watches for rest, for a force
 that is reached, for grains that leave and for steps that grew too long, and keeps a record every
 so many ticks.
@@ -185,7 +185,7 @@ def _make_tick(
 
     Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
     A far field that acts ``every`` so many steps gives its impulse half before and half after them
-    (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such spans.
+    (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such intervals.
     """
     state = bed.state
     begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)

@@ -26,7 +26,7 @@ def to_extxyz(
     grains stand half-way between these, at z = 0. The columns bear the names that OVITO maps to its
     own: species, pos [m], velo [m/s], force [N] (magnetic, weight and contact), radius [m],
     mass [kg], id (the grain's index in the scene); and for ASE, which takes chemical elements only,
-    kind (the place of the species in the scene) and the atomic number Z = 0. The comment line gives
+    kind (the index of the species in the scene) and the atomic number Z = 0. The comment line gives
     ``Time`` [s] and, with a piston, ``Piston_height`` [m]. Grains that have left the cell are left
     out.
 

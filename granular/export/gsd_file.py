@@ -25,7 +25,7 @@ def to_gsd(
     highest piston (or grain) of the run: a GSD box is always periodic, and so no program that
     counts neighbours finds any across the walls. OVITO opens each GSD file as periodic; `to_extxyz`
     says of every side what it is. The exact values in double precision, in the coordinates of the
-    cell, are beside them as logged quantities, which OVITO shows as properties of the particles:
+    cell, are stored too as logged quantities, which OVITO shows as properties of the particles:
     ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and ``grain``
     (its index in the scene); and for the frame ``time`` [s] and, with a piston, ``piston_height``
     [m]. The step is the number of the frame. Grains that have left the cell are left out.

@@ -73,7 +73,7 @@ def to_lammps(
         Is made if it does not exist.
     dt : float or str
         Longest time step [s]; each stage takes the next shorter one that divides it. "auto" follows
-        the stiffest mode of the bed as it stands and as it is squeezed evenly to the piston's
+        the stiffest mode of the present bed and of the bed as squeezed evenly to the piston's
         lowest height; "auto/2" is half of it.
     overwrite : bool
         Whether files of these names may be replaced.
@@ -134,7 +134,7 @@ def _run_start(run: Trajectory) -> _Start:
 
 
 def _legs(scene: Scene, place: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
-    """The stages from one on, which begins (or is under way) with the piston at a height [m]."""
+    """The stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[place:]:
         one = leg(stage, height, done)
         yield one
@@ -176,7 +176,7 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
 
 
 def _squeezed(deck: Deck, start: _Start) -> float:
-    """Highest frequency of the bed as it stands, and evenly squeezed by the piston [1/tau]."""
+    """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
     place, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.assignment()[start.grains]

@@ -27,7 +27,7 @@ def to_tables(
     """Write ``scalars`` and ``grains`` as tables, in SI and to the last bit.
 
     ``scalars`` has a row a record: the time, heights, forces and energies. ``grains`` has a row a
-    grain of each frame: frame, time, grain and species (their places in the scene), position,
+    grain of each frame: frame, time, grain and species (their indices in the scene), position,
     velocity and force (magnetic, weight and contact). A column's name holds its unit. Grains that
     have left the cell are left out.
 

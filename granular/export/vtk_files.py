@@ -24,7 +24,7 @@ def to_vtk(
     Open ``bed.pvd`` in ParaView, and draw the points as spheres scaled by ``radius``. Each frame is
     an unstructured grid of points at z = 0 (``bed_00000.vtu``, ...) with ``velocity`` [m/s] and
     ``force`` [N] (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg],
-    ``species`` and ``grain`` (their places in the scene). Grains that have left the cell are left
+    ``species`` and ``grain`` (their indices in the scene). Grains that have left the cell are left
     out.
 
     Parameters

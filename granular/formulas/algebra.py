@@ -1,6 +1,6 @@
 """SymPy's objects from the grammar's trees, and compiled functions from SymPy's objects.
 
-The one place where a formula becomes code: SymPy writes Python of it, in which every symbol has a
+The only file where a formula becomes code: SymPy writes Python of it, in which every symbol has a
 name that is made here, never one that a user wrote.
 """
 

@@ -51,11 +51,11 @@ class State(NamedTuple):
     ledger : float64 (2 + laws,)
         Work done on grains and piston from outside, and energy lost by the piston and to effects.
     clock : float64 (7,)
-        Its entries are named above.
+        Entries `TIME` to `STEPS`.
     wall_forces : float64 (4,)
         Force on each wall, in the order of `granular.effects.wall_side.SIDES`.
     label : int64 (m,)
-        Which grain of the scene stands in each place.
+        Index in the scene of the grain at each index here.
     load : float64 (m,) or None
         Sums behind the normal force of friction.
     stripes : Stripes or None

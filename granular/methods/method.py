@@ -42,7 +42,7 @@ class Method:
         Of an explicit Runge-Kutta method: the rows of its Butcher tableau, and the weights behind
         them.
     variable : bool
-        Whether the step follows the stiffest collision, in a time-reversible way; for Verlet's
+        Whether the step follows the stiffest collision, time-reversibly; for Verlet's
         coefficients alone.
     compensated : bool
         Whether positions and velocities are compensated sums; not with a tableau.

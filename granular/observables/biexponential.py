@@ -105,7 +105,7 @@ def _amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 
 def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The two rates over the span that leave the least sum of squares."""
+    """The two rates over the range that leave the least sum of squares."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0

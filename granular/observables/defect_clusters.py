@@ -177,7 +177,7 @@ def _clusters(
 def _core(
     positions: np.ndarray, disorder: np.ndarray, place: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """The centre of the disorder about a place: a core moves between sites, its grains jump."""
+    """The centre of the disorder about a point: a core moves between sites, its grains jump."""
     begun = place
     for _ in range(_CENTRINGS):
         along = np.linalg.norm(positions - place, axis=1) / (CORE * spacing)

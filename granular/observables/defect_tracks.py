@@ -68,7 +68,7 @@ class DefectTrack(NamedTuple):
 
 
 class DefectEvent(NamedTuple):
-    """Ends and beginnings of tracks in one place at one time.
+    """Ends and beginnings of tracks at one position and time.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def link_tracks(
 ) -> list[DefectTrack]:
     """Tracks of the defects, in the order in which they begin.
 
-    From frame to frame the sum of the squares of the ways is as small as it can be (SciPy's
+    From frame to frame the sum of the squared displacements is as small as it can be (SciPy's
     assignment), among defects of the same kind and Burgers vector. Bound pairs, which heat makes
     and takes back, have no tracks.
 
@@ -107,7 +107,7 @@ def link_tracks(
     frames : sequence of Defects
         With lattices of one direction: give each frame's `detect_defects` the same angle.
     reach : float
-        Farthest way in a frame, in spacings.
+        Greatest displacement in a frame, in spacings.
     memory : int
         Frames that a defect may be out of sight.
 
@@ -346,7 +346,7 @@ def track_defects(
     start, stop : float
         [s]
     reach : float
-        Farthest way from frame to frame, in spacings.
+        Greatest displacement from frame to frame, in spacings.
     memory : int
         Frames that a defect may be out of sight.
     least : int
@@ -360,8 +360,8 @@ def track_defects(
         frames begin or end); on (``frame``, ``track``, ``axis``): ``position`` [m]; on ``event``:
         ``event_kind``, ``event_time`` [s], ``event_position`` and ``event_burgers`` [m], what came
         from the rim; on (``frame``, ``defect``): ``count``; on ``frame``: ``total_burgers`` [m].
-        The attribute ``conserved`` is the share of events away from the rim whose Burgers vectors
-        add up; NaN without events.
+        The attribute ``conserved`` is the fraction of events away from the rim whose Burgers
+        vectors add up; NaN without events.
 
     Raises
     ------

@@ -126,7 +126,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     """The dislocations: as many pairs of neighbouring pentagons and heptagons as can be made.
 
     Only interior cells count, and each belongs to one pair at most. Where the defects cluster, the
-    greatest number of pairs can be made in several ways, of which one is taken.
+    greatest number of pairs can be made in several combinations, of which one is taken.
 
     The Burgers vector of a pair is
 

@@ -40,7 +40,7 @@ def per_lag(
     function : function of frames (f, n, 2) [m] and lags (k,)
         `mean_square_displacement`, `non_gaussian_parameter`, `lindemann_parameter` or
         `bond_relaxation`, or one's own. Positions are not brought back into a periodic cell; a
-        function with the argument ``periods`` is told its sides.
+        function with the argument ``periods`` is given its sides.
     start, stop : float
         [s]
 
@@ -110,7 +110,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
 
 @observable("1", "non-Gaussian parameter alpha_2")
 def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
-    """alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of the ways r in the time t; 0 if they are normal.
+    """alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of displacements r in the time t; 0 if they are normal.
 
     In two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it in three). It peaks where some
     grains leave their cages and others do not. NaN where nothing moves. Arguments and errors as of
@@ -122,7 +122,7 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
 
 
 def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Means of the second and fourth power of the ways."""
+    """Means of the second and fourth power of the displacements."""
     frames = check_frames(frames, least=2)
     found = []
     for lag in check_lags(lags, len(frames)):
@@ -143,11 +143,11 @@ def lindemann_parameter(
 ) -> np.ndarray:
     """gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2) over neighbours i and j.
 
-    du is the way of a grain in the time t, neighbours are those of the Voronoi cells of the earlier
-    frame with an interior cell both, and a is the spacing of the hexagonal lattice of the mean cell
-    area. It stays finite in a crystal in two dimensions, where the mean square displacement does
-    not (Zahn, Lenke and Maret, Phys. Rev. Lett. 82, 2721, 1999); in layers of dipoles it stays
-    below 0.033 up to melting (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000).
+    du is the displacement of a grain in the time t, neighbours are those of the Voronoi cells of
+    the earlier frame with an interior cell both, and a is the spacing of the hexagonal lattice of
+    the mean cell area. It stays finite in a crystal in two dimensions, where the mean square
+    displacement does not (Zahn, Lenke and Maret, Phys. Rev. Lett. 82, 2721, 1999); in layers of
+    dipoles it stays below 0.033 up to melting (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000).
 
     Parameters
     ----------

@@ -258,7 +258,7 @@ def _period_transfers(
 ) -> np.ndarray:
     """`_transfer` of every single period (p, K), of signals without drift.
 
-    Within one period a drift and a sine are too much alike to be fitted beside each other.
+    Within one period a drift and a sine are too much alike to be fitted together.
     """
     place = (time - time[-1]) * frequency + periods
     which = np.clip(np.ceil(place - 1e-9).astype(int) - 1, 0, periods - 1)

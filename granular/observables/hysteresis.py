@@ -69,7 +69,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 
 
 def cycle_bounds(height: np.ndarray) -> list[Cycle]:
-    """The cycles of a motion, from each highest place to the next.
+    """The cycles of a motion, from each highest point to the next.
 
     Parameters
     ----------

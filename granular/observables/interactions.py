@@ -1,8 +1,8 @@
 """Forces on each grain, taken apart: those of its pairs, and of the walls.
 
-Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever way
-of summing them a run has taken; in a periodic cell each grain meets the nearest image of every
-other one.
+Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever
+method of summing them a run has taken; in a periodic cell each grain meets the nearest image of
+every other one.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Interactions(NamedTuple):
 
 
 def foreign_effects(scene: Scene) -> tuple[str, ...]:
-    """Effects of a scene whose share in the forces between grains is not known here."""
+    """Effects of a scene whose part in the forces between grains is not known here."""
     return tuple(one.key for one in scene.effects.all if one.key not in (*KNOWN, *SILENT))
 
 
@@ -87,7 +87,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
 
 
 def _nearest(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
-    """In a periodic cell, the ways from the nearest images; in units of a length [m]."""
+    """In a periodic cell, displacements from the nearest images; in units of a length [m]."""
     if scene.cell.periods is None:
         return branches
     periods = np.array(scene.cell.periods) / unit
@@ -99,8 +99,8 @@ def wall_interactions(
 ) -> Interactions:
     """The forces of the walls on each grain: left, right, bottom and piston, as far as they act.
 
-    The branch is the way from the wall, at a right angle to it. Parameters and errors as of
-    `pair_interactions`; ``piston_height`` [m] is the scene's where not given.
+    The branch is the displacement from the wall, at a right angle to it. Parameters and errors as
+    of `pair_interactions`; ``piston_height`` [m] is the scene's where not given.
     """
     from granular.effects.wall_side import SIDES
 

@@ -171,7 +171,7 @@ class BedModuli(NamedTuple):
     affine : Moduli
         Every grain moves with the strain.
     relaxed : Moduli
-        The inner grains move to rest again; those about them are held in the strained places.
+        The inner grains move to rest again; those about them are held in the strained positions.
     density : float
         [1/m^2]
     grains : int

@@ -86,7 +86,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
 
 
 def _share_left(run: Trajectory) -> np.ndarray:
-    """The share of the grains' area that is still in the cell, at every record."""
+    """The fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)
     left = present(data["position"].values) @ areas / areas.sum()

@@ -9,8 +9,8 @@ that moves by d changes the mean plastic distortion of the area A around it by
 
 with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears, climb
 changes the area. The sum over all of them is the change of sum b_i (z x r)_j, so that a pair that
-is born apart, or annihilates, counts by the way that it would have gone; the Burgers vectors of
-such an event have to add up.
+is born apart, or annihilates, counts by the displacement that it would have had; the Burgers
+vectors of such an event have to add up.
 
 The bed's own plastic strain is that by its piston less that of the bonds between neighbours: with
 the texture M = <r r> over the bonds the elastic strain is (1/2) log M (Graner, Dollet, Raufaste and
@@ -143,7 +143,7 @@ class Slip(NamedTuple):
     Attributes
     ----------
     moves : float (f, 2, 2)
-        By the ways of all that were followed, against the grains around them.
+        By the displacements of all that were followed, against the grains around them.
     events : float (f, 2, 2)
         By births, annihilations and reactions whose Burgers vectors add up.
     rim : float (f, 2, 2)
@@ -216,12 +216,12 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
 
 
 def swept(burgers: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """b_i (z x d)_j (2, 2) [m^2] of a way d."""
+    """b_i (z x d)_j (2, 2) [m^2] of a displacement d."""
     return np.outer(burgers, [-way[1], way[0]])
 
 
 def displacement_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """The shortest way (2,) along the Burgers vector to an edge of the box; none from outside.
+    """Shortest displacement (2,) along the Burgers vector to an edge of the box; 0 from outside.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacin
 
 
 def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """As if all that ended had gone to the event's place, and all that begun had come from it."""
+    """Sum of `swept`, as if ended tracks had gone to the event, and new ones had come from it."""
     total = np.zeros((2, 2))
     for place in event.ended:
         one = tracks[place]

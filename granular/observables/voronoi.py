@@ -76,7 +76,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     """The Voronoi cells of the grains.
 
     A side of no length (four or more grains on one circle, as in a square lattice) is no side, and
-    those grains are no neighbours. Of grains at exactly the same place one has a cell. Fewer than
+    those grains are no neighbours. Of grains at exactly the same point one has a cell. Fewer than
     three grains, or grains in a line, have no interior cell and no neighbours.
 
     Parameters

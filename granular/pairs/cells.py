@@ -1,4 +1,4 @@
-"""Pairs of grains closer than a distance, found with a grid of cells."""
+"""Pairs of grains closer than a distance, by a grid of cells."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ PLACES_A_GRAIN = 16
 
 
 class Cells(NamedTuple):
-    """Grains in the cells of a grid, and the partners of one of them: always room enough.
+    """Grains in the cells of a grid, and the partners of one grain: always long enough.
 
     Attributes
     ----------
     partners : int64 (n,)
-        Of the grain that was asked for last.
+        Partners of the grain of the last search.
     cell, order : int64 (n,)
         Cell of each grain, and the grains in the order of cells.
     begins : int64 (c,)
@@ -35,13 +35,13 @@ class Cells(NamedTuple):
 
 
 class ClosePairs(NamedTuple):
-    """Close pairs, and the cells that they are found with.
+    """Close pairs, and the cells for their search.
 
     Attributes
     ----------
     first, second : int (p,)
     filled : int64 (1,)
-        How many are filled; -1 where there was no room, or a place is no number.
+        Number of pairs; -1 where the arrays are too short, or a position is no number.
     cells : Cells
     """
 
@@ -52,7 +52,7 @@ class ClosePairs(NamedTuple):
 
 
 def cells_room(count: int) -> Cells:
-    """Room for that many grains; up to four cells a grain."""
+    """Arrays for that many grains; up to four cells a grain."""
     size = max(count, 1)
     return Cells(
         partners=np.zeros(size, dtype=np.int64),
@@ -96,7 +96,7 @@ def _grid(
 
 @compiled
 def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) -> bool:
-    """Sort the grains into cells at least ``reach`` [D] wide; False where a place is no number."""
+    """Sort grains into cells at least ``reach`` [D] wide; False where a position is no number."""
     if count == 0:
         return True
     left, low, size, columns, rows = _grid(x, y, count, reach, cells.begins.size - 2)

@@ -2,7 +2,7 @@
 
 What a point of the mesh feels of another is, by the distances along both axes, the sum of `TERMS`
 products of a number for the one distance and a number for the other. So each column of lines is
-met along its lines first, for all terms at once, and then, term by term, across them.
+met along its lines first, for all terms together, and then, term by term, across them.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _add_tile(
 ) -> None:  # fmt: skip
     """Add some distances, from ``apart`` on, to the sums of lines that follow each other.
 
-    ``begin`` is the place of one term of the first line. What two lines have in common is loaded
+    ``begin`` is the index of a term of the first line. What two lines have in common is loaded
     once: loads are what takes longest here.
     """
     b = code.builder

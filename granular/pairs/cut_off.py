@@ -27,7 +27,7 @@ from granular.pairs.stripes import Stripes
 
 @intrinsic
 def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
-    """Set the places first .. end - 1 of a row to zero; both are multiples of the width."""
+    """Set the entries first .. end - 1 of a row to zero; both are multiples of the width."""
     signature = types.void(sums, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -42,7 +42,7 @@ def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
 
 @intrinsic
 def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
-    """Add to the places first .. end - 1 of a row those of another; as in `clear_row`."""
+    """Add to the entries first .. end - 1 of a row those of another; as in `clear_row`."""
     signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -96,7 +96,7 @@ def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
 
 @compiled(inline=True)
 def _bring_home(homes: Array | None, stripes: Stripes, part: int) -> None:
-    """In a periodic cell, put the images within it in the grains' places."""
+    """In a periodic cell, replace the grains by their images within it."""
     if homes is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             stripes.x[stripes.place[k]] -= homes[0, stripes.order[k]]

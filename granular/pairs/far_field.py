@@ -56,16 +56,16 @@ class FarField(NamedTuple):
     radius : float
         Where the near part ends [D].
     size : (float, float) or None
-        Width and height of the mesh's room for grains [D]; None where all pairs are summed, less
+        Width and height of the mesh for the grains [D]; None where all pairs are summed, less
         the near ones.
     every : int or None
         Steps from one evaluation to the next, whose force then acts as an impulse; None where the
         far force is a part of every force.
     rubbing : int or None
-        Where grains rub, it is found again only where one has moved by more than `STILL`, and while
-        they slide every so many steps. None: for every force.
+        Where grains rub, it is computed again only where one has moved by more than `STILL`, and
+        while they slide every so many steps. None: for every force.
     periodic : bool
-        Whether the mesh goes round a periodic cell of that size.
+        True where the mesh goes round a periodic cell of that size.
     """
 
     radius: float
@@ -76,13 +76,13 @@ class FarField(NamedTuple):
 
 
 class FarForces(NamedTuple):
-    """The forces and the energy that were last found, and what they are found with.
+    """Forces and energy of the last evaluation, and the arrays that compute them.
 
     Attributes
     ----------
     mesh : Mesh or None
     direct : DirectRoom or None
-        In its place where all pairs are summed.
+        Instead of the mesh where all pairs are summed.
     radius : float
     fx, fy : float64 (m,)
     held : float64 (2, m) or None
@@ -92,9 +92,9 @@ class FarForces(NamedTuple):
     load : float64 (m,) or None
         Far part of the sums behind the normal force of friction.
     met : float64 (2, m) or None
-        Places where they were last found; None where that is done for every force.
+        Positions of the last evaluation; None where each force has one.
     course : float64 (3, m) or None
-        How fast forces and loads change [1/tau] while grains slide; None where that is not asked.
+        Rates of change of forces and loads [1/tau] while grains slide; None where not needed.
     ahead : int
         Steps that they then go on for.
     still : float
@@ -153,7 +153,7 @@ class Asked(NamedTuple):
     Attributes
     ----------
     own : float
-        What a grain of moment 1 adds to the potential at its own place.
+        What a grain of moment 1 adds to the potential at its own position.
     """
 
     grains: int
@@ -250,7 +250,7 @@ def find_far_forces(
     mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
     moments: Array | None, weight: Array | None, order: Array,
 ) -> int:  # fmt: skip
-    """Find forces, energy and, where grains rub, load of the far part; 1 where there is no room.
+    """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def has_changed(met: Array, x: Array, y: Array, grains: int, still: float) -> bo
 
 @compiled(inline=True)
 def remember(met: Array | None, x: Array, y: Array, grains: int) -> None:
-    """Remember where the forces were found."""
+    """Remember the positions of this evaluation."""
     if met is not None:
         for i in range(grains):
             met[0, i] = x[i]

@@ -89,7 +89,7 @@ class Images(NamedTuple):
     per_height: Any
 
     def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
-        """The way to the nearest image."""
+        """Displacement to the nearest image."""
         b, found = code.builder, []
         for way, side, per in (
             (dx, self.width, self.per_width),

@@ -113,7 +113,7 @@ class Code:
         return self.builder.shuffle_vector(first, second, mask)
 
     def turned(self, vector: ir.Value, by: int) -> ir.Value:
-        """Lane l + by in the place of lane l, round the end."""
+        """Rotate lanes: lane l takes the value of lane l + by, round the end."""
         return self.shuffled(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
 
     def _vector_at(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
@@ -164,7 +164,7 @@ class Code:
         return self.lane(self.totals([vector]), 0)
 
     def add_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
-        """Add a vector of any length to the places from ``index`` on."""
+        """Add a vector of any length to the entries from ``index`` on."""
         place = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
         total = self.builder.fadd(self.builder.load(place, align=8), vector)
         self.builder.store(total, place, align=8)

@@ -1,4 +1,4 @@
-"""A mesh of several levels: its room, and the windows of it that lie about the grains.
+"""Mesh of several levels: its arrays, and the windows of it that enclose the grains.
 
 Each level is a window of a lattice that stands still, just large enough for the grains; spacing
 doubles from level to level. Cubic B-splines of one level are sums of those of the level before, so
@@ -155,7 +155,7 @@ class Mesh(NamedTuple):
         Each level's lines, with zeros on both sides of every one; behind all of them a line of
         zeros, which stands for those outside of a window.
     begins : int64 (levels + 1,)
-        Where each level's room begins, and where the last one's ends.
+        Index at which each level begins, and at which the last one ends.
     strides : int64 (levels,)
         From a level's line to its next one.
     margin : int
@@ -163,7 +163,7 @@ class Mesh(NamedTuple):
     windows : int64 (levels, 4)
         See `LEFT` and the others.
     shares : float64 (parts, q)
-        What each part of the grains puts on the finest level.
+        Sources that each part of the grains puts on the finest level.
     reached : int64 (parts, 2)
         The lines that it does so on: the first one, and the one behind the last.
     rows : float64 (PARTS, r)
@@ -226,7 +226,7 @@ def mesh_room(width: float, height: float, radius: float, spacing: float, grains
 
 @compiled
 def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
-    """Lay each level's window about the grains; False where there is no room for them."""
+    """Lay each level's window about the grains; False where the mesh is too small."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])

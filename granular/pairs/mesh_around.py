@@ -1,4 +1,4 @@
-"""A mesh that goes round a periodic cell: sources, levels and potential, by their places on it.
+"""A mesh that goes round a periodic cell: sources, levels and potential on it.
 
 Each level is stored like those of `granular.pairs.mesh`, with copies in place of zeros: points of
 the other side before and behind every line, one line below the first one and two above the last.
@@ -6,7 +6,7 @@ the other side before and behind every line, one line below the first one and tw
 Its tables say what a point feels of another and of all its images. The bands are those of
 `granular.pairs.mesh`: they end at a distance, and the mesh goes round the cell. The rest does not
 end. On the coarsest level, which goes round the cell in a few points, it is summed over all images
-by Ewald's way for the power r^-3 in the plane: with
+by Ewald's method for the power r^-3 in the plane: with
 
     1/r^3 = 1/Gamma(3/2) integral of t^(1/2) exp(-r^2 t) dt
 
@@ -224,7 +224,7 @@ def spread_around(
 
 @compiled(inline=True)
 def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
-    """The potential at a place, and its derivatives."""
+    """The potential at a point, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)

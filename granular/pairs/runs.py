@@ -144,7 +144,7 @@ def sweep_runs(
     The first row's partners begin with the second row; seven more grains behind that one are met
     without being listed. ``runs`` is int64 (rows / 2, `RUNS`, 2): where each run starts and stops;
     in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
-    None, where the images of each run's partners stand away from them. Up to seven places behind a
+    None, the shift of the images of each run's partners. Up to seven entries behind a
     run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
     far part of their law (`granular.pairs.dipole`) is taken off.
     """

@@ -47,8 +47,8 @@ class Pairs(Section):
         de Paula, and for the mesh what the tolerance needs. Of the direct sum in a periodic cell
         half its shorter side if not given.
     skin : float or None
-        Way of a grain [m] after which de Paula's list is made anew; 4.13 diameters if not given.
-        The other paths find their own.
+        Displacement of a grain [m] after which de Paula's list is made anew; 4.13 diameters if not
+        given. The other methods choose their own.
     tolerance : float
         Of the mesh: greatest error of a grain's force over the rms of sum_j abs(f_ij), in a bed as
         dense as a full compression (packing fraction 0.241).
@@ -56,9 +56,9 @@ class Pairs(Section):
         Of the mesh and the direct sum: steps from one evaluation of the far field, the smooth part
         of the law beyond a radius, to the next (Tuckerman, Berne and Martyna 1992,
         doi:10.1063/1.463137). More than 1 only where the method is Verlet's. If not given, 8 for
-        the mesh, and 1 for the direct sum. Where grains rub, it is found again once one has moved
-        by 5e-4 diameters (5e-5 by the direct sum), and goes on as it changed for up to so many
-        steps while they slide; it is found at every step with 1 given.
+        the mesh, and 1 for the direct sum. Where grains rub, it is computed again once one has
+        moved by 5e-4 diameters (5e-5 by the direct sum), and goes on as it changed for up to so
+        many steps while they slide; with 1 it is computed at every step.
     """
 
     method: str = choice(*METHODS, default="auto")

@@ -1,7 +1,7 @@
 """Cubic B-splines on the four by four points of a mesh about a grain, a line of them at a time.
 
 The splines of the four points along an axis, and their slopes, are eight polynomials of one
-number: how far the grain is on its way from the second point to the third.
+number: the distance of the grain from the second point towards the third.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ the runs are listed anew where one has. How many runs there are is known beforeh
 list that could overflow. The skin grows or shrinks by how long the lists last.
 
 In a periodic cell the partners have images on both sides, and those of the lowest stripes stand
-above the highest ones: each run has a shift, by which its partners stand away from the places that
-they have within the cell. There are four stripes or more, and twice the reach is
+above the highest ones: each run has a shift, by which its partners stand away from the positions
+that they have within the cell. There are four stripes or more, and twice the reach is
 less than the cell is wide and high, so that each pair is met once.
 """
 
@@ -86,7 +86,7 @@ def _list_runs_of(stripes: Stripes, k: int, there: int, number: int, up: int, fa
 
 @compiled(inline=True)
 def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Cost of eight rows, in vectors of partners; the places that they meet: first, behind last."""
+    """Cost of eight rows, in vectors of partners; their partners' entries: first, behind last."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -203,7 +203,7 @@ def make_ready(
     stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
     radius: float,
 ) -> bool:  # fmt: skip
-    """Make the lists hold every pair within the radius; False where a place is no number."""
+    """Make the lists hold every pair within the radius; False where a position is no number."""
     if _moved(stripes, x, y, grains):
         if not finite(x, y, grains):
             return False

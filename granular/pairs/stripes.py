@@ -1,7 +1,7 @@
-"""Grains in horizontal stripes, sorted by x within each: room for them, and for their partners.
+"""Grains in horizontal stripes, sorted by x within each: buffers for them, and for their partners.
 
-The partners of a grain are then a few runs of places that follow each other: the rest of its own
-stripe, and a part of each of the two stripes above. Every stripe ends with places so far away that
+The partners of a grain are then a few runs of consecutive entries: the rest of its own
+stripe, and a part of each of the two stripes above. Every stripe ends with entries so far away that
 a vector may run over its end. See `granular.pairs.stripe_lists` and `granular.pairs.cut_off`.
 """
 
@@ -32,7 +32,7 @@ class CutOff(NamedTuple):
     radius : float
         [D]
     moments : bool
-        Whether the grains' moments differ.
+        True where the grains' moments differ.
     smooth : bool or None
         None where pairs just end; else the far part of their law is taken off, for a far field.
     periods : (float, float) or None
@@ -51,16 +51,16 @@ class Stripes(NamedTuple):
     Attributes
     ----------
     x, y : float64 (s,)
-        In the order of stripes, with far places between them.
+        In the order of stripes, with far points between them.
     moments, weight : float64 (s,) or None
     fx, fy, stiffness, load : float64 (parts, s), the last one or None
         Sums of each part, where it has any.
     rows, firsts : int64 (parts + 1,)
         Where each part's rows begin, and which of the grains in ``order`` is the first in them.
     lows, ends : int64 (parts,)
-        The first place that a part adds to, and behind the last one.
+        First entry that a part adds to, and the one behind the last.
     order, place : int64 (m,)
-        The grains in that order, one after another, and where each of them stands there; before the
+        The grains in that order, and the index of each grain in it; before the
         first listing, as they come.
     stripe : int64 (m,)
         Scratch.
@@ -152,7 +152,7 @@ no distance."""
 
 @compiled
 def sort(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains into stripes by the places in ``built``; the number of stripes."""
+    """Sort the grains into stripes by the positions in ``built``; return the number of stripes."""
     y = stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
@@ -168,7 +168,7 @@ def sort(stripes: Stripes, grains: int, reach: float) -> int:
 def _sort_into(
     stripes: Stripes, x: Array, y: Array, grains: int, low: float, height: float, number: int
 ) -> None:
-    """Sort grains at those places into so many stripes."""
+    """Sort grains at those positions into so many stripes."""
     counts = np.zeros(number + 1, dtype=np.int64)
     for i in range(grains):
         stripes.stripe[i] = min(max(int((y[i] - low) / height), 0), number - 1)

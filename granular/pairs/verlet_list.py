@@ -86,7 +86,7 @@ def list_sum(
 ) -> None:  # fmt: skip
     """Forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.
 
-    Forces are no numbers where there are more pairs than there is room for.
+    Forces are no numbers where there are more pairs than the list holds.
     """
     _make_ready(listed, listing, x, y, grains)
     fx[:grains] = 0.0

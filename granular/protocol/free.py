@@ -66,7 +66,7 @@ class Force(Course):
     Attributes
     ----------
     force : str
-        [N]; of the time ``t`` since the stage's start, and parameters, which stand beside it with
+        [N]; of the time ``t`` since the stage's start, and parameters, which stand next to it with
         their units. It must be smooth.
     duration : float
         [s]

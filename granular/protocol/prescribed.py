@@ -109,7 +109,7 @@ class Descend(Stage):
 
 
 class Follow(Stage):
-    """Straight lines from row to row of a table; the piston is at the first height at once.
+    """Straight lines from row to row of a table; the piston starts at the first height.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class Path(Course):
     ----------
     height : str
         [m]; of the time ``t`` since the stage's start, the height ``h0`` there, and parameters,
-        which stand beside it with their units. It must begin at ``h0`` and be smooth.
+        which stand next to it with their units. It must begin at ``h0`` and be smooth.
     duration : float
         [s]
     """

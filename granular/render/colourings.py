@@ -1,7 +1,7 @@
 """Colourings of a picture, in one table.
 
-Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are told apart by
-colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
+Continuous colours are matplotlib's perceptually uniform maps; the discrete ones are distinguished
+by colour-blind eyes too: the species after Okabe and Ito (https://jfly.uni-koeln.de/color/), the
 numbers of sides between orange and purple.
 """
 

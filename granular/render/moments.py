@@ -26,7 +26,7 @@ def bed_at(
 ) -> Iterator[BedFrame]:
     """The bed at increasing times [s] (n,) within some frames of a run.
 
-    Grains go between two frames on the cubic paths that have their places and velocities there,
+    Grains go between two frames on the cubic paths that have their positions and velocities there,
     forces and velocities change evenly; a grain that is not in both frames is left out. The piston
     is where it was recorded. With ``bar``, a progress bar of that name is shown.
 
@@ -70,7 +70,7 @@ class _Heights:
 
 
 def _shared(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Grains that are in both frames, and their places in each."""
+    """Grains that are in both frames, and their indices in each."""
     return np.intersect1d(before.grains, after.grains, return_indices=True)
 
 

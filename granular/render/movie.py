@@ -42,8 +42,8 @@ def movie(
 ) -> Path:
     """Write a movie of the run in real time, as MP4 (H.264) or GIF by the path's end.
 
-    Between two frames grains go on the cubic paths that have their places and velocities there; the
-    piston is where it was recorded, and its height over time stands below the bed.
+    Between two frames grains go on the cubic paths that have their positions and velocities there;
+    the piston is where it was recorded, and its height over time stands below the bed.
     The scale of the bed and the colours are the same all along; the colours end at the 99th
     percentile of all values. Ctrl-C ends the movie after the picture at hand: the file holds what
     was made until then.

@@ -42,7 +42,7 @@ CURVE = 1.5
 def new_page(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes beside it.
+    """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes next to it.
 
     ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's
     width and height are even numbers of pixels at 120 an inch, as movies want them.
@@ -72,7 +72,7 @@ def new_page(
 
 
 def axes_below(figure: Figure, bed: Axes) -> Axes:
-    """Axes in the room that a page has left free below the bed."""
+    """Axes in the space that a page has left free below the bed."""
     place = bed.get_position()
     tall = figure.get_figheight()
     return figure.add_axes((place.x0, BOTTOM / tall, place.width, (CURVE - 0.55) / tall))
@@ -159,7 +159,7 @@ ENDS = (1.0, 99.0)
 class BedPicture:
     """A figure of the bed, for one frame after the other.
 
-    With a span of time [s] it has the piston's height over it below the bed, which is at most
+    With a time range [s] it has the piston's height over it below the bed, which is at most
     ``widest`` wide [inch].
 
     Attributes

@@ -59,7 +59,7 @@ class PageComparison:
 def response_page(found: Response, beside: PageComparison | None = None, missing: str = "") -> Page:
     """The report as a page: what is left, what the damper is to the machine, how it was simulated.
 
-    ``missing`` says why nothing stands beside it, where something could.
+    ``missing`` says why there is nothing to compare with, where there could be.
     """
     page = Page(f"The response of scene {found.scene.name!r}", response_words(found))
     _curves(page, found, beside)
@@ -118,7 +118,7 @@ def _curves(page: Page, found: Response, beside: PageComparison | None) -> None:
 def _beside_lines(
     axes: Axes, found: Response, beside: PageComparison | None
 ) -> Mapping[str, object]:
-    """Draw the curves beside; for the legend, a line of each name."""
+    """Draw the curves to compare; return a line of each name for the legend."""
     from matplotlib.lines import Line2D
 
     handles: dict[str, object] = {}

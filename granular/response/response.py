@@ -55,7 +55,7 @@ class Response:
         ``unsteady``.
     settings : dict
         How it was simulated: ``dt``, ``duration`` [s], and ``sweep``, the first and last frequency
-        [Hz], where one sweep told it.
+        [Hz], where one sweep gave it.
     """
 
     scene: Scene

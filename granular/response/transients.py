@@ -43,7 +43,7 @@ def run_sweep(
 
     What shakes the host is that of the scene, a force on it or a motion of its base, with its
     amplitude and its start, as a sweep. See `swept_response` for how slow is slow; `pace_of_sweep`
-    tells how slow this one was for what it found.
+    gives the speed of this one for what it found.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def run_sweep(
     duration : float
         Of the sweep [s].
     points : int
-        Frequencies at which the response is told.
+        Frequencies at which the response is given.
     dt : float or str
         As of `simulate`.
     out : str or Path, optional
@@ -218,7 +218,7 @@ def run_impulse(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> Impulse:
-    """Strike a scene's host, and see how soon it comes down.
+    """Strike a scene's host, and measure its settling time.
 
     The impulse begins when what shakes the host in the scene begins.
 
@@ -237,8 +237,8 @@ def run_impulse(
     dt : float or str
         As of `simulate`.
     out : str or Path, optional
-        Directory that keeps the run, in ``run``; the same call, also with another share or a longer
-        duration, goes on from there.
+        Directory that keeps the run, in ``run``; the same call, also with another fraction or a
+        longer duration, goes on from there.
 
     Raises
     ------
@@ -299,10 +299,10 @@ def _simulated(
 
 
 def settling_time(run: Trajectory, share: float = 0.1) -> float:
-    """Time from the end of the impulse until the last body stays within a share of its peak [s].
+    """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
 
     The displacement is counted from its rest, and the peak is the greatest one behind the impulse.
-    A body of its own with the decay rate delta comes down to a tenth within ln(10)/delta.
+    A body of its own with the decay rate delta decays to a tenth within ln(10)/delta.
 
     Parameters
     ----------
@@ -314,8 +314,8 @@ def settling_time(run: Trajectory, share: float = 0.1) -> float:
     Raises
     ------
     InputError
-        If the host has no body or feels no impulse, the share is none, or the body still swings
-        wider at the end of the run.
+        If the host has no body or feels no impulse, the share is no fraction, or the body still
+        swings wider at the end of the run.
 
     Examples
     --------
@@ -368,6 +368,6 @@ def settling_time_of(
 
 
 def check_share(share: float) -> None:
-    """Refuse a share of the peak that is none."""
+    """Refuse a number that is no fraction of the peak."""
     if not 0.0 < share < 1.0:
         raise InputError(f"share = {share:g} must be above 0 and below 1; give 0.1 for a tenth")

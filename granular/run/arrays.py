@@ -1,7 +1,7 @@
 """The arrays of a run directory: Zarr's, one a variable, written and read chunk by chunk.
 
 Every chunk is compressed and ends with a checksum, so that any program that reads Zarr notices a
-damaged one. That a chunk is the one that was written in its place is told by its digest in the
+damaged one. That a chunk is the one that was written under its name is checked by its digest in the
 manifest (`granular.run.checkpoint`), which is of the values and not of the file: the last chunk of
 a run that was killed may hold more of them than are complete.
 """
@@ -124,7 +124,7 @@ class StoredArray:
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
     def write(self, index: int, values: np.ndarray) -> None:
-        """Replace a chunk, all at once."""
+        """Replace a chunk atomically."""
         import google_crc32c
         from numcodecs.zstd import Zstd
 

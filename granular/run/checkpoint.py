@@ -54,7 +54,7 @@ class Manifest:
 
 
 def write_checkpoint(path: Path, kept: Mapping[str, Any], manifest: Manifest) -> None:
-    """Replace the checkpoint of a run directory, all at once."""
+    """Replace the checkpoint of a run directory atomically."""
     plain = json.dumps(dataclasses.asdict(manifest)).encode()
     archive = io.BytesIO()
     np.savez(archive, **{**kept, MANIFEST: np.array(plain)})

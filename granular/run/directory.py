@@ -1,4 +1,4 @@
-"""The place of a run directory: made beside it, taken all at once, written to by one process."""
+"""Run directory: made next to its path, moved there atomically, written to by one process."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def unlock(held: int | None) -> None:
 
 
 def create_part(path: Path) -> tuple[Path, int | None]:
-    """An empty directory beside the place of a run, which `move_part` moves there; and its lock.
+    """An empty directory next to a run's path, to which `move_part` moves it; and its lock.
 
     Raises
     ------
     StoreError
-        If the place is not empty, or nothing can be made there.
+        If the path is not empty, or nothing can be made there.
     """
     try:
         target = _real(path)
@@ -85,7 +85,7 @@ def create_part(path: Path) -> tuple[Path, int | None]:
 
 
 def move_part(part: Path, path: Path) -> None:
-    """Move a complete part to its place.
+    """Move a complete part to its path.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def _remove_remains(target: Path) -> None:
 
 
 def replace_file(file: Path, content: bytes) -> None:
-    """Write a file of a run, all at once."""
+    """Write a file of a run atomically."""
     part = file.with_name(file.name + PART)
     part.write_bytes(content)
     os.replace(part, file)

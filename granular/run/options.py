@@ -65,7 +65,7 @@ def halved(dt: float | str) -> float | str:
 
 
 def doubled(dt: float | str) -> float | str:
-    """Twice a time step, given in the same ways."""
+    """Twice a time step, in the same form."""
     return _scaled(dt, 2.0)
 
 

@@ -42,7 +42,7 @@ class Rung(NamedTuple):
     bounds : mapping of str to float
         What each quantity errs at most.
     clear : list of str
-        Quantities whose error was told from the scatter.
+        Quantities whose error stands out from the scatter.
     """
 
     method: str

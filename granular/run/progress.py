@@ -76,7 +76,7 @@ class ProgressBar:
         self._bar.update(reached - self._bar.n)
 
     def _of_stage(self, run: Run) -> tuple[Any, Settling | None]:
-        """A bar of the stage's time; of one that ends at rest, of the way to rest."""
+        """A bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
@@ -108,7 +108,7 @@ class Settling:
     limit : float
         Of the amplitude, at rest.
     fraction : float
-        How much of the way to the limit is done, in orders of magnitude: 0 to 1.
+        Progress towards the limit, in orders of magnitude: 0 to 1.
     """
 
     def __init__(self, run: Run) -> None:

@@ -31,7 +31,7 @@ from granular.schema.scales import Scales
 class Recorder:
     """Records and frames in natural units, in the order of time.
 
-    A grain that has left the cell is at no place: its fields are NaN.
+    A grain that has left the cell has no position: its fields are NaN.
     """
 
     count: int

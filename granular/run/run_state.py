@@ -220,8 +220,8 @@ class RunState:
     def unfinite(self) -> str:
         """Remedy for what is no number any more.
 
-        A user's formula or function may be none at some place or time; no step mends that, and one
-        that resolves all swings has not led the grains astray.
+        A user's formula or function may be no number at some point or time; no step cures that, and
+        one that resolves all swings has not led the grains astray.
         """
         acting = self.scene.effects.all
         own = [one.key for one in acting if any(part.sources for part in one.parts)]

@@ -85,7 +85,7 @@ def simulate(
     accuracy : str, optional
         Instead of ``dt`` and ``method``: an error and the quantity it is of, such as "1e-3 rest
         height"; step, method and sum over pairs are then chosen from the stored table of prices
-        (see `granular.run.accuracy`), and told in the run's ``settings()["accuracy"]``.
+        (see `granular.run.accuracy`), and stored in the run's ``settings()["accuracy"]``.
 
     Returns
     -------

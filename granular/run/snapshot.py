@@ -122,7 +122,7 @@ def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
 
 
 def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
-    """Let the lists be made again at the places that a checkpoint holds."""
+    """Let the lists be made again at the positions that a checkpoint holds."""
     if lists is not None and "near_built" in kept:
         lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
         lists.memory[LISTED] = 0.0

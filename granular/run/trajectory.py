@@ -65,7 +65,7 @@ class Trajectory:
     dataset : xarray.Dataset
         Scalars on ``time``, grain fields on (``frame``, ``grain``, ``axis``), all in SI with
         ``attrs["units"]``; scene, settings and versions in the attributes. Times grow: where the
-        piston is set higher at once, the record behind it stands at the next number after the one
+        piston jumps upwards, the record behind it stands at the next number after the one
         before. ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
     complete : bool
@@ -276,7 +276,7 @@ def finished(
 def separate_ties(times: np.ndarray) -> np.ndarray:
     """Times (m,) [s] as stored, as times that grow.
 
-    Where the piston is set higher at once, one time has two records. Labelled data need times that
+    Where the piston jumps upwards, one time has two records. Labelled data need times that
     grow: there the record behind the jump stands at the next number of double precision, some
     1e-15 s later.
     """

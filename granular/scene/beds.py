@@ -38,7 +38,7 @@ Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.179
 def final_height(reference: float, species: Sequence[Species]) -> float:
     """Piston height at which a mixture is packed like its first species alone at ``reference``.
 
-    H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with shares R_k; for two species this is
+    H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with fractions R_k; for two species this is
     [1 + R (p - 1)] H_r [D, eq. 4.23].
     """
     first = species[0].diameter
@@ -106,7 +106,7 @@ def mono_bed(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """A bed of equal grains that is compressed and let go, as in [D, chapter 3].
+    """A bed of equal grains that is compressed and released, as in [D, chapter 3].
 
     Parameters
     ----------
@@ -153,15 +153,15 @@ def bidisperse(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """A mixture of big and small grains that is compressed and let go, as in [D, chapter 4].
+    """A mixture of big and small grains that is compressed and released, as in [D, chapter 4].
 
     Parameters
     ----------
     aspect : float
         Diameter of the small grains over that of the big ones.
     ratio : float
-        R, the share of small grains. The piston's final height follows from this nominal value
-        [D, eq. 4.23]; the share that a mixing rule really makes is `Grains.shares`.
+        R, the fraction of small grains. The piston's final height follows from this nominal value
+        [D, eq. 4.23]; the fraction that a mixing rule really makes is `Grains.shares`.
     big : float
         Diameter of the big grains [m].
     mixing : str

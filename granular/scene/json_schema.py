@@ -1,6 +1,6 @@
 """JSON schema of scene and study files, for editors that complete and check.
 
-A schema holds types, names and limits of single keys. What hangs on two keys at once is checked
+A schema holds types, names and limits of single keys. Rules that depend on two keys are checked
 when a scene is read.
 """
 

@@ -1,4 +1,4 @@
-"""Parameters that stand beside a formula, each with its number and unit."""
+"""Parameters of a formula, each with its number and unit."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _in_si(given: Any, diameter: float | None) -> str:
 
 
 class Parametric(Section):
-    """A section with a formula, whose parameters stand beside it.
+    """A section with a formula, whose parameters stand next to it.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Parametric(Section):
     unit : str
         SI unit of its value.
     values : pairs of str
-        The parameters, each with its number and SI unit; in a scene they stand beside the formula.
+        The parameters, each with its number and SI unit; in a scene they stand next to the formula.
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {}

@@ -23,7 +23,7 @@ class Species(Section):
     diameter : float
         [m]
     share : float
-        Fraction of the grains; the shares of a bed add up to 1.
+        Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
         Where they are not those of `Grains` [m], [kg/m^3], [T].
     """
@@ -57,10 +57,10 @@ class Grains(Section):
         Of the random numbers of the spread.
     mixing : str
         How the species follow each other in the initial grid, row by row: ``"interspersed"``,
-        each evenly, in the numbers that their shares give; or ``"every-kth"``, de Paula's rule
+        each evenly, in the numbers that their fractions give; or ``"every-kth"``, de Paula's rule
         for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
         share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
-        other shares than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
+        other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
     """
 
     count: int = whole(most=10**8)
@@ -85,7 +85,7 @@ class Grains(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """As of `Section.to_plain`; a spread is told of where there is one."""
+        """As of `Section.to_plain`; a spread is written where there is one."""
         plain = super().to_plain()
         if self.spread == 0.0:
             del plain["spread"], plain["seed"]
@@ -96,7 +96,7 @@ class Grains(Section):
         return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
 
     def shares(self) -> tuple[float, ...]:
-        """The share of each species that the mixing rule really makes."""
+        """Fraction of each species that the mixing rule really makes."""
         return tuple(number / max(self.count, 1) for number in self.counts())
 
     def assignment(self) -> np.ndarray:
@@ -219,7 +219,7 @@ class Cell(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """As of `Section.to_plain`; periodic sides are told of where there are some."""
+        """As of `Section.to_plain`; periodic sides are written where there are any."""
         plain = super().to_plain()
         if self.height is None:
             del plain["sides"]

@@ -1,4 +1,4 @@
-"""Natural units: the one place where SI and the kernels' units meet.
+"""Natural units: the one file where SI and the kernels' units meet.
 
 Length D and mass m are those of a grain of the first species; the force unit is
 F* = mu0 mu^2 / (pi D^4), the time unit tau = sqrt(m D / F*) [D, 2.2; section "Scales" of the

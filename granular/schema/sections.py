@@ -127,7 +127,7 @@ class Whole(Kind):
 
 
 def _whole(value: object) -> int | None:
-    """A whole number, to its last digit; None where it is none."""
+    """An integer, to its last digit; None where the text is none."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
     if isinstance(value, bool | np.bool_):
@@ -220,7 +220,7 @@ class One(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class Many(Kind):
-    """A list of sections; of several classes, told apart by their ``kind`` key, where given."""
+    """A list of sections; of several classes, distinguished by their ``kind`` key, where given."""
 
     section: type[Section] | None = None
     kinds: Mapping[str, type[Section]] | None = None

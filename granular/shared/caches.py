@@ -89,7 +89,7 @@ def read_sealed(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed(path: Path, label: str, body: bytes) -> None:
-    """Write a file with a digest before its content, all at once.
+    """Write a file with a digest before its content, atomically.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The papers behind what was used, as BibTeX.
 
-Effects, methods and laws name their sources beside their formulas, by a DOI or as [D, ...]. Those
+Effects, methods and laws name their sources with their formulas, by a DOI or as [D, ...]. Those
 names are looked up in `bibliography.bib`.
 """
 

@@ -1,4 +1,4 @@
-"""Files: read within limits, and written beside their place to appear all at once or not at all."""
+"""Files: read within limits, and written atomically, by a temporary file next to the path."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 @contextlib.contextmanager
 def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A place to write a file to, which takes its real name when all went well.
+    """Temporary path to write a file to, which takes its real name when all went well.
 
     A link stays and what it leads to is replaced; a device or a pipe is written to as it is.
 

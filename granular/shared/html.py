@@ -55,7 +55,7 @@ footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6
 
 
 def _escaped(words: object) -> str:
-    """A text as HTML, also between quotes, and without control signs."""
+    """A text as HTML, also between quotes, and without control characters."""
     return html.escape(printable(words), quote=True)
 
 
@@ -107,7 +107,7 @@ class Page:
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
     def link(self, words: str, to: str) -> None:
-        """A line that leads to another file beside the page."""
+        """A line that links to another file next to the page."""
         self._parts.append(f'<p><a href="{_escaped(to)}">{_escaped(words)}</a></p>')
 
     def listing(self, items: Sequence[str]) -> None:
@@ -183,7 +183,7 @@ class LivePage:
 
     @classmethod
     def of(cls, template: Path, title: str, data: Mapping[str, Any], height: int) -> LivePage:
-        """From a file of HTML with places for the title and for the data of its script."""
+        """Page from a file of HTML with slots for the title and for the data of its script."""
         # A text in the data must not end the script.
         plain = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
         page = template.read_text(encoding="utf-8").replace(_TITLE, html.escape(title))

@@ -24,7 +24,7 @@ def locked(path: Path, wait: bool) -> Iterator[bool]:
     path : Path
         The file is made, and taken away in the end.
     wait : bool
-        Until the others let go of it.
+        Until the others release it.
 
     Raises
     ------

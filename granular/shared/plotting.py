@@ -28,7 +28,7 @@ _LONGEST_LABEL = 60
 
 
 def line_look(place: int) -> dict[str, Any]:
-    """Colour and style of the line of that place among up to 32: no two are alike."""
+    """Colour and style of the line with that index among up to 32: no two are alike."""
     turn, colour = divmod(place, len(COLOURS))
     return {"color": COLOURS[colour], "linestyle": STYLES[(place + turn) % len(STYLES)]}
 

@@ -1,6 +1,6 @@
 """A cache of results: plain data, each in a file that is named by its key.
 
-A key tells all that determines its result, for instance as a `digest`. So what is kept is found
+A key holds all that determines its result, for instance as a `digest`. So what is kept is found
 again, never goes stale, and is the same whoever made it. Cases of studies, calculations and the
 pieces of reports are kept like this.
 """
@@ -70,7 +70,7 @@ class ResultCache:
             return None
 
     def keep(self, key: str, plain: object) -> None:
-        """Keep plain data under a key, all at once; its numbers keep every bit, NaN included.
+        """Keep plain data under a key, atomically; its numbers keep every bit, NaN included.
 
         Raises
         ------

@@ -133,8 +133,8 @@ def sweep(
     out : str or Path, optional
         Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
         a case with the same scene, settings and measure is not computed twice, nor by two sweeps
-        that use the directory at once. Errors of the physics are kept; what the machine did, such
-        as a full disk, is tried again, and once more when the sweep is called again.
+        that use the directory simultaneously. Errors of the physics are kept; what the machine did,
+        such as a full disk, is tried again, and once more when the sweep is called again.
     keep_runs : bool
         Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
         checkpoint.
@@ -203,7 +203,7 @@ def _outcomes(
 ) -> Iterator[tuple[Case, Outcome]]:
     """Each case with its outcome, as they come; what the machine did to one is tried again.
 
-    A worker that dies takes the cases beside it with it. So where that happens again, the next
+    A worker that dies takes its other cases with it. So where that happens again, the next
     cases, of which one was running then, are tried alone: who dies alone has nobody else to blame.
     """
     waiting = {case.key: case for case in cases}

@@ -63,7 +63,7 @@ class Workers(Executor):
         return first
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the processes end; with ``cancel_futures`` at once, whatever they do."""
+        """Let the processes end; with ``cancel_futures`` immediately, whatever they do."""
         if self._pool is not None:
             self._pool.shutdown(wait=wait, kill_workers=cancel_futures)
             self._pool = None
@@ -87,7 +87,7 @@ def end_with(parent: int) -> None:
 def workshop(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
     """Executor for cases: one that is given, or processes that end with the work.
 
-    On Ctrl-C and errors they end at once. An executor that is given is left to who gave it.
+    On Ctrl-C and errors they end immediately. An executor that is given is left open for its owner.
     """
     if executor is not None:
         yield executor
@@ -129,7 +129,7 @@ def compute(
     """The outcome of a case; one that was done before is read.
 
     A worker writes what it has done itself: it is not lost when the command that waits for it is.
-    A case that another process computes is waited for, or told of.
+    A case that another process computes is waited for, or reported.
     """
     try:
         if directory is None:
@@ -213,7 +213,7 @@ def executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
 class Cluster(Executor):
     """A Dask cluster whose scheduler may go away: no task then waits for ever.
 
-    Tasks that were under way end in `BrokenExecutor`. The next one that is submitted waits until
+    Running tasks end in `BrokenExecutor`. The next one that is submitted waits until
     the scheduler answers again, and for as long as the client tries.
 
     Parameters

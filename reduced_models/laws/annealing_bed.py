@@ -1,10 +1,10 @@
 """A bed that yields as it falls, and hardens as it orders.
 
 The elastoplastic bed has one modulus and one strength. A bed of magnets that has come to rest is
-stiffer than the one that fell, and yields later: its grains have found their places in a lattice,
+stiffer than the one that fell, and yields later: its grains have settled into a lattice,
 and large strains take them out of it again. A second hidden state, the order q of the bed, says
-how far that has gone. It is 0 in the bed that is let go, grows towards 1 in time, and falls with
-plastic strain, which is the share w^4/y^4 of the strain where the bed yields at y:
+how far that has gone. It is 0 in the bed that is released, grows towards 1 in time, and falls with
+plastic strain, which is the fraction w^4/y^4 of the strain where the bed yields at y:
 
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).

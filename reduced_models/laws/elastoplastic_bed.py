@@ -1,6 +1,6 @@
 """A bed that carries a weight like a crystal of dipoles, and yields in shear when it is squeezed.
 
-Magnets pressed into a height z by a piston push back in two ways. Their mean pressure grows as a
+Magnets pressed into a height z by a piston exert two forces. Their mean pressure grows as a
 power of the packing: force = weight (rest/z)^power, where power = 5/2 for dipoles, whose pressure
 is that of their hexagonal lattice. A bed that is squeezed from above alone is also sheared, and a
 lattice resists that with a stress of its own, w times the pressure: it builds up with the strain

@@ -5,7 +5,7 @@ height^-2.5; the exponent is free here. The force is written relative to the wei
 balances at the height of rest.
 
 It is the law of an affine column: N grains, each with the drag gamma, that follow a piston of the
-mass M. At the share s of the height z they have the velocity s z'; their drag takes the power
+mass M. At the fraction s of the height z they have the velocity s z'; their drag takes the power
 N gamma z'^2 times the mean of s^2, a third, so 2 lam = N gamma/(3 M). Where grains repel like
 dipoles, power = 5/2; weight is g.
 """

@@ -86,7 +86,7 @@ def whole_chunks(steps: float) -> int:
 
 
 def room(steps: int) -> int:
-    """Steps of the grid that code is compiled for: few numbers, so that records share it."""
+    """Number of grid steps that code is compiled for: few values, so that records share it."""
     size = 2 * CHUNK
     while size < steps:
         size *= 2
@@ -156,7 +156,7 @@ def _moved(
 
 
 def between(z: A, v: A, a: A, step: Value, place: Data, share: Data) -> A:
-    """Quintic Hermite values of z, a share of a step behind grid points."""
+    """Quintic Hermite values of z, a fraction of a step behind grid points."""
     s = share
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))

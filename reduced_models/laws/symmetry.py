@@ -39,7 +39,7 @@ class Symmetries(NamedTuple):
 
 
 def symmetries(law: Law) -> Symmetries:
-    """Symmetries of a law, found by trying."""
+    """Symmetries of a law, by trial."""
     return _symmetries(law.equation, law.inputs, law.parameters, len(law.hidden))
 
 

@@ -225,7 +225,7 @@ class GriddedRecord:
     def normal(self, count: int | None = None) -> Normal:
         """The normal equations of the first ``count`` samples, or of all.
 
-        Those of several vectors at once leave a drift in.
+        Those of several vectors together leave a drift in.
         """
         seen = self._seen(count)
         last = len(self.record) if count is None else count

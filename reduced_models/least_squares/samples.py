@@ -118,7 +118,7 @@ def means_on_grid(
 
 
 def _places(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Grid point before each time, and the share of a step behind it."""
+    """Grid point before each time, and the fraction of a step behind it."""
     steps = time / grid.step
     # Rounding is not to put a sample that lies on a grid point behind the one before.
     place = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
@@ -136,7 +136,7 @@ def _padded_drive(
 
 
 def padded_size(count: int) -> int:
-    """Room for samples: few sizes, so that records share compiled code."""
+    """Length of the arrays for samples: few values, so that records share compiled code."""
     size = 256
     while size < count:
         size = size * 3 // 2 if size & (size - 1) == 0 else size // 3 * 4

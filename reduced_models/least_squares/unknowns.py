@@ -17,7 +17,7 @@ _PRIOR_SPREAD = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
-    """A law, a way to map the height, and the scales in which the search works.
+    """A law, a map of the height, and the scales in which the search works.
 
     The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
     of the others), then, where the map is fitted, its shift (from the rest level) and the logarithm

@@ -52,8 +52,8 @@ class EquivalentDamping:
     tenth_ratio : float
         Fraction of critical damping at a tenth of the greatest swing, ``tenth``.
     friction : float
-        Constant force per kilogram [m/s^2] that, beside a dashpot, dissipates as much at both
-        amplitudes; below zero where damping grows faster than a dashpot's.
+        Constant force per kilogram [m/s^2] that, together with a dashpot, dissipates as much at
+        both amplitudes; below zero where damping grows faster than a dashpot's.
     intervals : mapping of str to (float, float)
         Of the last two.
     """

@@ -211,7 +211,7 @@ class ReducedModel(FittedLaw):
         return 1.0 - roll_out(self, record).relative ** 2
 
     def decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
-        """The motion of a piston let go so far above its level of rest [m]; see `response`."""
+        """Motion of a piston released so far above its level of rest [m]; see `response`."""
         return response.decay(self, amplitude, periods)
 
     def cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:

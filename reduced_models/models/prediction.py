@@ -30,7 +30,7 @@ class Band(NamedTuple):
     time, height, low, high : float64 (n,)
         [s], [m]; the band of the motion itself.
     noise : float
-        Standard deviation that a measured sample has beside it [m].
+        Standard deviation of the measurement noise of a sample [m].
     confidence : float
     """
 
@@ -43,7 +43,7 @@ class Band(NamedTuple):
 
 
 def correlation(covariance: np.ndarray) -> np.ndarray:
-    """Correlations (p, p); zero beside entries that do not vary."""
+    """Correlations (p, p); zero for entries that do not vary."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
     return np.asarray(covariance * np.outer(inverse, inverse))

@@ -68,7 +68,7 @@ class SteadyAmplitudes(NamedTuple):
 
 
 def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """The motion of a piston let go so far above its level of rest [m], over so many periods.
+    """Motion of a piston released so far above its level of rest [m], over so many periods.
 
     Raises
     ------

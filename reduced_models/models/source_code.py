@@ -38,7 +38,7 @@ class ExportParts(NamedTuple):
     step : float
         Longest step of a solver [s].
     comments : tuple of str
-        ASCII, each on one line, without signs that could end a comment.
+        ASCII, each on one line, without characters that could end a comment.
     """
 
     parameters: tuple[str, ...]

@@ -161,7 +161,7 @@ def _useful(record: PistonRecord, noise: float) -> float:
 
 
 def _drawn(record: PistonRecord) -> list[str]:
-    """The motion in signs, for a terminal."""
+    """The motion in characters, for a terminal."""
     span = float(np.ptp(record.height)) or 1.0
     place = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
     columns = np.minimum((place * _WIDTH).astype(int), _WIDTH - 1)

@@ -3,7 +3,7 @@
 A recorder that a trigger or a hand starts writes down the hold first. The hold obeys another law
 than the motion: a swing that is fitted through it comes out too slow and too much damped.
 
-A hold is told from a motion that starts slowly by its end. From a hold the way grows at once, with
+A hold differs from a slow start by its end. From a hold the displacement grows immediately, with
 the square of the time since the release or faster: carried back from two of its levels, this square
 starts at the release, and from two higher ones not later. A motion that grows by and by, as that
 from an unstable rest or at a resonance, has no such moment; one that starts at a turning point has
@@ -78,7 +78,7 @@ def words(record: PistonRecord, start: int) -> str:
 
 
 def release(record: PistonRecord) -> int:
-    """The sample at which a record that stands still starts to move; 0 where it moves at once."""
+    """Index of the sample at which a resting record starts to move; 0 where it never rests."""
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
@@ -136,7 +136,7 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
 
 
 def _crossings(time: np.ndarray, way: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
-    """Times at which a way that does not turn back passes three levels."""
+    """Times at which a monotonic displacement passes three levels."""
     first, last = (int(np.argmax(way >= x)) for x in levels[1:])
     still = np.flatnonzero(way[:first] < levels[0])
     if len(still) < 4:
