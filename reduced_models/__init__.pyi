@@ -20,8 +20,8 @@ from .laws.law import Law
 from .models.model import ReducedModel, load_model
 from .models.response import forced_law
 from .models.roll_out import roll_out
+from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
-from .records.record import PistonRecord
 from .records.release import from_release
 from .records.sources import read_record
 

@@ -41,24 +41,24 @@ from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.release import release
 
 FEW = 0.25
-"""Share of the starts that must lead to the best fit before it is taken without a note."""
+"""Fraction of the starts that must lead to the best fit before it is taken without a note."""
 NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal number."""
 SMALL = 1e-5
-"""Residuals below this share of the swing are rounding, and the solver's."""
+"""Residuals below this fraction of the swing are rounding, and the solver's."""
 SHARE = 0.5
-"""Of the residuals' power, that makes them swing with the motion."""
+"""Fraction of the residuals' power that makes them swing with the motion."""
 DRIFT = 4.0
 """Slow power of the residuals, over that of white noise, that makes a drift."""
 NOISY = 0.3
-"""Noise above this share of the swing is noted."""
+"""Noise above this fraction of the swing is noted."""
 VIOLENT = 500.0
 """Accelerations above this [m/s^2], fifty times gravity, are noted."""
 LAG = 0.1
-"""Of the interval between samples: a shorter lag is not told."""
+"""Fraction of the interval between samples: a shorter lag is not reported."""
 _LET_DRIFT = "fit with drift=True (fit --drift on the command line)"
 NOISE_TIMES, NOTABLE = 3.0, 0.05
-"""A residual above so many noise levels, and above this share of the swing, is noted."""
+"""A residual above so many noise levels, and above this fraction of the swing, is noted."""
 
 
 def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
@@ -180,7 +180,7 @@ def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
 
 
 def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
-    """What all records of a fit hold together."""
+    """Ranges of height and velocity over all records of a fit."""
     heights = np.concatenate([one.height for one in records])
     speeds = np.concatenate([np.gradient(one.height, one.time) for one in records])
     return {
@@ -301,7 +301,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _not_right(quality: Quality, record: PistonRecord) -> str:
-    """What residuals far above the noise may come from, and what to do."""
+    """Cause of residuals far above the noise, as far as it is seen, and the remedy."""
     if start := release(record):
         return (
             f"the law is not right for all of the record: it stands still for the first "

@@ -31,7 +31,7 @@ from reduced_models.least_squares.residuals import (
 
 LEAST_DOF = 2.0
 _AS_NOISY = 1.5  # times the variance of another record
-_RESOLVED = 1e-12  # share of the greatest strength, a thousand times the rounding of an eigenvalue
+_RESOLVED = 1e-12  # of the greatest strength, a thousand times the rounding of an eigenvalue
 REPLICATES = 200
 _ROUNDS = 10  # of reweighting, for a middle
 
@@ -225,7 +225,7 @@ def _resampler(
 
 
 def middle(values: np.ndarray, loss: Loss) -> float:
-    """Where the loss of values is least, which outliers do not move as they move the mean."""
+    """Location of the least loss of values, which outliers do not move as they move the mean."""
     found = 0.0
     for _ in range(_ROUNDS):
         _, weight = cost_and_weight(values - found, loss.numbers, np)

@@ -93,7 +93,7 @@ def autocorrelation_time(values: np.ndarray) -> float:
 
 
 def _sign_score(residuals: np.ndarray) -> float:
-    """How many standard deviations the number of runs of one sign is off that of white noise."""
+    """Standard score of the number of runs of equal sign, against that of white noise."""
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
     count = up + down

@@ -35,7 +35,7 @@ _SAME = 1e-7  # change of a search vector that is none
 def is_history(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None,
 ) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
-    """Whether the start of a motion is told by the motion before it."""
+    """Tell a motion before the record from other starts."""
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
         return all(isinstance(one, PistonRecord) for one in initial)
     return isinstance(initial, PistonRecord)

@@ -62,7 +62,7 @@ class LawEstimator:
         return f"LawEstimator({given})"
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """What the estimator was made with."""
+        """Return the arguments that the estimator was made with."""
         return {"law": self.law, "starts": self.starts, "holdout": self.holdout}
 
     def set_params(self, **parameters: Any) -> Self:
@@ -130,7 +130,7 @@ class LawEstimator:
         return float(1.0 - left / spread) if spread > 0.0 else 0.0
 
     def __sklearn_tags__(self) -> Tags:
-        """What scikit-learn asks of an estimator: here a regressor of one column, the time."""
+        """Tags of an estimator for scikit-learn: a regressor of one column, the time."""
         from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
 
         return Tags(

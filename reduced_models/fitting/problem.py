@@ -21,8 +21,8 @@ Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Of the losses, in standard deviations of the noise: nine tenths as sharp as least squares, and
-more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+"""Scales of the losses, in standard deviations of the noise: nine tenths as sharp as least squares,
+and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
 _LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
 _WINDOW = 5  # samples whose median is compared: three of them must be sound
 _FAR = 5.0  # standard deviations of the noise

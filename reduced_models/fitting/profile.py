@@ -194,7 +194,7 @@ def _held(
 
 
 def _descent(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """How much a Gauss-Newton step of the free entries would lower sums of squares (s,)."""
+    """Decrease of sums of squares (s,) by a Gauss-Newton step of the free entries."""
     found = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):
         inner = curvature[np.ix_(moving, moving)]

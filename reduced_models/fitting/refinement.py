@@ -228,7 +228,7 @@ def _collocated(
 def _is_of_one_parabola(
     normal: Normal, theta: np.ndarray, beside: np.ndarray, risen: float
 ) -> bool:
-    """Whether cost and slope at a point are about those of the parabola about a fit.
+    """Check that cost and slope at a point are about those of the parabola about a fit.
 
     In another valley the cost may be so by chance; the slope, which falls towards that valley, is
     not so too.

@@ -147,7 +147,7 @@ def _over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Ve
 
 
 def _better(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """What fewer swings made of the starts, or the starts themselves where these fit better.
+    """Search vectors after fewer swings, or the starts themselves where these fit better.
 
     Those of a law that is known by its equation alone come from all of the record: two swings may
     say nothing of what they tell, such as the frequency of a slow input.

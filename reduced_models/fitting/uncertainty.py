@@ -24,7 +24,7 @@ OPEN = 0.25
 SHARES = (0.5, 0.1)
 """Amplitudes, over the greatest swing of the record, that equivalent damping is of."""
 FAR = 0.5
-"""Share of a damping ratio by which that of small swings may miss the one at a tenth."""
+"""Fraction of a damping ratio by which that of small swings may miss the one at a tenth."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 _NEAR_ZERO = 0.25  # in units of the entry
@@ -124,7 +124,7 @@ def named_entries(
 
 
 def _unit(unknowns: Unknowns, k: int) -> float:
-    """What one unit of an entry of the search vector that is no logarithm means."""
+    """Physical size of one unit of an entry of the search vector that is no logarithm."""
     if k < len(unknowns.units):
         return unknowns.units[k]
     return unknowns.amplitude
@@ -246,7 +246,7 @@ def _at_rest(
 
 
 def _unseen(small: float, at_tenth: float) -> bool:
-    """Whether the damping ratio of small swings is far from that of swings that are seen."""
+    """Tell a damping ratio of small swings that is far from that of swings that are seen."""
     if not math.isfinite(small):
         return True
     return abs(at_tenth - small) > max(FAR * max(abs(small), abs(at_tenth)), _NO_DAMPING)

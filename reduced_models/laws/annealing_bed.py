@@ -27,9 +27,9 @@ from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 
 MODULUS, STRENGTH = 0.309, 0.0388
-"""Of beds without order, at all sizes from 368 grains on."""
+"""Value of beds without order, at all sizes from 368 grains on."""
 STIFFENING, HARDENING = 0.225, 0.744
-"""What order adds to modulus and strength, over their values without order."""
+"""Increase of modulus and strength by order, over their values without order."""
 TIME = 3.1
 """In which the bed orders [s]; anything from 1 to 30 tells the beds nearly as well."""
 PLASTIC = 0.317

@@ -71,7 +71,7 @@ _CREEPS = NoSwing("the piston creeps back there without a swing")
 
 
 def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:
-    """That of a law with values of its parameters, about the level of rest near z.
+    """Small swing of a law with values of its parameters, about the level of rest near z.
 
     Hidden states move with z as their equations say. They are at zero at rest where the law leaves
     that open, as hysteresis does. The reason where there is no stable level of rest, or no swing.
@@ -87,7 +87,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
 
 
 def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
-    """That of an equation in z(t) with numbers for all parameters; see `small_swing`."""
+    """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`."""
     from granular.formulas.algebra import function_of
 
     rate, state = acceleration_of(equation)

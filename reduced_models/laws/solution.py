@@ -35,7 +35,7 @@ A = TypeVar("A", jax.Array, NDArray[Any])
 
 States = tuple[Value, ...]
 Parameters = tuple[tuple[Value, ...], Value]
-"""Of a law's field in diffrax: the law's own, and the amplitude."""
+"""Arguments of a law's field in diffrax: the law's own, and the amplitude."""
 
 Ending = Literal["complete", "blow-up", "steps"]
 
@@ -60,7 +60,7 @@ _STAGES = (
 _WEIGHTS = (13 / 200, 0.0, 11 / 40, 11 / 40, 4 / 25, 4 / 25, 13 / 200)
 
 MOST_STEPS = 2**18
-"""Of a grid, that is counted by a law's period."""
+"""Most steps of a grid that is counted by a law's period."""
 
 
 def grid_steps(duration: float, period: float, per_period: int) -> int:

@@ -20,7 +20,7 @@ from reduced_models.laws.law import Law, SwingForm
 from reduced_models.records.first_guesses import FirstGuesses
 
 _UNEXPLAINED = 0.3
-"""Share of the record that its quadratic damping may leave over before it says nothing."""
+"""Fraction of the record that its quadratic damping may leave over before it says nothing."""
 _SPREAD = 0.1  # of the start values, in the size of the damping
 _LEAST = 1e-3  # of curvature and depth of a damping, in its size
 _WIDTH = 0.6  # half-width of a bump, in periods
@@ -107,7 +107,7 @@ class QuadraticDamping(NamedTuple):
         c0, c1, c2.
     stiffness, force : float
     unexplained : float
-        Share of the bumps' weighted accelerations that the law leaves over, from 0 to 1.
+        Fraction of the bumps' weighted accelerations that the law leaves over, from 0 to 1.
     """
 
     damping: np.ndarray

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 15
-"""Of printed numbers; a double holds 15."""
+"""Digits of printed numbers; a double holds 15."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
-"""What no interval has to be narrower than: that of a noiseless record, or of what a law fixes."""
+"""Least width of an interval: that of a noiseless record, or of what a law fixes."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -81,7 +81,7 @@ class Quality:
     lag : float
         Time by which the solution comes late [s].
     slow, swinging : float
-        Share of the residuals' power that is slower than the swing, and that is about as fast.
+        Fraction of the residuals' power that is slower than the swing, and that is about as fast.
     drift : float
         Their slow power, over what white noise of the same power has there.
     """

@@ -24,7 +24,7 @@ from reduced_models.models.quality import Quality
 from reduced_models.records.inputs import INTERPOLATIONS
 
 FORMAT = 1
-"""Of the files that are written and read."""
+"""Version of the files that are written and read."""
 
 _MOST_BYTES = 8 * 2**20  # a hundred times a model with all its notes
 _MOST_ITEMS = 200

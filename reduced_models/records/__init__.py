@@ -1,1 +1,5 @@
 """Records of a piston, and what can be read off them without a law."""
+
+from granular.run.record import PistonRecord
+
+__all__ = ["PistonRecord"]

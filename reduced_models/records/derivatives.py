@@ -144,7 +144,7 @@ def _local_polynomials(
     window = _LEAST_WINDOW
     while window <= longest:
         left = height - fits(height, time, window)[0]
-        # A local fit with window w keeps this share of the noise, that of its central weight.
+        # A local fit with window w keeps this fraction of the noise, that of its central weight.
         kept = _central_weight(window)
         if (left**2).mean() > limit * sigma**2 * (1.0 - kept):
             break

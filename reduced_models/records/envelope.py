@@ -20,7 +20,7 @@ from reduced_models.records.derivatives import DerivativeMethod, Derivatives, de
 __all__ = ["Envelope", "envelope"]
 
 _NOISE_TIMES = 5.0  # a half swing must exceed so many standard deviations of the smoothed height
-_LEAST_SHARE = 1e-4  # and this share of the greatest one
+_LEAST_SHARE = 1e-4  # and this fraction of the greatest one
 LEAST_EXTREMES = 5
 
 

@@ -14,7 +14,7 @@ LEAST_SAMPLES = 20
 LARGEST, SMALLEST = 1e12, 1e-18
 """Greatest height, and least swing [m]; squares and cubes stay far from overflow and from zero."""
 LONGEST, SHORTEST = 1e12, 1e-12
-"""Of records [s], likewise: thirty thousand years, and the time of a sound through an atom."""
+"""Limits of times [s], likewise: thirty thousand years, and a sound's time through an atom."""
 LEAST_CROSSINGS = 3
 """Passages through rest below which frequency and rest level are hardly better than guesses."""
 _APART = 0.05  # of logarithms of frequencies that are clearly others

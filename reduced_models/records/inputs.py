@@ -13,15 +13,15 @@ from granular.shared.messages import quoted
 from reduced_models.records.derivatives import is_even
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
-"""Of the stages of a step of the grid's Runge-Kutta method, in steps."""
+"""Nodes of the stages of a step of the grid's Runge-Kutta method, in steps."""
 
 TIME = "t"
 """Name of the time since a record's start, which every law may have as an input."""
 
 Interpolation = Literal["spline", "linear", "previous", "band-limited"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")
-"""What an input does between its samples: a cubic spline with two continuous derivatives; straight
-lines; it keeps its last value (a zero-order hold); or it has no part above half the sampling rate.
+"""Interpolation of an input between its samples: a cubic spline with two continuous derivatives;
+straight lines; its last value (a zero-order hold); or no part above half the sampling rate.
 """
 _TAPS = 24  # samples on each side of a band-limited value
 _FINER = 4

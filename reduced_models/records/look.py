@@ -24,11 +24,10 @@ if TYPE_CHECKING:
 GAP = 2.5
 """Times the usual step from which on a step is a gap."""
 QUANTISED = 0.5
-"""Share of steps of the coordinate that are 0, or just one level, of a sensor that rounds."""
+"""Fraction of steps of the coordinate that are 0, or just one level, of a sensor that rounds."""
 _DEAD = 3.0
 """Noise levels below which a swing counts no more."""
 _WIDTH, _ROWS = 68, 12
-_LEVELS = " .:-=+*#"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -30,7 +30,7 @@ _NOISIEST = 0.14
 _SHORTEST = 0.3
 """Hold over the time in which the motion then reaches the highest level: a shorter one is none."""
 _LATER = 0.25
-"""Of the time between the first two levels: a release that higher levels put later is none."""
+"""Fraction of the time between the first two levels: a release put later by others is none."""
 _STRAIGHT, _SEEN = 0.1, 0.6
 """Curvature of a hold over that of the motion: at most, and what noise may make of it."""
 _SIGMAS = 4.0
