@@ -84,7 +84,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
         joint.linearised(theta),
         [grid.loss for grid in joint.grids],
         [None if level is None else level / joint.unknowns.amplitude for level in problem.noise],
-        joint.places,
+        joint.entries,
         joint.held,
     )
     free = ~joint.held
@@ -93,7 +93,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
             marginal(normal, here, free), covariance[np.ix_(here, here)], residuals,
             int(free.sum()), free[here], independent,
         )
-        for here in joint.places
+        for here in joint.entries
     ]  # fmt: skip
     profiled = None
     if problem.intervals == "profile":
@@ -102,7 +102,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
         quantile = known[0].quantile(problem.confidence)
         profiled = profile_intervals(joint, theta, covariance, quantile)
     models = []
-    for k, here in enumerate(joint.places):
+    for k, here in enumerate(joint.entries):
         height = joint.grids[k].record.height
         linear, at_rest, undetermined = interval_analysis(
             joint.unknowns, theta[here], known[k], problem.confidence,
@@ -134,7 +134,7 @@ def _model(
 ) -> ReducedModel:
     problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
-    theta = result.theta[result.joint.places[k]]
+    theta = result.theta[result.joint.entries[k]]
     values, shift, scale, z0, v0, hidden = unknowns.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
     quality = _quality(result, k)
@@ -229,7 +229,7 @@ def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
 
 
 def _quality(result: SearchResult, k: int) -> Quality:
-    problem, grid, here = result.problem, result.joint.grids[k], result.joint.places[k]
+    problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
     record, samples = grid.record, problem.samples[k]
     swing = float(record.height.std())
     residuals = grid.residuals(result.theta[here])
@@ -315,7 +315,7 @@ def _not_right(quality: Quality, record: PistonRecord) -> str:
 def _usual(result: SearchResult, k: int) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
     grid = result.joint.grids[k]
-    residuals = grid.residuals(result.theta[result.joint.places[k]])
+    residuals = grid.residuals(result.theta[result.joint.entries[k]])
     if grid.loss.name == "linear":
         return _rms(residuals) * grid.unknowns.amplitude
     return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from reduced_models.fitting.diagnostics import autocorrelation_time, autoregression, spread_of
-from reduced_models.least_squares.joint_records import JointRecords, Places
+from reduced_models.least_squares.joint_records import Entries, JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
     cost_and_weight,
@@ -85,7 +85,7 @@ def joint_covariance(
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
     losses: Sequence[Loss],
     noise: Sequence[float | None],
-    places: Places,
+    entries: Entries,
     held: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """Covariance (q, q) of a joint search vector, and the number of independent samples.
@@ -97,7 +97,7 @@ def joint_covariance(
     losses : sequence of Loss
     noise : sequence of float or None
         Of each record in amplitudes, where it is known.
-    places : tuple of int (p,)
+    entries : tuple of int (p,)
         Entries of the joint search vector, for each record.
     held : bool (q,)
         Entries that are given.
@@ -109,7 +109,7 @@ def joint_covariance(
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
     alike = _alike([left for left, _ in linear])
-    parts = zip(linear, losses, noise, places, alike, strict=True)
+    parts = zip(linear, losses, noise, entries, alike, strict=True)
     for (left, slopes), loss, known, here, ratio in parts:
         _, weight = cost_and_weight(left, loss.numbers, np)
         bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, loss)[:, None] * slopes)
@@ -161,14 +161,14 @@ def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarr
     return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
 
 
-def marginal(normal: np.ndarray, places: np.ndarray, free: np.ndarray) -> np.ndarray:
+def marginal(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Information (p, p) on some entries of a search vector, the others that are free left open."""
-    others = np.setdiff1d(np.flatnonzero(free), places)
+    others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
-        return normal[np.ix_(places, places)]
-    cross = normal[np.ix_(places, others)]
+        return normal[np.ix_(entries, entries)]
+    cross = normal[np.ix_(entries, others)]
     inner = np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
-    return np.asarray(normal[np.ix_(places, places)] - cross @ inner @ cross.T)
+    return np.asarray(normal[np.ix_(entries, entries)] - cross @ inner @ cross.T)
 
 
 def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:

@@ -43,7 +43,7 @@ from reduced_models.fitting.problem import (
     training_data,
     weights_of,
 )
-from reduced_models.fitting.refinement import SearchResult, fine_grids, judged
+from reduced_models.fitting.refinement import SearchResult, fine_grids, judge
 from reduced_models.fitting.search import search_fit
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
@@ -246,7 +246,7 @@ def fit(
         result = with_histories(result, histories)
     if drift:
         result = _drifting(result)
-    models = models_of(judged(result))
+    models = models_of(judge(result))
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
     return models

@@ -93,7 +93,7 @@ def with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> S
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
         low, high = joint.bounds.low.copy(), joint.bounds.high.copy()
-        for data, history, here in zip(problem.data, histories, joint.places, strict=True):
+        for data, history, here in zip(problem.data, histories, joint.entries, strict=True):
             states = _at_the_end(joint, theta[here], history, data.guess.period)
             entries = here[hidden]
             theta[entries] = low[entries] = high[entries] = states

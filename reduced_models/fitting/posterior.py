@@ -18,7 +18,7 @@ from granular.shared.errors import InputError, MissingError
 from reduced_models.fitting.options import check_names
 from reduced_models.fitting.problem import records_of
 from reduced_models.jax_setup import jax
-from reduced_models.least_squares.joint_records import JointRecords, joint_places, merged
+from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.least_squares.residuals import gridded, residual_function
 from reduced_models.least_squares.samples import grid_over
@@ -109,8 +109,8 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
     thetas = [theta_of_model(one, None, unknowns)[1] for one in models]
-    places = joint_places(unknowns, len(records), own)
-    theta = merged(thetas, places)
+    entries = joint_entries(unknowns, len(records), own)
+    theta = joint_vector(thetas, entries)
     names = unknowns.law.inputs
     grids = tuple(
         gridded(
@@ -121,14 +121,14 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
         for each in records
     )  # fmt: skip
     held = np.zeros(len(theta), dtype=bool)
-    for here in places:
+    for here in entries:
         held[here[unknowns.free + 2 :]] = True
     for k, name in enumerate(unknowns.law.parameters):
         low, high = models[0].intervals[name]
         if low == high:
-            held[[here[k] for here in places]] = True
+            held[[here[k] for here in entries]] = True
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    return JointRecords(grids, places, bounds), theta
+    return JointRecords(grids, entries, bounds), theta
 
 
 def _potential(
@@ -141,7 +141,7 @@ def _potential(
     """
     size, free = len(theta), np.flatnonzero(~joint.held)
     normal, left = np.zeros((size, size)), []
-    for grid, here in zip(joint.grids, joint.places, strict=True):
+    for grid, here in zip(joint.grids, joint.entries, strict=True):
         each, slopes = grid.linearised(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(each)
@@ -150,7 +150,7 @@ def _potential(
     strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
     root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
     law = joint.unknowns.law
-    kept = [np.array([here[law.parameters.index(name)] for here in joint.places]) for name in own]
+    kept = [np.array([here[law.parameters.index(name)] for here in joint.entries]) for name in own]
     means = [theta[here].mean() for here in kept]
     spreads = [max(theta[here].std(), 1e-3) for here in kept]
     extra = 1 + 2 * len(own)
@@ -169,7 +169,7 @@ def _potential(
         noise = full[size]
         cost = sum(
             (residual(full[here], each, scales) ** 2).sum()
-            for here, each in zip(joint.places, samples, strict=True)
+            for here, each in zip(joint.entries, samples, strict=True)
         )
         minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
         for k, here in enumerate(kept):
@@ -188,13 +188,13 @@ def _named(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[st
     unknowns, size = joint.unknowns, len(joint.held)
     several = len(joint.grids) > 1
     found: dict[str, Any] = {}
-    for place, here in enumerate(joint.places):
+    for index, here in enumerate(joint.entries):
         theta = np.moveaxis(full[..., here], -1, 0)
         values, shift, scale, z0, v0, _ = unknowns.physical(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):
             if name in own:
                 found.setdefault(name, []).append(value)
-            elif place == 0:
+            elif index == 0:
                 found[name] = np.broadcast_to(value, full.shape[:2])
         found.setdefault("height", []).append(shift + scale * z0)
         found.setdefault("velocity", []).append(scale * v0)

@@ -39,15 +39,15 @@ def profile_intervals(
     The variance by which a parameter's profile is measured is that with which the linearisation
     has its ``covariance`` (q, q).
     """
-    unknowns, places = joint.unknowns, joint.places
-    count = len(named_entries(unknowns, theta[places[0]])[0])
-    entries = sorted({int(entry) for here in places for entry in here[:count]})
+    unknowns = joint.unknowns
+    count = len(named_entries(unknowns, theta[joint.entries[0]])[0])
+    entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
     free = np.flatnonzero(~joint.held)
     normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
     plain[free] = np.diag(sandwich(normal, normal, 1.0))
     variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
-    return [intervals_between(unknowns, low[here], high[here]) for here in places]
+    return [intervals_between(unknowns, low[here], high[here]) for here in joint.entries]
 
 
 def profile_ends(
@@ -142,12 +142,12 @@ def _next(
     most: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """The next place to look: between two sides of the end, or further out."""
+    """Next distances to try: between two sides of the end, or further out."""
     with np.errstate(all="ignore"):
-        share = (quantile - near_t) / (far_t - near_t)
+        fraction = (quantile - near_t) / (far_t - near_t)
         # A blow-up beyond says nothing of the slope on this side: halve then.
-        share = np.where(far_t > 10.0 * quantile, 0.5, np.clip(share, 0.05, 0.95))
-        between = near + share * (far - near)
+        fraction = np.where(far_t > 10.0 * quantile, 0.5, np.clip(fraction, 0.05, 0.95))
+        between = near + fraction * (far - near)
         growth = np.clip(quantile / near_t, 1.1, _GROWTH)
     growth = np.where(np.isfinite(growth), growth, _GROWTH)
     return np.where(np.isfinite(far), between, np.minimum(near * growth, most))
@@ -163,8 +163,8 @@ def _along(
     """
     rows = np.arange(len(reach))
     moved = sign * (guide[rows, entry] - theta[entry])
-    share = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
-    start = np.asarray(theta + share[:, None] * (guide - theta))
+    fraction = np.minimum(reach / np.where(moved > 0.0, moved, np.inf), _GROWTH)
+    start = np.asarray(theta + fraction[:, None] * (guide - theta))
     start[rows, entry] = theta[entry] + sign * reach
     return start
 

@@ -19,7 +19,7 @@ from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.start_values import free_entries, matched_values, with_initial_state
 from reduced_models.laws.solution import Solution, solution
 from reduced_models.laws.symmetry import canonical
-from reduced_models.least_squares.joint_records import JointRecords, merged
+from reduced_models.least_squares.joint_records import JointRecords, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement
 from reduced_models.least_squares.residuals import (
     BLOWN_UP,
@@ -40,7 +40,7 @@ the larger of the two counts."""
 FINEST = 2**19
 """Steps of a grid."""
 _SAME_VALLEY = 2.0  # times the cost of the fit
-_PARABOLA = 0.5  # share by which a cost may differ from the parabola about a fit, and belong to it
+_PARABOLA = 0.5  # relative difference of a cost from the parabola about a fit, at most
 _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
 _BETTER = 0.99  # of a cost: less is another fit
 
@@ -55,7 +55,7 @@ class SearchResult:
     joint : JointRecords
         Of the whole records, on fine grids.
     trained, theta : float64 (q,)
-        Search vectors that fit the training stretches, and all of the records; before `judged` the
+        Search vectors that fit the training stretches, and all of the records; before `judge` the
         latter is the former.
     converged : int
         Starts that led to this fit.
@@ -103,7 +103,7 @@ def fine_grids(problem: FitProblem) -> list[Grid]:
     ]
 
 
-def refined(
+def refine(
     problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
     """Fit on fine grids from the best start of a search, compared with collocation's estimate.
@@ -119,7 +119,7 @@ def refined(
         )
         for data, grid in zip(problem.data, fine_grids(problem), strict=True)
     ]  # fmt: skip
-    joint = JointRecords(tuple(grids), coarse.places, coarse.bounds)
+    joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
     first = _canonical(problem, joint, thetas[int(costs.argmin())])
     reached = [float(grid.record.time[-1]) for grid in coarse.grids]
@@ -147,12 +147,12 @@ def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> n
     unknowns = joint.unknowns
     kept = {*problem.own, *problem.bounds}
     theta = theta.copy()
-    names, here = unknowns.law.parameters, joint.places[0]
+    names, here = unknowns.law.parameters, joint.entries[0]
     values = dict(zip(names, unknowns.physical(theta[here])[0], strict=True))
     moved = canonical(unknowns.law, values, kept)
-    for place, name, unit in zip(here, names, unknowns.units, strict=False):
+    for entry, name, unit in zip(here, names, unknowns.units, strict=False):
         if moved[name] != values[name]:
-            theta[place] = moved[name] / unit
+            theta[entry] = moved[name] / unit
     return theta
 
 
@@ -177,16 +177,16 @@ def _refit_onwards(
     tolerance: float = 1e-11,
 ) -> np.ndarray:
     """Fit the training stretches on fine grids, from a time on that a search vector has seen."""
-    share = min(
+    fraction = min(
         end / float(data.training.time[-1]) for end, data in zip(reached, problem.data, strict=True)
     )
-    while share < 0.999:
+    while fraction < 0.999:
         counts = [
-            max(4, int(np.searchsorted(data.training.time, share * data.training.time[-1])))
+            max(4, int(np.searchsorted(data.training.time, fraction * data.training.time[-1])))
             for data in problem.data
         ]
         theta = joint.refit(theta, counts, tolerance=max(tolerance, 1e-6))
-        share *= 2.0
+        fraction *= 2.0
     return joint.refit(theta, problem.samples, tolerance=tolerance)
 
 
@@ -203,18 +203,18 @@ def _collocated(
     given = unknowns.map
     seen = leader.guess.seen_as(given.shift, given.scale)
     mapped = leader.look.mapped(given.shift, given.scale)
-    values = np.array(unknowns.physical(theta[joint.places[0]])[0])
+    values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
     matched = matched_values(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
     free = free_entries(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
     starts = [with_initial_state(unknowns, data.guess, free) for data in problem.data]
-    start = np.clip(merged(starts, joint.places)[0], *joint.bounds)
+    start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
     if not np.isfinite(start).all():
         return None
     # Beside the fit's own start of the motion: what lies in its valley need not go a long way.
     beside = theta.copy()
-    for here in joint.places:
+    for here in joint.entries:
         beside[here[: unknowns.free]] = start[here[: unknowns.free]]
     risen = _cost(problem, joint, beside) - cost
     if _is_of_one_parabola(joint.normal(problem.samples), theta, beside, risen):
@@ -239,7 +239,7 @@ def _is_of_one_parabola(
     return all(abs(each - foreseen) <= _PARABOLA * foreseen for each in (risen, slope))
 
 
-def judged(result: SearchResult) -> SearchResult:
+def judge(result: SearchResult) -> SearchResult:
     """Fit all of the records, on grids whose solutions agree with the adaptive ones.
 
     Raises
@@ -258,7 +258,7 @@ def judged(result: SearchResult) -> SearchResult:
                 "finite over the record; try another law, more starts or a shorter record"
             )
         errors, grids = [], []
-        for grid, left, here in zip(joint.grids, residuals, joint.places, strict=True):
+        for grid, left, here in zip(joint.grids, residuals, joint.entries, strict=True):
             error, limit, complete = _solver_error(grid, left, theta[here])
             errors.append(error)
             grids.append(grid if error <= limit else _finer(grid, error, complete=complete))
@@ -293,12 +293,12 @@ def _solver_error(
     solution reaches the end of the record.
     """
     unknowns = grid.unknowns
-    judge = _adaptive_solution(grid, theta)
+    reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical(theta)
     fitted = grid.record.height + residuals * unknowns.amplitude
-    error = float(np.abs(shift + scale * judge.z - fitted).max()) / unknowns.amplitude
+    error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
-    return error if math.isfinite(error) else math.inf, limit, judge.ending == "complete"
+    return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
 def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:

@@ -21,7 +21,7 @@ from reduced_models.fitting.refinement import (
     FIRST_SWINGS,
     SearchResult,
     fine_grids,
-    refined,
+    refine,
 )
 from reduced_models.fitting.start_values import (
     free_entries,
@@ -34,9 +34,9 @@ from reduced_models.fitting.start_values import (
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.joint_records import (
     JointRecords,
+    joint_entries,
     joint_normal,
-    joint_places,
-    merged,
+    joint_vector,
 )
 from reduced_models.least_squares.levenberg_marquardt import (
     TIE,
@@ -70,15 +70,15 @@ def search_fit(problem: FitProblem) -> SearchResult:
     law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
-        return refined(problem, *_search(problem, given))
-    mapped = refined(problem, *_search(problem, None))
+        return refine(problem, *_search(problem, given))
+    mapped = refine(problem, *_search(problem, None))
     if wanted == "fitted":
         return mapped
     limit = _HOPELESS * mapped.coarse_cost
     joint, vectors = _search(problem, HeightMap(), limit)
     if vectors[1].min() > limit:
         return mapped
-    return min(refined(problem, joint, vectors), mapped, key=_information)
+    return min(refine(problem, joint, vectors), mapped, key=_information)
 
 
 def _information(result: SearchResult) -> float:
@@ -100,15 +100,15 @@ def _search(
     # First of all: a record with too many periods is refused before any search.
     fine_grids(problem)
     unknowns = unknowns_of(problem.law, height_map, problem.leader)
-    places = joint_places(unknowns, len(problem.data), problem.own)
+    entries = joint_entries(unknowns, len(problem.data), problem.own)
     edges = [
         theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data
     ]
-    bounds = Bounds(*(merged(side, places) for side in zip(*edges, strict=True)))
+    bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
     grids = tuple(_coarse_record(unknowns, problem, data) for data in problem.data)
-    joint = JointRecords(grids, places, bounds)
+    joint = JointRecords(grids, entries, bounds)
     points = max(len(grid.samples.weight) for grid in grids)
-    _check_memory(problem.starts, points, len(places[0]))
+    _check_memory(problem.starts, points, len(entries[0]))
     swing = _swing_vectors(problem, joint)
     if swing is None:
         return joint, _over_horizons(problem, joint, limit)
@@ -124,7 +124,7 @@ def _search(
 
 def _over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
     """Search vectors that random starts of a law lead to, and what they cost."""
-    theta = start = merged(_start_vectors(problem, joint.unknowns), joint.places)
+    theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
     costs = np.zeros(problem.starts)
     for swings in _horizons(problem, joint):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
@@ -178,15 +178,15 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
         return None
     swinging = swing_unknowns(unknowns, form, draws)
     free = free_entries(swinging, draws)
-    theta = merged(
-        [with_initial_state(swinging, data.guess, free) for data in problem.data], joint.places
+    theta = joint_vector(
+        [with_initial_state(swinging, data.guess, free) for data in problem.data], joint.entries
     )
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
     for swings in _horizons(problem, swing):
         normal, prior = coarse_normal(problem, swing, swings)
         theta, costs = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
-    values = swinging.physical(theta[:, joint.places[0]].T)[0]
+    values = swinging.physical(theta[:, joint.entries[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
     theta[:, : free.shape[1]] = free_entries(unknowns, mapped)
     return theta, float(costs.min())
@@ -240,11 +240,11 @@ def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tu
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
         means = grid.samples
-        seen = means.step * (means.place + means.share) <= swings * data.guess.quickest
+        seen = means.step * (means.point + means.fraction) <= swings * data.guess.quickest
         weight = means.weight * seen
         total += float((weight**2).sum())
         normals.append(normal_equations(joint.unknowns, means.weighted(weight), grid.loss))
-    return joint_normal(normals, joint.places), joint.prior(total)
+    return joint_normal(normals, joint.entries), joint.prior(total)
 
 
 def _horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:

@@ -85,7 +85,7 @@ def whole_chunks(steps: float) -> int:
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
-def room(steps: int) -> int:
+def padded_steps(steps: int) -> int:
     """Number of grid steps that code is compiled for: few values, so that records share it."""
     size = 2 * CHUNK
     while size < steps:
@@ -112,9 +112,9 @@ def on_grid(
     Only the first ``chunks`` of the grid are solved; behind them all three are zero.
     """
 
-    def rates(place: jax.Array, inputs: jax.Array) -> jax.Array:
+    def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
         given = [inputs[k] for k in range(inputs.shape[0])]
-        return _stacked((place[1], *field(*place, *given, *values)), place[0])
+        return _stacked((state[1], *field(*state, *given, *values)), state[0])
 
     def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         slopes: list[jax.Array] = []
@@ -123,11 +123,11 @@ def on_grid(
         point = jnp.stack([state[0], state[1], slopes[0][1]])
         return _moved(state, _WEIGHTS, slopes, step), point
 
-    def chunk(place: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def chunk(index: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         state, found = carried
-        here = jax.lax.dynamic_slice_in_dim(given, place * CHUNK, CHUNK)
+        here = jax.lax.dynamic_slice_in_dim(given, index * CHUNK, CHUNK)
         state, points = jax.lax.scan(advance, state, here)
-        return state, jax.lax.dynamic_update_slice_in_dim(found, points, place * CHUNK, 0)
+        return state, jax.lax.dynamic_update_slice_in_dim(found, points, index * CHUNK, 0)
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
     given = jnp.asarray(drive)
@@ -155,20 +155,20 @@ def _moved(
     return state
 
 
-def between(z: A, v: A, a: A, step: Value, place: Data, share: Data) -> A:
+def between(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
     """Quintic Hermite values of z, a fraction of a step behind grid points."""
-    s = share
+    s = fraction
     s3 = s * s * s
     late = s3 * (10.0 - s * (15.0 - 6.0 * s))
-    z1 = z[place] * (1.0 - late) + z[place + 1] * late
+    z1 = z[point] * (1.0 - late) + z[point + 1] * late
     v0 = s - s3 * (6.0 - s * (8.0 - 3.0 * s))
     v1 = -s3 * (4.0 - s * (7.0 - 3.0 * s))
     a0 = 0.5 * s * s * (1.0 - s * (3.0 - s * (3.0 - s)))
     a1 = 0.5 * s3 * (1.0 - s * (2.0 - s))
     return (
         z1
-        + step * (v0 * v[place] + v1 * v[place + 1])
-        + step * step * (a0 * a[place] + a1 * a[place + 1])
+        + step * (v0 * v[point] + v1 * v[point + 1])
+        + step * step * (a0 * a[point] + a1 * a[point + 1])
     )
 
 
@@ -297,9 +297,9 @@ def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array
         def interval(state: jax.Array, piece: tuple[jax.Array, jax.Array]) -> Any:
             step = piece[0] / split
 
-            def advance(place: Value, state: jax.Array) -> jax.Array:
+            def advance(index: Value, state: jax.Array) -> jax.Array:
                 found = solver.step(
-                    term, place * step, (place + 1) * step, tuple(state), (piece[1], values),
+                    term, index * step, (index + 1) * step, tuple(state), (piece[1], values),
                     first, made_jump=True,
                 )[0]  # fmt: skip
                 return jnp.stack(found)
@@ -325,7 +325,7 @@ def _driven_solution(
     found = pieces(times, inputs, how)
     every = len(found.length) // (len(times) - 1)
     count = len(found.length)
-    padded = room(count)
+    padded = padded_steps(count)
     length, cubics = np.ones(padded), np.zeros((padded, *found.cubics.shape[1:]))
     length[:count], cubics[:count] = found.length, found.cubics
     solve = _stepping(law.equation, law.inputs)

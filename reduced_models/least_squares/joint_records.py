@@ -11,45 +11,45 @@ from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Pri
 from reduced_models.least_squares.residuals import GriddedRecord
 from reduced_models.least_squares.unknowns import Unknowns
 
-Places = tuple[np.ndarray, ...]
+Entries = tuple[np.ndarray, ...]
 """Entries (p,) of the joint search vector that are the search vector of each record."""
 
 _PATIENCE = 2  # trials without a gain, of a search that starts near its end
 _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
-def joint_places(unknowns: Unknowns, records: int, own: Sequence[str]) -> Places:
+def joint_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
     """Entries of some records that share all parameters but their ``own`` and the start."""
     names = unknowns.law.parameters
     free, length = unknowns.free, len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
     shared = [k for k in range(length) if k not in private]
-    places = []
+    entries = []
     for record in range(records):
         here = np.empty(length, dtype=int)
         here[shared] = np.arange(len(shared))
         here[private] = len(shared) + record * len(private) + np.arange(len(private))
-        places.append(here)
-    return tuple(places)
+        entries.append(here)
+    return tuple(entries)
 
 
-def merged(vectors: Sequence[np.ndarray], places: Places) -> np.ndarray:
+def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
     """Joint vector (..., q) of those of the records (..., p); shared entries are the first's."""
-    joint = np.empty((*vectors[0].shape[:-1], _size(places)))
-    for vector, here in zip(reversed(vectors), reversed(places), strict=True):
+    joint = np.empty((*vectors[0].shape[:-1], _size(entries)))
+    for vector, here in zip(reversed(vectors), reversed(entries), strict=True):
         joint[..., here] = vector
     return joint
 
 
-def joint_normal(normals: Sequence[Normal], places: Places) -> Normal:
+def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
     """Normal equations of all records as those of the joint search vector."""
-    size = _size(places)
+    size = _size(entries)
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(theta)
         cost, gradient = np.zeros(count), np.zeros((count, size))
         matrix = np.zeros((count, size, size))
-        for own, here in zip(normals, places, strict=True):
+        for own, here in zip(normals, entries, strict=True):
             own_cost, own_gradient, own_matrix = own(theta[:, here])
             cost += np.asarray(own_cost)
             gradient[:, here] += np.asarray(own_gradient)
@@ -59,8 +59,8 @@ def joint_normal(normals: Sequence[Normal], places: Places) -> Normal:
     return normal
 
 
-def _size(places: Places) -> int:
-    return 1 + max(int(here.max()) for here in places)
+def _size(entries: Entries) -> int:
+    return 1 + max(int(here.max()) for here in entries)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,14 +71,14 @@ class JointRecords:
     ----------
     grids : tuple of GriddedRecord
         All of the same unknowns.
-    places : tuple of int (p,)
+    entries : tuple of int (p,)
         Entries of the joint search vector, for each record.
     bounds : Bounds
         Of the joint search vector.
     """
 
     grids: tuple[GriddedRecord, ...]
-    places: Places
+    entries: Entries
     bounds: Bounds
 
     @property
@@ -93,25 +93,26 @@ class JointRecords:
 
     def prior(self, samples: float) -> Prior:
         """Prior about a start, for costs of so many samples."""
-        return Prior(merged([self.unknowns.prior] * len(self.grids), self.places), samples)
+        return Prior(joint_vector([self.unknowns.prior] * len(self.grids), self.entries), samples)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of each record, in amplitudes."""
         return [
-            grid.residuals(theta[here]) for grid, here in zip(self.grids, self.places, strict=True)
+            grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)
         ]
 
     def linearised(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
         return [
-            grid.linearised(theta[here]) for grid, here in zip(self.grids, self.places, strict=True)
+            grid.linearised(theta[here])
+            for grid, here in zip(self.grids, self.entries, strict=True)
         ]
 
     def normal(self, counts: Sequence[int] | None = None) -> Normal:
         """Normal equations of the first samples of each record, or of all."""
         first: Sequence[int | None] = counts or [None] * len(self.grids)
         normals = [grid.normal(count) for grid, count in zip(self.grids, first, strict=True)]
-        return joint_normal(normals, self.places)
+        return joint_normal(normals, self.entries)
 
     def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
         """J'J (q, q) of all samples."""

@@ -196,8 +196,8 @@ def _moved(
     identity = jnp.eye(len(slope))
     matrix = jnp.where(resting[:, None] | resting[None, :], identity, matrix)
     slope = jnp.where(resting, 0.0, slope)
-    place = _quadratic(0.5 * cost, slope, matrix)
-    state = _DESCENT.query(slope, place, _DESCENT.init(slope, place))
+    point = _quadratic(0.5 * cost, slope, matrix)
+    state = _DESCENT.query(slope, point, _DESCENT.init(slope, point))
     step, _ = _DESCENT.step(size, state)
     gain = -2.0 * slope @ step - step @ matrix @ step
     return jnp.clip(theta + scale * step, bounds.low, bounds.high), gain

@@ -130,10 +130,10 @@ def _compiled(
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
-        step, place, share, height, weight, drive, chunks = samples
+        step, point, fraction, height, weight, drive, chunks = samples
         values, shift, scale, z0, v0, hidden = physical(vectors, scales, logarithmic, fits_map, jnp)
         grid = on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
-        z = between(*grid, step, place, share[:, None])
+        z = between(*grid, step, point, fraction[:, None])
         found = (shift + scale * z - height[:, None]) / scales[1]
         return jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP) * weight[:, None]
 

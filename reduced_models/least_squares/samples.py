@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.laws.solution import CHUNK, grid_steps, room, whole_chunks
+from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, whole_chunks
 from reduced_models.records.derivatives import is_even
 from reduced_models.records.inputs import (
     STAGE_TIMES,
@@ -26,7 +26,7 @@ class Samples(NamedTuple):
     ----------
     step : float
         Of the grid [s].
-    place, share : int (n,), float (n,)
+    point, fraction : int (n,), float (n,)
         Grid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
         [m]; weights multiply the residuals.
@@ -37,8 +37,8 @@ class Samples(NamedTuple):
     """
 
     step: float
-    place: np.ndarray
-    share: np.ndarray
+    point: np.ndarray
+    fraction: np.ndarray
     height: np.ndarray
     weight: np.ndarray
     drive: np.ndarray
@@ -46,7 +46,7 @@ class Samples(NamedTuple):
 
     def weighted(self, weight: np.ndarray) -> Samples:
         """The same with other weights; the solution ends behind the last that is not zero."""
-        used = self.place[weight > 0.0]
+        used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
@@ -73,10 +73,10 @@ def grid_over(
     if not (driving(names) and is_even(record.time)):
         return Grid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
-    share = wanted / (len(record) - 1)
+    fraction = wanted / (len(record) - 1)
     smooth = how in ("spline", "band-limited")
-    several = 2.0 ** math.floor(math.log2(1.0 / share)) if smooth and share < 1.0 else 1.0
-    step = sample * several / max(1, math.ceil(share))
+    several = 2.0 ** math.floor(math.log2(1.0 / fraction)) if smooth and fraction < 1.0 else 1.0
+    step = sample * several / max(1, math.ceil(fraction))
     return Grid(step, whole_chunks(duration / step * (1.0 - 1e-12)))
 
 
@@ -85,13 +85,13 @@ def samples_on_grid(
 ) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
-    place, share = _places(record.time, grid)
+    point, fraction = _grid_points(record.time, grid)
     size = padded_size(count)
-    whole, shares, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
-    whole[:count], shares[:count] = place, share
+    grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
+    grid_points[:count], fractions[:count] = point, fraction
     heights[:count], weight[:count] = record.height, 1.0
     drive = _padded_drive(record, grid, names, how)
-    return Samples(grid.step, whole, shares, heights, weight, drive, grid.steps // CHUNK)
+    return Samples(grid.step, grid_points, fractions, heights, weight, drive, grid.steps // CHUNK)
 
 
 def means_on_grid(
@@ -103,32 +103,32 @@ def means_on_grid(
 ) -> Samples:
     """Weighted means of the samples around each grid point, weighted by how many there are."""
     time, height = record.time, record.height
-    points = room(grid.steps) + 1
+    points = padded_steps(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
     squares = np.ones(len(time)) if weights is None else weights**2
     total = np.bincount(near, weights=squares, minlength=points)
-    # The mean place of the samples is not the grid point: the slope takes that out.
+    # The mean time of the samples is not the grid point: the slope takes that out.
     level = height - np.gradient(height, time) * (time - near * grid.step)
     sums = np.bincount(near, weights=level * squares, minlength=points)
     means = np.divide(sums, total, out=np.zeros(points), where=total > 0)
-    place = np.minimum(np.arange(points), points - 2)
-    share = np.arange(points) - place.astype(float)
+    point = np.minimum(np.arange(points), points - 2)
+    fraction = np.arange(points) - point.astype(float)
     drive = _padded_drive(record, grid, names, how)
-    return Samples(grid.step, place, share, means, np.sqrt(total), drive, grid.steps // CHUNK)
+    return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, grid.steps // CHUNK)
 
 
-def _places(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _grid_points(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Grid point before each time, and the fraction of a step behind it."""
     steps = time / grid.step
     # Rounding is not to put a sample that lies on a grid point behind the one before.
-    place = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
-    return place, steps - place
+    point = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
+    return point, steps - point
 
 
 def _padded_drive(
     record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation
 ) -> np.ndarray:
-    points = room(grid.steps) + 1
+    points = padded_steps(grid.steps) + 1
     drive = np.zeros((points, len(STAGE_TIMES), len(names)))
     if names:
         drive[: grid.steps + 1] = drive_on_grid(record, names, grid, how)
