@@ -42,7 +42,7 @@ def promises() -> Iterator[object]:
 def test_what_is_chosen_holds_and_is_not_dear(prices: Prices, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(prices)
-    assert prices_of(scene, quantity) is prices
+    assert prices_of(scene, quantity) == prices
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
         holding = [one for one in prices.rungs if one.bounds[quantity] <= tolerance]
