@@ -19,7 +19,7 @@ _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def _cache_folder() -> Path | None:
-    """Where compiled code is kept; see `granular.shared.caches.own_folder`."""
+    """Folder where compiled code is kept; see `granular.shared.caches.own_folder`."""
     chosen = os.environ.get(_VARIABLE)
     home = toolkit_cache()
     return own_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)

@@ -36,7 +36,7 @@ ABANDONED = 86400.0
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches.
+    """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches.
 
     A folder for each place that the package stands at, and each version of Python. None where
     there is no folder to trust.

@@ -222,7 +222,7 @@ def _written(
 
 
 def _made(call: Kernel, choose: Any, names: str) -> Kernel:
-    """What plain Python calls, or kernels, with arguments of these names."""
+    """Function that plain Python or kernels call, with arguments of these names."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD

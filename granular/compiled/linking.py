@@ -119,7 +119,7 @@ class EntryCompiler(Compiler):
 
 
 def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:
-    """What stands for the kernel in Numba's tables; not to be called."""
+    """Placeholder of the kernel in Numba's tables; not to be called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 

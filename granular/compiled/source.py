@@ -1,4 +1,4 @@
-"""What compiled code is made from: the kernels' files, without comments and docstrings."""
+"""Sources of compiled code: the kernels' files, without comments and docstrings."""
 
 from __future__ import annotations
 

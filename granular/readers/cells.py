@@ -18,12 +18,12 @@ _DAY = 86400.0
 
 
 def is_stamp(cell: str) -> bool:
-    """Whether a cell is a date with time, as of ISO 8601, or a time of day."""
+    """Return True for a date with time, as of ISO 8601, or a time of day."""
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number, or a date or time of day."""
+    """Return True for a number, a date or a time of day."""
     if decimal == ",":
         if "." in cell:
             return is_stamp(cell)

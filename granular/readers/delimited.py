@@ -118,7 +118,7 @@ def _no_table(lines: Sequence[Line]) -> str:
 
 
 def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
-    """Where the rows begin, and the lines above them."""
+    """Return the index of the first row, and the lines above it."""
     full = next(
         k
         for k, line in enumerate(lines)
@@ -137,7 +137,7 @@ def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
 
 
 def _is_header(fields: Sequence[str], form: Form) -> bool:
-    """Whether a line may name the columns: as many words, none of which is a number."""
+    """Return True where a line may name the columns: as many words, none of which is a number."""
     words = [cell for cell in fields if cell]
     return (
         len(fields) >= form.width
@@ -165,7 +165,7 @@ def _check_above(head: Sequence[Line], form: Form) -> None:
 
 
 def _has_decimal_commas(lines: Sequence[Line], form: Form, decimal: str | None) -> bool:
-    """Whether commas separate and are decimal ones too; refuse to guess where they may be."""
+    """Return True where commas separate and are decimal ones too; refuse to guess if unclear."""
     found = are_decimals(lines, form, decimal)
     if found is None:
         raise RecordError(
@@ -216,7 +216,7 @@ def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
 
 
 def _names_a_column(cell: str) -> bool:
-    """Whether a cell has a name that is known, or a name with a unit."""
+    """Return True for a cell with a known name, or a name with a unit."""
     name, unit = name_and_unit(cell)
     return role_of(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 

@@ -1,4 +1,4 @@
-"""How the lines of a table in text are written: separator, sign of the decimals, columns."""
+"""Form of the lines of a table in text: separator, decimal sign, columns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Line(NamedTuple):
 
 
 class Form(NamedTuple):
-    """How the lines of a table are written.
+    """Form in which the lines of a table are written.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def _looked_at(lines: Sequence[Line]) -> list[int]:
 def _tried(
     sample: Sequence[str], separator: str, decimal: str
 ) -> tuple[tuple[int, float, int], Form] | None:
-    """How many lines a form explains, the share of numbers in them, and how many in a line."""
+    """Count the lines that a form explains, the fraction of numbers in them, and columns."""
     rows = [fields_of(line, separator) for line in sample]
     if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
         return None
@@ -105,7 +105,7 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def are_decimals(lines: Sequence[Line], form: Form, decimal: str | None) -> bool | None:
-    """Whether every second of the commas that separate is one of decimals; None: it may be.
+    """Return True where every second separating comma is a decimal one; None: it may be.
 
     No whole number begins with a zero, as decimals may; and decimals are as many in each line, or
     end with none.
@@ -167,7 +167,7 @@ def words_of(line: str, separator: str) -> list[str]:
 
 
 def is_row(fields: Sequence[str], form: Form) -> bool:
-    """Whether a line is one of the table: as many fields, of which some are numbers."""
+    """Return True for a line of the table: as many fields, of which some are numbers."""
     if not form.width <= len(trimmed(fields, form.width)) <= form.width:
         return False
     return any(is_number(fields[k], form.decimal) for k in form.numeric)

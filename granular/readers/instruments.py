@@ -19,7 +19,7 @@ _END = "***End_of_Header***"
 
 
 def is_labview(text: str) -> bool:
-    """Whether a text is a LabVIEW measurement."""
+    """Return True for the text of a LabVIEW measurement."""
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
@@ -150,7 +150,7 @@ _HEAD = re.compile(r"X(,[^,\r\n]+)+,Start,Increment,?\s*[\r\n]+Sequence,")
 
 
 def is_rigol(text: str) -> bool:
-    """Whether a text is such a waveform."""
+    """Return True for the text of such a waveform."""
     return _HEAD.match(text) is not None
 
 

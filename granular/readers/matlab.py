@@ -100,7 +100,7 @@ def _check_unpacked(content: bytes) -> None:
 
 
 def _is_nested(content: bytes, order: str) -> bool:
-    """Whether an element has too many others in it, or too deep within each other."""
+    """Return True for an element with too many others in it, or nested too deeply."""
     count, spans = 0, [(0, len(content))]
     while spans:
         place, end = spans.pop()
@@ -129,7 +129,7 @@ def _times(variables: Mapping[str, Any], length: int) -> Column:
 
 
 def _is_finite(value: Any) -> bool:
-    """Whether a value is one finite real number."""
+    """Return True for one finite real number."""
     array = np.asarray(value)
     return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
 

@@ -1,4 +1,4 @@
-"""What the columns of a sheet are taken for: a time, a coordinate, and what goes with it."""
+"""Meaning of the columns of a sheet: a time, a coordinate, and what goes with it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Meaning:
 
 
 def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
-    """What a sheet says, by what the user says of it and else by its names and units.
+    """Meaning of a sheet, from the user's words and else from its names and units.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _without_gaps(
 
 
 def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
-    """Whether most ticks are as long as the others, and none holds far more samples."""
+    """Return True where most ticks are equally long, and none holds far more samples."""
     usual = np.median(steps)
     even = np.abs(steps - usual) < 0.01 * usual
     return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)

@@ -70,7 +70,7 @@ def plain_unit(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a cell is a unit and nothing else, also in brackets."""
+    """Return True for a cell that is a unit and nothing else, also in brackets."""
     return plain_unit(text) in KNOWN
 
 
@@ -106,6 +106,6 @@ def bare(name: str) -> str:
 
 
 def role_of(name: str) -> str | None:
-    """What a column of that name is, by its synonyms."""
+    """Role of a column of that name, by its synonyms."""
     words = bare(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

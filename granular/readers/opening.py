@@ -240,7 +240,7 @@ def _other(sheet: Sheet, time: Column, unit: str) -> Column:
 
 
 def _size(name: str, column: Column, wanted: str) -> float:
-    """What the numbers of a column are multiplied by; those without a unit stay as they are."""
+    """Factor of the numbers of a column; those without a unit stay as they are."""
     if column.unit is None or column.clock:
         return 1.0
     try:

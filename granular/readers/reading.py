@@ -1,4 +1,4 @@
-"""What a user says of a file, where the guess is wrong or is to be repeated.
+"""Instructions of a user on reading a file, where the guess is wrong or is to be repeated.
 
 It is said in a call, or in a *description*, ``record.toml``, which names the file by a path from
 itself, upwards too, or by a whole path. Of a file that does not lie below its description, no error
@@ -32,7 +32,7 @@ OWN = ("time", "height", "velocity", "force")
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """How a file is read. What is not said is guessed.
+    """Instructions on reading a file. What is not said is guessed.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Reading:
         return reading_from_plain({**plain, **over, **both})
 
     def chosen(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
-        """Of the tables of a file the one that ``sheet`` names; all where it names none.
+        """Table of a file that ``sheet`` names; all where it names none.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Reading:
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """What was said, as plain data."""
+        """Instructions as plain data."""
         plain = {
             "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
             "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
@@ -121,7 +121,7 @@ class Reading:
 
 
 def reading_from_plain(plain: Mapping[str, Any]) -> Reading:
-    """What `Reading.to_plain` made.
+    """Reading from the plain data that `Reading.to_plain` made.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _span(given: Any) -> tuple[float, float]:
 
 
 def is_description(path: Path) -> bool:
-    """Whether a file describes a record; a scene has no key ``file``."""
+    """Return True for a file that describes a record; a scene has no key ``file``."""
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return False
     return FILE in read_toml(path)
@@ -175,7 +175,7 @@ def read_description(path: Path) -> tuple[Path, Reading]:
 
 @contextlib.contextmanager
 def describing(path: Path, file: Path) -> Iterator[None]:
-    """Where the file that a description names is read; see the module for what errors say."""
+    """Context in which the file that a description names is read; the module says of errors."""
     try:
         yield
     except RecordError:

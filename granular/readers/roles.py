@@ -1,4 +1,4 @@
-"""Which column of a sheet is the time, the coordinate, and what goes with it."""
+"""Roles of the columns of a sheet: the time, the coordinate, and what goes with it."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
 
 
 def _fits(column: Column, role: str) -> bool:
-    """Whether a column's unit, if it has one, is one of the role's."""
+    """Return True where a column's unit, if it has one, is one of the role's."""
     if column.unit is None:
         return True
     try:
@@ -131,7 +131,7 @@ def _is_acceleration(column: Column) -> bool:
 
 
 def is_of(unit: str, wanted: str) -> bool:
-    """Whether a unit has the dimension of another."""
+    """Return True for a unit with the dimension of another."""
     try:
         return unit_size(plain_unit(unit))[1] == unit_size(wanted)[1]
     except SceneError:
