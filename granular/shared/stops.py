@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import ctypes
 import signal
 import sys
 import threading
@@ -53,7 +54,11 @@ class Stop:
         self.number = number
         # Numba may be of no use after that, which matters where the process goes on: in a notebook.
         if signal.getsignal(signal.SIGTERM) == self._take and _compiles():
-            raise self.error()
+            error = self.error()
+            # Broken off, an object of LLVM may belong to two owners; freed with the frames that the
+            # error holds, it ended one command in twenty in a segmentation fault. So nothing is.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(error))
+            raise error
 
 
 @contextlib.contextmanager

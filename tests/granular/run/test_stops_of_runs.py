@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -19,7 +20,7 @@ import granular.run.run
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
-from granular.shared.stops import taking_sigterm
+from granular.shared.stops import deferred_stop, taking_sigterm
 
 ROOT = Path(__file__).parents[3]
 END = 0.02
@@ -130,6 +131,30 @@ def test_a_stop_breaks_off_a_compilation(
     resumed = simulate(scene, t_end=END, out=tmp_path / "run", resume=True, progress=False)
     assert resumed.dataset.equals(whole.dataset)
     assert resumed.complete
+
+
+def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
+    """LLVM's objects may have two owners then: freeing one ends the process."""
+    freed = []
+
+    class Module:
+        def __del__(self) -> None:
+            freed.append(self)
+
+    def compile_one() -> None:
+        module = Module()
+        with global_compiler_lock:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+        del module
+
+    try:
+        with taking_sigterm(), deferred_stop():
+            compile_one()
+    except KeyboardInterrupt:
+        pass
+    gc.collect()
+    assert not freed
 
 
 def test_a_stop_is_not_lost_to_a_run_that_fails(
