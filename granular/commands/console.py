@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
     Attributes
     ----------
     commands : dict of str to str
-        What each command does, by its name.
+        Summary of each command, by its name.
     """
 
     commands: dict[str, str]
@@ -141,7 +141,7 @@ class Command(NamedTuple):
     Attributes
     ----------
     name, summary : str
-        What the user types, and what it does, in a line.
+        Name on the command line, and summary in a line.
     options : tuple of Option
     examples : str
         End of its help; ``%(prog)s`` in it is what the user types up to its options.
@@ -169,7 +169,7 @@ class Program(NamedTuple):
     Attributes
     ----------
     name : str
-        What the user types before a command, unless it is run under another name.
+        Name of the program, unless it is run under another name.
     description, examples : str
         Start and end of its help.
     commands : tuple of Command
@@ -218,7 +218,7 @@ def require(options: Any, **arguments: str) -> None:
     ----------
     options : argparse.Namespace
     **arguments : str
-        How each is written on the command line, by its name among the options.
+        Each option as written on the command line, by its name.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def refuse(options: Any, form: str, *names: str, **written: str) -> None:
     *names : str
         Options that are written as they are named.
     **written : str
-        How others are written on the command line, by their names among the options.
+        Other options as written on the command line, by their names.
 
     Raises
     ------

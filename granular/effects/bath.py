@@ -51,7 +51,7 @@ class Bath(Effect):
     rate : float
         g, at which velocities are forgotten [1/s].
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     """
 
     key = "bath"

@@ -72,7 +72,7 @@ class ContactLaw(NamedTuple):
     modulus : float
         (4/3) E* [F*/D^2]
     alpha : float
-        Of the dashpot.
+        Coefficient of the dashpot.
     radius : float64 (n,)
         [D]
     widest, narrowest : float

@@ -80,7 +80,7 @@ class DragLaw(NamedTuple):
     rate: float
 
     def room(self, size: int, count: int) -> LastFlow:
-        """Room for the last flow: steps of one length have one, and exponentials take long."""
+        """Buffer of the last flow: steps of equal length share it, and exponentials take long."""
         return LastFlow(np.full(7, np.nan))
 
     @staticmethod

@@ -95,7 +95,7 @@ class EddyLaw(NamedTuple):
     @staticmethod
     @compiled
     def slow(law: EddyLaw, room: None, place: int, slopes: Array, dt: float, bed: Bed) -> int:
-        """As a force, for Runge-Kutta methods."""
+        """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
         for i in range(constants.grains):

@@ -113,7 +113,7 @@ class Effect(Section):
     Attributes
     ----------
     key : str
-        What a scene calls it.
+        Name of the effect in a scene.
     rank : int
         The loop takes effects in the order of their ranks, and of their names: 0 for what acts on
         each grain alone, 1 for pairs, 2 for walls.
@@ -127,11 +127,11 @@ class Effect(Section):
         Whether it is the same at a grain and at all images of it, and meets the nearest images of
         other grains: it can act in a periodic cell.
     takes_along : tuple of str or None
-        Of an effect with a ``kick``: the others with one that are solved with it.
+        Of an effect with a ``kick``: those of the others with a ``kick`` that are solved with it.
     energy_record, loss_record : Record or None
-        Of its energy, and of what it takes; those of one name are added up.
+        Records of its energy and its loss; those of the same name are added up.
     grain_records : tuple of Record
-        Of what it finds for each grain.
+        Records with a value for each grain.
     example : plain data
         Parameters as a scene may have them, for the reference and for the test of all effects.
     """
@@ -185,7 +185,7 @@ class Effect(Section):
         return None
 
     def grain_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
-        """Its `grain_records` at the present moment, in natural units."""
+        """Values of its `grain_records` at the present moment, in natural units."""
         return {}
 
     def pull(self, scales: Scales) -> float:

@@ -49,24 +49,24 @@ class Excitation(Section):
     force : float or None
         On the body [N].
     acceleration : float or None
-        Of the base [m/s^2].
+        Amplitude of the base's acceleration [m/s^2].
     displacement : float or None
-        Of the base [m], for a sine or a sweep.
+        Amplitude of the base's displacement [m], for a sine or a sweep.
     frequency : float or None
-        Of the sine; the lowest one of a sweep or of noise [Hz].
+        Frequency of the sine; the lowest one of a sweep or of noise [Hz].
     to : float or None
         The highest frequency [Hz].
     start : float
-        When it begins, since the start of the run [s].
+        Time of its begin, since the start of the run [s].
     duration : float or None
-        Of a sweep, an impulse or noise [s].
+        Duration of a sweep, an impulse or noise [s].
     seed : int
-        Of the phases of the noise.
+        Seed of the phases of the noise.
     times : tuple of float
-        Of a table [s], increasing, counted from ``start``.
+        Times of a table [s], increasing, counted from ``start``.
     values : tuple of float
     file : str or None
-        Of a record; what it holds becomes a table of the scene.
+        File of a record, which becomes a table of the scene.
     """
 
     kind: str = choice("sine", "sweep", "impulse", "noise", "table", "record", default="sine")
@@ -145,7 +145,7 @@ class Excitation(Section):
         return self.to or self.frequency or 0.0
 
     def drive(self, scales: Scales) -> Drive:
-        """In natural units."""
+        """Convert to natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
         size, swings = self._size(scales)
@@ -193,7 +193,7 @@ class Drive(NamedTuple):
     ratio : float
         Logarithm of the last over the first frequency.
     start, duration : float
-        When it begins, and for how long it acts [tau].
+        Time of its begin, and its duration [tau].
     times, values, slopes : float64 (k,)
         Of a table: times since its start, equally far from each other; cubic between them.
     """
@@ -238,7 +238,7 @@ def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> floa
 
 @compiled
 def _while_it_acts(drive: Drive, t: float) -> float:
-    """At a time since it began [tau]."""
+    """Value at a time since its begin [tau]."""
     if drive.kind == TABLE:
         return drive.size * _tabled(drive, t)
     if drive.kind == IMPULSE:

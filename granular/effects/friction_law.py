@@ -17,7 +17,7 @@ class FrictionLaw(NamedTuple):
     ----------
     static, dynamic : float
     threshold : float or None
-        Of the regularised law [D/tau]; None for the velocity scheme.
+        Threshold of the regularised law [D/tau]; None for the velocity scheme.
     load : float
         Constant normal force [F*].
     factor : float64 (m,)
@@ -25,7 +25,7 @@ class FrictionLaw(NamedTuple):
     rate : float or None
         Decay rate of the drag that is solved with it [1/tau]; None without drag.
     entry : int
-        Of the ledger, for what friction takes.
+        Index in the ledger of the loss to friction.
     drag : int or None
         The same for the drag.
     """

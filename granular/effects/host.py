@@ -46,7 +46,7 @@ class Body(Section):
     stiffness : float
         [N/m]
     damping : float
-        Of the dashpot [kg/s].
+        Coefficient of the dashpot [kg/s].
     """
 
     mass: float = quantity("kg", above=0.0)
@@ -67,10 +67,10 @@ class Host(Effect):
     bodies : tuple of Body
         From the base upwards; none with ``mount = "base"``.
     cell_mass : float or None
-        Of the free cell [kg], with ``mount = "piston"``.
+        Mass of the free cell [kg], with ``mount = "piston"``.
     excitation : Excitation or None
     excited : int or None
-        Place of the body that the force acts on, from 0; the last one if not given.
+        Index of the body that the force acts on, from 0; the last one if not given.
     """
 
     key = "host"
@@ -221,7 +221,7 @@ class Chain(NamedTuple):
     ----------
     masses, stiffness, damping : float64 (n,)
     share : float64 (n,)
-        Of the outer force, which acts on a body.
+        Fraction of the outer force that acts on each body.
     """
 
     masses: np.ndarray
@@ -242,7 +242,7 @@ class HostRoom(NamedTuple):
         See `PUSH`.
     forces, changes, diagonal : float64 (n,)
     speeds : float64 (2, m)
-        Of the grains, before a kick.
+        Velocities of the grains before a kick.
     push : float64 (m,)
         Vertical forces on the grains, without inertia.
     ledger : float64 (k,)
@@ -267,7 +267,7 @@ class HostLaw(NamedTuple):
     chain : Chain
     drive : Drive
     frame_mass : float
-        Of what is fixed to the frame while the piston is free [m].
+        Mass that is fixed to the frame while the piston is free [m].
     piston_mass : float
         With the body that carries it; 0 where none is given [m].
     bed_mass : float
@@ -275,7 +275,7 @@ class HostLaw(NamedTuple):
     reacts : bool
         Whether something dissipates, on either side of the frame.
     entry : int
-        Of the ledger, for what the dashpots take.
+        Index in the ledger of the loss to the dashpots.
     driven : bool
         Whether something shakes it.
     """

@@ -47,10 +47,10 @@ class Definition(NamedTuple):
     Attributes
     ----------
     what : str
-        In messages: ``"effect"``.
+        Kind in messages: ``"effect"``.
     key : str
     digest : str
-        Of its functions, and of all that they use of their file.
+        Digest of its functions, and of all that they use of their file.
     parameters : type
         Named tuple of the values in natural units.
     functions : mapping of str to function
@@ -68,7 +68,7 @@ class Definition(NamedTuple):
 
     @property
     def title(self) -> str:
-        """Its name in messages."""
+        """Name in messages."""
         return f"{self.what} {self.key!r}"
 
 
@@ -146,7 +146,7 @@ def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[st
 
 
 def failed(definition: Definition, what: str, error: BaseException) -> InputError:
-    """The error of what a user wrote, in one line."""
+    """Error of a user's code, in one line."""
     return InputError(
         f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; mend it"
     )

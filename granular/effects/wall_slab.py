@@ -26,7 +26,7 @@ from granular.effects.wall_side import Side
 
 @compiled
 def _pull(w: float, a: float) -> float:
-    """(1 - a/sqrt(w^2 + a^2))/w^2: what an end takes off the energy of an endless wall, times 4."""
+    """(1 - a/sqrt(w^2 + a^2))/w^2: decrease of an endless wall's energy at an end, times 4."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
@@ -85,7 +85,7 @@ class SlabWall(NamedTuple):
     Attributes
     ----------
     starts, ends : float64 (k,)
-        Where each slab begins and ends along the wall [D].
+        Begin and end of each slab along the wall [D].
     closed : bool
         Whether no grain can come behind it.
     """

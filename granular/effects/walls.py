@@ -85,8 +85,8 @@ class Wall(Section):
         ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
         [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17].
     length : float or None
-        Of a slab [m], from the corner at the origin. Must be given for a slab at the side; the
-        bottom and the piston are as long as the cell is wide.
+        Length of a slab [m], from the corner at the origin. Must be given for a slab at the side;
+        the bottom and the piston are as long as the cell is wide.
     gap_start, gap_end : float or None
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
     own : section or None
@@ -206,7 +206,7 @@ class Walls(Effect):
 
     @property
     def sides(self) -> tuple[Wall | None, ...]:
-        """In the order of `SIDES`; None where a side is open."""
+        """Walls in the order of `SIDES`; None where a side is open."""
         return tuple(getattr(self, side) for side in SIDES)
 
     @property

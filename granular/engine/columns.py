@@ -62,7 +62,7 @@ def all_columns(laws: int, own: int = 0) -> tuple[str, ...]:
 
 
 def own_column(place: int) -> str:
-    """Column of that one of the laws' own records."""
+    """Column of one of the laws' own records."""
     return f"own {place}"
 
 

@@ -137,7 +137,7 @@ def _kick_in_frame(
 
 @compiled
 def _share(first: float, second: float) -> float:
-    """By which the second correction is multiplied, for the third to vanish (secant rule)."""
+    """Factor of the second correction that makes the third vanish (secant rule)."""
     if first == second:
         return 1.0
     return min(max(first / (first - second), 0.0), 2.0)

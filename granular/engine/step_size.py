@@ -53,7 +53,7 @@ def multiple(factor: float) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """The time step that is asked for.
+    """Requested time step.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Step:
 
     @property
     def longest(self) -> float:
-        """Largest multiple of the automatic step that may be asked for."""
+        """Largest multiple of the automatic step that is allowed."""
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
     def steps_of(self, length: float, frequency: float) -> int:

@@ -26,7 +26,7 @@ class BedFrame(NamedTuple):
     time : float
         [s]
     height : float or None
-        Of the piston [m]; None where the scene has none.
+        Height of the piston [m]; None where the scene has none.
     grains : int (k,)
         Index of each grain in the scene.
     position, velocity, force : float64 (k, 2)

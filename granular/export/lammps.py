@@ -293,7 +293,7 @@ def stiffest_frequency(
     walls : mapping of str to str
         Side and law.
     width, height : float
-        Of the cell [D].
+        Width and height of the cell [D].
     pairs : bool
         Whether grains repel each other.
     """

@@ -164,11 +164,11 @@ class Deck(NamedTuple):
     piston : float or None
         Its height at the start [m].
     height : float
-        Of the piston, or of the bed where there is none: the greatest of the run [m].
+        Greatest height in the run of the piston, or of the bed where there is none [m].
     step : float
         Longest time step [s].
     time : float
-        Of the start [s].
+        Time of the start [s].
     """
 
     scene: Scene

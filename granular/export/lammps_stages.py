@@ -18,7 +18,7 @@ class PistonPath(NamedTuple):
     Attributes
     ----------
     formula : str
-        Of its height [m] in ``v_t``, the time since the stage's start [s].
+        Formula of its height [m] in ``v_t``, the time since the stage's start [s].
     lowest, highest, end : float
         Bounds of the height, and the height at the stage's end [m].
     speed : float
@@ -41,7 +41,7 @@ class Leg(NamedTuple):
     path : PistonPath or None
         None without a piston.
     done, span : float
-        How much of the stage lies behind, and its whole length [s].
+        Elapsed time of the stage, and its whole duration [s].
     """
 
     name: str

@@ -60,7 +60,7 @@ class _Part(NamedTuple):
     ----------
     tree : Node
     value : float or None
-        Of a part that holds numbers alone.
+        Value of a part that holds numbers alone.
     terms, size : float
         Terms once all brackets are multiplied out, and numbers and names in all of them.
     """

@@ -24,7 +24,7 @@ class Name:
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """Name with its primes."""
         return self.name + "'" * self.primes
 
 
@@ -54,7 +54,7 @@ def names(*trees: Node) -> tuple[Name, ...]:
 
 
 def constants(*trees: Node) -> tuple[str, ...]:
-    """Those of `CONSTANTS` that formulas name, each once."""
+    """Names of `CONSTANTS` in formulas, each once."""
     numbers = (leaf.text for leaf in _leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 

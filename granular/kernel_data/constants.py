@@ -30,9 +30,9 @@ class Acting(NamedTuple):
     cut : CutOff or None
         Where pairs end; with None for this and the next, all pairs are summed.
     listing : Listing or None
-        Of de Paula's Verlet list.
+        Parameters of de Paula's Verlet list.
     far : FarField or None
-        What is beyond the radius where pairs end smoothly.
+        Far field beyond the radius where pairs end smoothly.
     nearest : float64 (3,) or None
         Of the direct sum in a periodic cell: its sides, and the radius where pairs end [D].
     """
@@ -78,7 +78,8 @@ class Constants(NamedTuple):
         numbers as the masses, as in species of one material and thickness: a second array in here
         makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
     least_mass, least_moment : float
-        Of the grain that others come closest to: the lightest, where all are of one material.
+        Mass and moment of the grain that others come closest to: the lightest, where all are of the
+        same material.
     least_ratio : float
         Least moment over mass; 1 where all are of one material and thickness.
     width : float
@@ -86,7 +87,7 @@ class Constants(NamedTuple):
     piston_mass, piston_weight : float
         [m], [F*]; the mass is infinite where none is given.
     resistance : Resistance or None
-        Of the piston.
+        Resistance to the motion of the piston.
     exit : float
         Height below which a grain has left through a gap [D]; minus infinity where there is none.
     acting : Acting

@@ -73,7 +73,7 @@ class State(NamedTuple):
     buffers : float64 (parts, 5, m) or None
         Scratch of the pair sum.
     rounding : float64 (4, m) or None
-        What rounding took from x, y, vx and vy in compensated sums; None with plain sums.
+        Rounding errors of x, y, vx and vy in compensated sums; None with plain sums.
     slopes : Slopes or None
         Scratch of a Runge-Kutta method.
     """

@@ -34,7 +34,7 @@ class Method:
         Order of convergence. The coefficients are held against its conditions
         (`granular.methods.order_conditions`).
     source : str
-        Where the coefficients are printed.
+        Paper that prints the coefficients.
     kicks, drifts : tuple of float
         Of a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
         kick b_s; one kick more than drifts.

@@ -48,7 +48,7 @@ def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Metho
 def _blanes_moan(
     name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]
 ) -> Method:
-    """From the fractions that are printed; the middle ones follow from consistency."""
+    """Method from its printed fractions; the middle ones follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"

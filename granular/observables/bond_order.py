@@ -27,7 +27,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     positions : float (n, 2)
         [m]; NaN for absent grains.
     cells : VoronoiCells, optional
-        Of the same positions, where they are there already.
+        Voronoi cells of the same positions, if known.
 
     Returns
     -------
@@ -201,9 +201,9 @@ def bond_correlation(
     positions : float (n, 2)
         [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Of the bins [m]; as for `radial_distribution` if not given.
+        Edges of the bins [m]; as for `radial_distribution` if not given.
     cells : VoronoiCells, optional
-        Of the same positions, where they are there already.
+        Voronoi cells of the same positions, if known.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def per_distance(
         `radial_distribution`, `bond_correlation` or `translational_correlation`, or one's own.
         Each frame has its own box and its own reciprocal lattice vector.
     edges : float (k + 1,), optional
-        Of the bins [m]; those of the frame that reach least if not given.
+        Edges of the bins [m]; those of the frame that reach least if not given.
     start, stop : float
         [s]
 
@@ -193,8 +193,8 @@ def radial_distribution(
     positions : float (n, 2)
         [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Of the bins [m]; 100 bins up to half the shorter side of the box of the outermost centres
-        (or 10 mean spacings, where that is less) if not given.
+        Edges of the bins [m]; 100 bins up to half the shorter side of the box of the outermost
+        centres (or 10 mean spacings, where that is less) if not given.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
         outermost centres if not given.
@@ -259,7 +259,7 @@ def spatial_correlation(
     values : float (n,)
         Grains whose value or position is NaN are left out.
     edges : float (k + 1,), optional
-        Of the bins [m]; as for `radial_distribution` if not given.
+        Edges of the bins [m]; as for `radial_distribution` if not given.
 
     Raises
     ------

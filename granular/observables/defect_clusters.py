@@ -42,7 +42,7 @@ class Defects(NamedTuple):
     Attributes
     ----------
     kinds : tuple of str (d,)
-        Of `KINDS`.
+        Kind of each defect, of `KINDS`.
     positions : float (d, 2)
         [m]
     lattice : int (d, 2)
@@ -56,7 +56,7 @@ class Defects(NamedTuple):
     angle : float
         Direction of the lattice [rad].
     spacing : float
-        Of the lattice of the mean cell area [m].
+        Spacing of the lattice of the mean cell area [m].
     """
 
     kinds: tuple[str, ...]
@@ -100,7 +100,7 @@ def detect_defects(
         Direction of the lattice [rad], which is known up to 60 degrees; that of the mean bond order
         if not given. Parts of the bed should be turned by less than 25 degrees against it.
     cells : VoronoiCells, optional
-        Of the same positions, where they are there already.
+        Voronoi cells of the same positions, if known.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def _kind(
 
 
 def _joined(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
-    """With the dislocations of each grain boundary as one."""
+    """Clusters with the dislocations of each grain boundary as one."""
     from scipy.cluster.hierarchy import fcluster, linkage
 
     able = [one for one in clusters if one.lattice.any()]

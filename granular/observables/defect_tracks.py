@@ -285,7 +285,7 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
     ----------
     track : DefectTrack
     times : float (f,)
-        Of all frames [s].
+        Times of all frames [s].
     """
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)

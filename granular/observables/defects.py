@@ -146,7 +146,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     positions : float (n, 2)
         [m]; NaN for absent grains.
     cells : VoronoiCells, optional
-        Of the same positions, where they are there already.
+        Voronoi cells of the same positions, if known.
 
     Raises
     ------

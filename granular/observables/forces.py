@@ -118,7 +118,7 @@ def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndar
     Parameters
     ----------
     magnitudes : float (n,)
-        Of the forces on the grains [N]; NaN for grains that are not to count.
+        Magnitudes of the forces on the grains [N]; NaN for grains that are not to count.
     species : int (n,)
         Index of each grain's species.
 

@@ -65,7 +65,7 @@ def observable(
     Parameters
     ----------
     unit : str
-        Of the value that the function returns, such as ``"N"`` or ``"mm/s"``; ``"1"`` for none.
+        Unit of the function's value, such as ``"N"`` or ``"mm/s"``; ``"1"`` for none.
     meaning : str
         In words, for the axis of a plot.
     name : str, optional

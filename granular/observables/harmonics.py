@@ -29,7 +29,7 @@ class HarmonicResponse(NamedTuple):
     Attributes
     ----------
     frequency : float
-        Of the drive [Hz].
+        Frequency of the drive [Hz].
     harmonics : int (K,)
     ratio : float (K,)
         Amplitude of the response's harmonic over U.
@@ -73,7 +73,7 @@ def harmonic_response(
         [s], not decreasing.
     drive, response : float (n,)
     frequency : float
-        Of the drive [Hz].
+        Frequency of the drive [Hz].
     harmonics : int
         The highest one that is fitted.
     discard : float, optional

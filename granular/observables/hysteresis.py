@@ -32,9 +32,9 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     Parameters
     ----------
     height : float (n,)
-        Of the piston over a cycle: down and up again [m].
+        Height of the piston over a cycle: down and up again [m].
     force : float (n,)
-        Of the grains on the piston, upwards [N].
+        Force of the grains on the piston, upwards [N].
 
     Returns
     -------
@@ -74,7 +74,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
     Parameters
     ----------
     height : float (n,)
-        Of the piston [m].
+        Height of the piston [m].
 
     Returns
     -------

@@ -175,7 +175,7 @@ class BedModuli(NamedTuple):
     density : float
         [1/m^2]
     grains : int
-        How many inner grains there are.
+        Number of inner grains.
     """
 
     affine: Moduli

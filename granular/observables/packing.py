@@ -30,11 +30,11 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
     Parameters
     ----------
     diameters : float (n,)
-        Of the grains that are in the cell [m].
+        Diameters of the grains that are in the cell [m].
     width : float
-        Of the cell [m].
+        Width of the cell [m].
     height : float or float (...)
-        Of the piston [m].
+        Height of the piston [m].
 
     Returns
     -------
@@ -113,7 +113,7 @@ def area_fraction_profile(
     diameters : float (n,)
         [m]
     width : float
-        Of the cell [m].
+        Width of the cell [m].
     edges : float (k + 1,)
         Heights that part the strips, increasing [m].
 
@@ -159,7 +159,7 @@ def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.Dat
     ----------
     run : Trajectory
     thickness : float, optional
-        Of the strips [m]; a diameter of the first species if not given.
+        Thickness of the strips [m]; a diameter of the first species if not given.
 
     Returns
     -------

@@ -150,7 +150,7 @@ class Slip(NamedTuple):
         By the stretch between the edge of the inner part and where a defect that came in was first
         seen, or one that left was last seen, along its glide line.
     defects : tuple of Defects
-        Of each frame.
+        Defects of each frame.
     tracks : tuple of DefectTrack
     conserved : float
         Share of the events away from the rim whose Burgers vectors add up; NaN without events.

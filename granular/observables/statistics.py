@@ -20,7 +20,7 @@ class Correlation(NamedTuple):
     p_value : float
         Probability of a coefficient this far from 0 for independent, normally distributed samples.
     samples : int
-        How many there were.
+        Number of samples.
     """
 
     coefficient: float
@@ -244,7 +244,7 @@ class Histogram(NamedTuple):
         In the unit of the values.
     counts : int (k,)
     density : float (k,)
-        Of probability, in one over the unit of the values; its integral is 1.
+        Probability density, in one over the unit of the values; its integral is 1.
     """
 
     edges: np.ndarray

@@ -89,8 +89,8 @@ def configurational_temperature(
     piston_height : float or float (f,), optional
         [m]; the scene's where not given.
     forces : float (f, n, 2), optional
-        Of a run at these frames [N]: weight counts then, and so does the inertia of a shaken cell.
-        Those of dipoles and walls if not given.
+        Forces of a run at these frames [N]: weight counts then, and so does the inertia of a shaken
+        cell. Those of dipoles and walls if not given.
 
     Raises
     ------

@@ -130,7 +130,7 @@ def translational_correlation(
     positions : float (n, 2)
         [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Of the bins [m]; as for `radial_distribution` if not given.
+        Edges of the bins [m]; as for `radial_distribution` if not given.
     vector : float (2,), optional
         As of `translational_order`.
 

@@ -22,7 +22,7 @@ class Cells(NamedTuple):
     cell, order : int64 (n,)
         Cell of each grain, and the grains in the order of cells.
     begins : int64 (c,)
-        Where each cell's grains begin in ``order``.
+        Index in ``order`` at which each cell's grains begin.
     shape : int64 (2,)
         Columns and rows.
     """

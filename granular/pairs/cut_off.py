@@ -69,7 +69,7 @@ class Asked(NamedTuple):
     x, y, fx, fy : float64 (m,)
     stiffness, load : float64 (m,) or None
     extremes : float64 (parts, 2) or None
-        Of each part.
+        Extremes of each part.
     """
 
     x: np.ndarray

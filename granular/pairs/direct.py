@@ -39,7 +39,7 @@ def padded_values(values: np.ndarray) -> np.ndarray:
 
 
 def part_buffers(size: int) -> np.ndarray | None:
-    """Room for the parts' own sums; None for so few grains that they are summed in one part."""
+    """Buffers of the parts' own sums; None for so few grains that they are summed in one part."""
     return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
 
 

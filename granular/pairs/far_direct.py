@@ -26,7 +26,7 @@ class DirectRoom(NamedTuple):
     near : float64 (2, m)
         Forces of the near part.
     extremes : float64 (2, 2)
-        Of all pairs, and of the near ones; see `granular.pairs.direct.direct_sum`.
+        Extremes of all pairs, and of the near ones; see `granular.pairs.direct.direct_sum`.
     buffers : float64 (parts, 5, m) or None
         See `granular.pairs.direct.part_buffers`.
     load : float64 (m,) or None
@@ -61,9 +61,9 @@ def find_far_direct(
     ----------
     room : DirectRoom
     stripes : Stripes
-        Of the near part.
+        Stripes of the near part.
     radius : float
-        Where the near part ends [D].
+        Distance at which the near part ends [D].
     threaded : bool or None
     grains : int
     x, y, fx, fy, moments, load, weight

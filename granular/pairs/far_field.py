@@ -54,7 +54,7 @@ class FarField(NamedTuple):
     Attributes
     ----------
     radius : float
-        Where the near part ends [D].
+        Distance at which the near part ends [D].
     size : (float, float) or None
         Width and height of the mesh for the grains [D]; None where all pairs are summed, less
         the near ones.
@@ -148,12 +148,12 @@ def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
 
 
 class Asked(NamedTuple):
-    """The grains whose far field is asked for, and where it goes; see `find_far_forces`.
+    """Grains for a far field, and the arrays for its results; see `find_far_forces`.
 
     Attributes
     ----------
     own : float
-        What a grain of moment 1 adds to the potential at its own position.
+        Potential of a grain of moment 1 at its own position.
     """
 
     grains: int

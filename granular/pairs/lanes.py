@@ -94,7 +94,7 @@ class Code:
         return self.call(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
     def rounded(self, vector: ir.Value) -> ir.Value:
-        """To whole numbers, halves to even ones."""
+        """Round to integers, halves to even ones."""
         return self.call(f"llvm.rint.v{WIDTH}f64", vector)
 
     def bits(self, vector: ir.Value) -> ir.Value:
@@ -206,7 +206,7 @@ def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
 
 
 def _portable_seed(code: Code, r2: ir.Value) -> ir.Value:
-    """From the bits: the same on every processor."""
+    """Approximate from the bits: the same on every processor."""
     b = code.builder
     halved = b.lshr(code.bits(r2), whole_constant(1))
     y = code.number(b.sub(whole_constant(_HALVED_EXPONENT), halved))

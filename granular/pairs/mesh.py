@@ -64,7 +64,7 @@ class Table(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Those of the bands, and of the rest."""
+    """Tables of the bands, and of the rest."""
 
     band: Table
     rest: Table
@@ -148,7 +148,7 @@ class Mesh(NamedTuple):
     Attributes
     ----------
     spacing : float
-        Of the finest level [D].
+        Spacing of the finest level [D].
     band_along, band_across, rest_along, rest_across : float64 (groups, reach, TERMS)
         See `granular.pairs.mesh`. One by one, since Numba's threads take no nested tuples.
     source, potential : float64 (p,)

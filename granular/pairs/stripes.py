@@ -56,7 +56,7 @@ class Stripes(NamedTuple):
     fx, fy, stiffness, load : float64 (parts, s), the last one or None
         Sums of each part, where it has any.
     rows, firsts : int64 (parts + 1,)
-        Where each part's rows begin, and which of the grains in ``order`` is the first in them.
+        First row of each part, and the index in ``order`` of its first grain.
     lows, ends : int64 (parts,)
         First entry that a part adds to, and the one behind the last.
     order, place : int64 (m,)
@@ -65,13 +65,13 @@ class Stripes(NamedTuple):
     stripe : int64 (m,)
         Scratch.
     begins : int64 (k,)
-        Where each stripe begins; a multiple of the vector width.
+        Index at which each stripe begins; a multiple of the vector width.
     runs : int64 (s / 2, RUNS, 2)
-        Where each run starts and stops; in a periodic cell `IMAGES` times as many.
+        Start and stop of each run; in a periodic cell `IMAGES` times as many.
     shifts : float64 (s / 2, RUNS * IMAGES, 2) or None
-        How far the images of each run's partners stand from them [D].
+        Displacement of the images of each run's partners [D].
     homes : float64 (2, m) or None
-        How far each grain stands from its image within the periodic cell [D].
+        Displacement of each grain from its image within the periodic cell [D].
     periods : float64 (2,) or None
         Its sides [D].
     built : float64 (2, m)

@@ -44,7 +44,7 @@ class _Ends(NamedTuple):
 
 
 def _ends(code: Code, kind: Any, nearest: Any) -> _Ends:
-    """From width, height and radius [D]."""
+    """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _Ends(None, None)
     b, one = code.builder, ir.Constant(ir.DoubleType(), 1.0)

@@ -24,7 +24,7 @@ class Motion(NamedTuple):
     free : bool
         Under its weight and the grains' force; otherwise along the path.
     kind : int
-        Of the path: straight, exponential descent, sinusoidal, a table, or a spline; or of the
+        Kind of the path: straight, exponential descent, sinusoidal, a table, or a spline; or of the
         outer force: sinusoidal or a spline.
     start : float
         Height at the stage's start [D].
@@ -41,9 +41,9 @@ class Motion(NamedTuple):
     limit : float
         Force on the piston that ends the stage [F*].
     times : float64 (k,) or None
-        Of the table, or the knots of the spline, equally far from each other [tau].
+        Times of the table, or equidistant knots of the spline [tau].
     heights : float64 (k,) or (2 k,), or None
-        Of the table [D]; of a spline the values, and behind them their slopes.
+        Heights of the table [D]; of a spline the values, then their slopes.
     """
 
     free: bool = False

@@ -36,7 +36,7 @@ class Move(Stage):
     speed : float or None
         Magnitude of the velocity [m/s].
     duration : float or None
-        How long it takes [s]; one of speed and duration is given.
+        Duration [s]; one of speed and duration is given.
     until_force : float or None
         Stop before, as soon as the grains push the piston with this force [N]; the experiments of
         de Paula stop at 110 N.
@@ -195,7 +195,7 @@ class Lift(Stage):
     Attributes
     ----------
     by : float
-        How far [m]; negative lowers it.
+        Displacement [m]; negative lowers the piston.
     """
 
     by: float = quantity("m")

@@ -78,7 +78,7 @@ class Timed(Stage):
         At rest the piston stays within this height [m], and no grain goes as far in one natural
         time. 1e-4 D if not given.
     window : float
-        How long that must last [s]: longer than a swing of the piston.
+        Duration of that rest [s]: longer than a swing of the piston.
     """
 
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)

@@ -37,7 +37,7 @@ class View(NamedTuple):
     species : int (k,)
         Index of each grain's species.
     cells : VoronoiCells or None
-        Of the frame, where the colouring asks for them.
+        Voronoi cells of the frame, where the colouring uses them.
     """
 
     frame: BedFrame

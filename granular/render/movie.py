@@ -55,7 +55,7 @@ def movie(
     path : path
         A name that ends in .mp4 or .gif.
     colour : str
-        What the colours show: a name of `granular.render.colourings.COLOURINGS`.
+        Quantity that the colours show: a name of `granular.render.colourings.COLOURINGS`.
     fps : float
         Pictures a second; a GIF plays at most 50.
     speed : float or None
@@ -64,7 +64,7 @@ def movie(
     stage : str, optional
         Only the frames of this stage.
     width : int
-        Of the movie [pixels]; letters keep their size, and the bed takes what is left.
+        Width of the movie [pixels]; letters keep their size, and the bed takes what is left.
     overwrite : bool
         Whether a file of that name may be replaced.
     progress : bool

@@ -41,8 +41,8 @@ def still(
     time : float, optional
         Takes the frame nearest to this time [s] instead.
     colour : str
-        What the colours show: a name of `granular.render.colourings.COLOURINGS`. The colours end at
-        the 99th percentile of the frame's values.
+        Quantity that the colours show: a name of `granular.render.colourings.COLOURINGS`. The
+        colours end at the 99th percentile of the frame's values.
 
     Returns
     -------

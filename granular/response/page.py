@@ -35,7 +35,7 @@ class PageComparison:
     Attributes
     ----------
     title, words : str
-        Of its section.
+        Title and text of its section.
     header : sequence of str
     rows : sequence of sequence of str
         Its table.
@@ -44,7 +44,7 @@ class PageComparison:
     curves : mapping of str to mapping of float to float64 (f,)
         Displacements [m] by the name of the curve and the amplitude; at most three names.
     notes : sequence of str
-        What must not be overlooked.
+        Important notes.
     """
 
     title: str

@@ -54,8 +54,8 @@ class Response:
         ``loss_factor`` of the damper; ``transmissibility``; energies taken in a period;
         ``unsteady``.
     settings : dict
-        How it was simulated: ``dt``, ``duration`` [s], and ``sweep``, the first and last frequency
-        [Hz], where one sweep gave it.
+        Settings of the simulation: ``dt``, ``duration`` [s], and ``sweep``, the first and last
+        frequency [Hz], where one sweep gave it.
     """
 
     scene: Scene
@@ -147,8 +147,8 @@ def frequency_response(
     frequencies : sequence of float
         [Hz]
     amplitudes : sequence of float, optional
-        Of the force [N], or of the base's acceleration or displacement; the scene's own if not
-        given.
+        Amplitudes of the force [N], or of the base's acceleration or displacement; the scene's own
+        if not given.
     duration : float
         [s]
     dt : float or str

@@ -52,7 +52,7 @@ def run_sweep(
     lowest, highest : float
         First and last frequency [Hz].
     duration : float
-        Of the sweep [s].
+        Duration of the sweep [s].
     points : int
         Frequencies at which the response is given.
     dt : float or str
@@ -150,9 +150,9 @@ class Impulse:
     time : float64 (n,)
         Since the end of the impulse [s].
     displacement : float64 (n,)
-        Of the last body, from rest [m].
+        Displacement of the last body from rest [m].
     share : float
-        Of its peak, below which it stays from ``seconds`` on.
+        Fraction of its peak below which it stays from ``seconds`` on.
     seconds : float
         [s]
     """
@@ -229,11 +229,11 @@ def run_impulse(
     force : float
         Peak of the impulse, half a sine [N].
     share : float
-        Of the peak; see `settling_time`.
+        Fraction of the peak; see `settling_time`.
     length : float
-        Of the impulse [s].
+        Duration of the impulse [s].
     duration : float
-        How long the host is looked at after the impulse has begun [s].
+        Duration of the simulation from the begin of the impulse [s].
     dt : float or str
         As of `simulate`.
     out : str or Path, optional

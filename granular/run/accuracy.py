@@ -40,7 +40,7 @@ class ChosenSettings(NamedTuple):
         With the sum over pairs that was chosen.
     dt, method : str
     words : str
-        What was chosen, and by what.
+        Choice and its reason, in words.
     """
 
     scene: Scene

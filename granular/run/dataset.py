@@ -1,4 +1,4 @@
-"""The dataset of a run directory, whose chunks are read, and checked, when they are asked for."""
+"""The dataset of a run directory, whose chunks are read, and checked, on access."""
 
 from __future__ import annotations
 

@@ -28,13 +28,13 @@ class Evaluation:
     force : float64 (n, 2)
         Magnetic force, weight and contact of each grain [N]; without friction and drag.
     piston_force : float
-        Of the grains on the piston, upwards [N].
+        Force of the grains on the piston, upwards [N].
     wall_forces : dict of str to float
-        Of the grains on each wall, outwards [N].
+        Force of the grains on each wall, outwards [N].
     potential_energy : float
-        Of pairs, walls, contacts and the grains' weight [J].
+        Energy of pairs, walls, contacts and the grains' weight [J].
     kinetic_energy : float
-        Of the grains [J].
+        Kinetic energy of the grains [J].
     normal_load : float64 (n,)
         Normal force of each grain on the glass plates [N]; zero without dry friction.
     """

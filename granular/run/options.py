@@ -1,4 +1,4 @@
-"""Options of a run, as they are asked for: which methods, time steps and ends a scene can have."""
+"""Options of a run, as requested: the methods, time steps and ends that a scene can have."""
 
 from __future__ import annotations
 

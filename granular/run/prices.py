@@ -38,9 +38,9 @@ class Rung(NamedTuple):
     frequency : float
         The same product as it was seen in the run.
     seconds : float
-        Of a run.
+        Computing time of a run.
     bounds : mapping of str to float
-        What each quantity errs at most.
+        Greatest error of each quantity.
     clear : list of str
         Quantities whose error stands out from the scatter.
     """
@@ -62,10 +62,10 @@ class Prices(NamedTuple):
     name, kind : str
     grains, starts : int
     floors : mapping of str to float
-        How far each quantity scatters over random starts.
+        Scatter of each quantity over random starts.
     rungs : tuple of Rung
     date : str
-        When it was measured.
+        Date of the measurement.
     """
 
     name: str

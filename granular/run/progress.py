@@ -106,7 +106,7 @@ class Settling:
     amplitude : float
         Range of the piston's heights [D], or the greatest speed [D/tau] where that is more.
     limit : float
-        Of the amplitude, at rest.
+        Amplitude that counts as rest.
     fraction : float
         Progress towards the limit, in orders of magnitude: 0 to 1.
     """

@@ -1,4 +1,4 @@
-"""All that a run needs to go on from where it stands, and how it goes back there."""
+"""State that a run needs to go on from, and its restoration."""
 
 from __future__ import annotations
 

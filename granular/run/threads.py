@@ -62,7 +62,7 @@ class Threads:
 
 
 def threads_of(scene: Scene, asked: int | None) -> int:
-    """The number that is asked for, or the most that can pay off.
+    """Requested number, or the greatest that can pay off.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class StageResult:
     height : float
         Piston height at the end [m]; over the window of rest, its middle.
     spread : float
-        How far the height ranged in the window of rest [m]; 0 otherwise.
+        Range of the height in the window of rest [m]; 0 otherwise.
     """
 
     name: str
@@ -334,7 +334,7 @@ def outer_force(
     ----------
     protocol : sequence of Stage
     starts : sequence of float
-        When each stage that was begun started [s].
+        Start of each stage that was begun [s].
     stage : int (n,)
         Place of each sample's stage in the protocol.
     time : float64 (n,)

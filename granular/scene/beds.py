@@ -113,11 +113,11 @@ def mono_bed(
     count : int
         Number of grains; the cell and the piston's heights are scaled by sqrt(count/368).
     speed : float
-        Of the piston [m/s].
+        Speed of the piston [m/s].
     relaxation : float
         Length of the relaxation before, in units of T, the duration of the compression.
     seed : int
-        Of the arrangement.
+        Seed of the arrangement.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def damper(
     Parameters
     ----------
     mass : float
-        Of the piston [kg], for 368 grains; it is scaled with the width of the cell.
+        Mass of the piston [kg], for 368 grains; it is scaled with the width of the cell.
     count : int
         Number of grains; widths and heights are scaled by sqrt(count/368), so that the bed keeps
         its packing.
@@ -225,7 +225,7 @@ def damper(
     drop, lift : float
         Height that the piston falls from, for 368 grains, and height that it is lifted by [D].
     seed : int
-        Of the arrangement.
+        Seed of the arrangement.
 
     Raises
     ------

@@ -66,12 +66,12 @@ class Effects(Section):
 
     @property
     def all(self) -> tuple[Effect, ...]:
-        """Those that act, by their names."""
+        """Effects that act, by their names."""
         return tuple(self._given.values())
 
     @property
     def laws(self) -> tuple[Effect, ...]:
-        """Those that act but for the dipole, in the order in which the loop takes them."""
+        """Effects that act but for the dipole, in the order in which the loop takes them."""
         parts = [one for effect in self.all if effect.key != "dipole" for one in effect.parts]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
@@ -81,7 +81,7 @@ class Effects(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """As of `Section.from_plain`."""
+        """Read them as `Section.from_plain` does."""
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):

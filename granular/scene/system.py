@@ -43,7 +43,7 @@ class System:
         The natural units.
     constants : Constants
     species : int (n,)
-        Of each grain.
+        Species of each grain.
     effects : tuple of Effect
         Those that act, dipole aside, in the order of their laws.
     """

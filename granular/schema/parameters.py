@@ -47,7 +47,7 @@ class Parametric(Section):
     Attributes
     ----------
     variables : mapping of str to Dimension
-        What the formula may hold without its being given.
+        Variables of the formula that need no value.
     written : str
         The key of the formula.
     unit : str

@@ -25,7 +25,7 @@ class Species(Section):
     share : float
         Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
-        Where they are not those of `Grains` [m], [kg/m^3], [T].
+        Values of the species [m], [kg/m^3], [T], where they are not those of `Grains`.
     """
 
     name: str = text(default="grain")
@@ -54,9 +54,9 @@ class Grains(Section):
         Standard deviation of the single grains' moments about their species', over it, cut at three
         of it. De Paula explains an asymmetry of the experiment by such a spread.
     seed : int
-        Of the random numbers of the spread.
+        Seed of the random numbers of the spread.
     mixing : str
-        How the species follow each other in the initial grid, row by row: ``"interspersed"``,
+        Order of the species in the initial grid, row by row: ``"interspersed"``,
         each evenly, in the numbers that their fractions give; or ``"every-kth"``, de Paula's rule
         for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
         share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
@@ -85,7 +85,7 @@ class Grains(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """As of `Section.to_plain`; a spread is written where there is one."""
+        """Plain data as of `Section.to_plain`; a spread is written where there is one."""
         plain = super().to_plain()
         if self.spread == 0.0:
             del plain["spread"], plain["seed"]
@@ -147,7 +147,7 @@ class Grains(Section):
         return np.asarray(areas * (thickness / thickness[0]) * (strength / strength[0]))
 
     def spread_factors(self) -> np.ndarray:
-        """By which each grain's moment differs from its species' (n,)."""
+        """Factor of each grain's moment over its species' (n,)."""
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
@@ -181,7 +181,7 @@ class Cell(Section):
         ``"periodic"``: what leaves on one side comes in on the other, in both directions, and
         every grain meets the images of all others. There is no piston then.
     height : float or None
-        Of the periodic cell [m]; a closed one ends at its piston.
+        Height of the periodic cell [m]; a closed one ends at its piston.
     """
 
     width: float = quantity("m", above=0.0)
@@ -203,7 +203,7 @@ class Cell(Section):
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
     def nearest(self, ways: np.ndarray) -> np.ndarray:
-        """Ways (..., 2) [m] to the nearest images in a periodic cell; as given in a closed one."""
+        """Displacements (..., 2) [m] of the nearest images; as given in a closed cell."""
         if self.periods is None:
             return ways
         return np.asarray(ways - self.periods * np.round(ways / self.periods))
@@ -219,7 +219,7 @@ class Cell(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """As of `Section.to_plain`; periodic sides are written where there are any."""
+        """Plain data as of `Section.to_plain`; periodic sides are written where there are any."""
         plain = super().to_plain()
         if self.height is None:
             del plain["sides"]

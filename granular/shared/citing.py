@@ -62,7 +62,7 @@ def dois(text: str) -> list[str]:
 
 
 def _without_end(doi: str) -> str:
-    """Without the stops and brackets of the sentence around it."""
+    """DOI without the stops and brackets of the sentence around it."""
     doi = doi.rstrip(".")
     while doi.endswith(")") and doi.count(")") > doi.count("("):
         doi = doi[:-1].rstrip(".")

@@ -68,7 +68,7 @@ class RunError(GranularError, RuntimeError):
     value : float or None
         The offending value, in the unit that the message names.
     remedy : str
-        What to change.
+        Change that avoids the error.
     trajectory : Trajectory or None
         Everything that was recorded before; a copy that crossed to another process has none.
     """

@@ -98,7 +98,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
     most : int
         Bytes that are read.
     kind : type of InputError
-        What is raised.
+        Class of the error that is raised.
 
     Raises
     ------

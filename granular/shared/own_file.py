@@ -22,7 +22,7 @@ class OwnFile(NamedTuple):
     Attributes
     ----------
     path : str
-        Where the text was read.
+        Path of the file with the text.
     text : str
     """
 
@@ -41,7 +41,7 @@ def read_own_file(path: str | Path) -> OwnFile:
     Parameters
     ----------
     path : str or Path
-        Of a file that the user names: whoever runs the command is who trusts it.
+        Path of a file that the user names, and so trusts.
 
     Raises
     ------

@@ -34,10 +34,10 @@ def load_entry_point(group: str, name: str, what: str) -> Any | None:
     Parameters
     ----------
     group : str
-        Of the entry points.
+        Group of the entry points.
     name : str
     what : str
-        What it is, for the message.
+        Kind of the thing, for messages.
 
     Raises
     ------

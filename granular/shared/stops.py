@@ -30,7 +30,7 @@ class Stop:
     Attributes
     ----------
     number : int or None
-        Of the signal; None while there was none.
+        Number of the signal; None while there was none.
     trajectory : Trajectory or None
         The run that is kept when the stop is raised.
     """

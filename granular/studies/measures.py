@@ -82,7 +82,7 @@ class OwnMeasure:
     ----------
     file : OwnFile
     name : str
-        Of the function, or of an observable, whose value at the end of a run it is.
+        Name of the function, or of an observable, whose value at the end of a run it is.
     known_as : str
         As `granular.studies.cases.measure_name` has it.
     """

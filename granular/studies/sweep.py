@@ -67,7 +67,7 @@ class Study:
         ``figures`` and ``error`` of each case, in the order of the cases; ``cause`` too where the
         failure is not one of the physics, such as a full disk, and so is not kept.
     reused : int
-        How many of them had been computed before.
+        Number of cases that had been computed before.
     """
 
     cases: tuple[Case, ...]
@@ -94,7 +94,7 @@ class Study:
 
     @property
     def unfinished(self) -> tuple[Case, ...]:
-        """Those failed cases whose failure is not the physics': the next sweep tries them again."""
+        """Cases that failed by no error of the physics: the next sweep tries them again."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if "cause" in outcome)
 
@@ -126,7 +126,7 @@ def sweep(
     cases : sequence of mapping
         Further changes, one by one.
     measure : function of Trajectory
-        What is written down of a run: names and numbers. It must be a function that other
+        Results of a run to store: names and numbers. It must be a function that other
         processes can have.
     dt, t_end, method
         As in `simulate`, for cases that have none of their own; each run has one thread.
@@ -139,14 +139,14 @@ def sweep(
         Keep the whole runs in ``out`` too; a case that was cut off then goes on from its last
         checkpoint.
     executor : concurrent.futures.Executor, optional
-        Where the cases run: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is left
-        open. Without: processes on this machine.
+        Executor of the cases: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is
+        left open. Without: processes on this machine.
     workers : int, optional
-        How many processes; as many as there are processors if not given.
+        Number of processes; as many as there are processors if not given.
     progress : bool
         Show a progress bar on standard error.
     title : str
-        Of the progress bar.
+        Title of the progress bar.
 
     Returns
     -------

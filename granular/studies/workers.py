@@ -41,7 +41,7 @@ class Workers(Executor):
     Parameters
     ----------
     count : int, optional
-        How many; as many as there are processors if not given.
+        Number of processes; as many as there are processors if not given.
     """
 
     def __init__(self, count: int | None = None) -> None:
@@ -49,7 +49,7 @@ class Workers(Executor):
         self._pool: Any = None
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """As of any executor."""
+        """Same as of any executor."""
         if self._pool is not None:
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)

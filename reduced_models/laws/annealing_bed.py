@@ -18,7 +18,7 @@ work of prescribed sines of 0.5 to 3 D at 1 to 8 Hz, and the motion of pistons t
 to 8 Hz (least squares of all errors; exponents 2, 3, 4, 6 and 8 leave 30.1, 26.9, 26.1, 25.7 and
 29.7). With weight = g, power = 5/2 and the affine drag, these numbers tell all that of a bed of 736
 grains as well. What is left to fit are the numbers of the elastoplastic bed, whose derivation is
-told beside it.
+given with it.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Trees(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """As they are written, without primes, each once."""
+        """Names as they are written, without primes, each once."""
         return tuple(dict.fromkeys(one.name for one in formulas.names(*self.all)))
 
 

@@ -55,7 +55,7 @@ class Law:
         a force: known functions of time, in the units that the columns have. ``t``, the time since
         the start, is one wherever it is named.
     resolution : int
-        How many times more steps a period a solution needs than one of a smooth law.
+        Ratio of the steps a period that a solution needs to those of a smooth law.
 
     Examples
     --------

@@ -42,7 +42,7 @@ class SmallSwing(NamedTuple):
     z : float
         Level of rest.
     period : float
-        Of the undamped swing [s].
+        Period of the undamped swing [s].
     damping_ratio : float
         Fraction of critical damping; infinite where the law jumps with the sign of the velocity.
     """

@@ -45,7 +45,7 @@ def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
 
 
 def rounded_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
-    """As `rounded_equation`, of one side."""
+    """Round one side as `rounded_equation` does."""
     import sympy
 
     found = expression.atoms(sympy.Float)

@@ -81,7 +81,7 @@ def grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def whole_chunks(steps: float) -> int:
-    """At least so many steps, in whole chunks."""
+    """Number of steps in whole chunks, at least that many."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 

@@ -55,7 +55,7 @@ def _swing_start(
 
 
 def _mapped(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The law whose damping is that quadratic one.
+    """Law with that quadratic damping.
 
     With z = p + q u the damping 2 alpha (z^2 - 2 z) is c0 + c1 u + c2 u^2 where c2 = 2 alpha q^2,
     c1 = 4 alpha q (p - 1), c0 = 2 alpha ((p - 1)^2 - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola

@@ -74,7 +74,7 @@ class JointRecords:
     entries : tuple of int (p,)
         Entries of the joint search vector, for each record.
     bounds : Bounds
-        Of the joint search vector.
+        Bounds of the joint search vector.
     """
 
     grids: tuple[GriddedRecord, ...]

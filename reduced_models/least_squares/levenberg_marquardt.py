@@ -47,7 +47,7 @@ class Prior(NamedTuple):
     Attributes
     ----------
     precision : float64 (p,)
-        Of each entry, in units of what one sample weighs.
+        Precision of each entry, in units of the weight of a sample.
     samples : float
         Number of samples behind a cost.
     """
@@ -101,7 +101,7 @@ def search(
     trials : int
         At most.
     damping : float
-        Of the first step, in the diagonal of the matrix.
+        Damping of the first step, in the diagonal of the matrix.
     waiting : bool (s,), optional
         The starts that are waited for; all, if not given.
     patience : int

@@ -49,7 +49,7 @@ class Loss(NamedTuple):
 
     @property
     def numbers(self) -> np.ndarray:
-        """As compiled code takes it."""
+        """Data as compiled code takes them."""
         huber = self.name == "huber"
         return np.array([self.scale if self.name != "linear" else np.inf, float(huber)])
 
@@ -187,12 +187,12 @@ class GriddedRecord:
     grid : Grid
     samples : Samples
     interpolation : str
-        Of the inputs.
+        Interpolation of the inputs.
     weights : float64 (n,)
-        Of the residuals.
+        Weights of the residuals.
     loss : Loss
     gain : float
-        Of the filter that takes a drift out of the residuals; 0 for none.
+        Gain of the filter that takes a drift out of the residuals; 0 for none.
     """
 
     unknowns: Unknowns

@@ -25,7 +25,7 @@ class Samples(NamedTuple):
     Attributes
     ----------
     step : float
-        Of the grid [s].
+        Step of the grid [s].
     point, fraction : int (n,), float (n,)
         Grid point before each sample, and how far behind it, in steps.
     height, weight : float (n,)
@@ -33,7 +33,7 @@ class Samples(NamedTuple):
     drive : float (points, stages, inputs)
         Inputs of the law at the stages of the grid's steps.
     chunks : int
-        Of the grid, that are solved.
+        Number of chunks of the grid that are solved.
     """
 
     step: float

@@ -30,7 +30,7 @@ class Unknowns:
     map : HeightMap or None
         None where the map is fitted.
     units : tuple of float
-        Of the parameters that are no logarithms; 1 for the others.
+        Units of the parameters that are no logarithms; 1 for the others.
     rest, amplitude, speed : float
         [m], [m], [m/s]
     """

@@ -55,7 +55,7 @@ class EquivalentDamping:
         Constant force per kilogram [m/s^2] that, together with a dashpot, dissipates as much at
         both amplitudes; below zero where damping grows faster than a dashpot's.
     intervals : mapping of str to (float, float)
-        Of the last two.
+        Intervals of the last two.
     """
 
     amplitude: float
@@ -156,7 +156,7 @@ class FittedLaw:
     hidden : mapping of str to float
         Hidden states at the record's start, where they are not zero.
     input_interpolation : str
-        What an input does between samples.
+        Interpolation of the inputs between samples.
     angle : bool
         Whether the height is an angle: [rad] stands for [m] then.
     """

@@ -52,7 +52,7 @@ class ReducedModel(FittedLaw):
     intervals : mapping of str to (float, float)
         Confidence intervals of the parameters, and of ``shift`` and ``scale`` where fitted.
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals.
     map : HeightMap
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
@@ -64,18 +64,18 @@ class ReducedModel(FittedLaw):
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] seen.
     notes : tuple of str
-        What is to be doubted, in plain words.
+        Warnings in plain words.
     provenance : mapping of str to str
-        Which data and which fit the model comes from.
+        Data and fit that the model comes from.
     hidden : mapping of str to float
         Hidden states at the record's start, where they are not zero.
     input_interpolation : str
-        What an input does between samples.
+        Interpolation of the inputs between samples.
     covariance_names : tuple of str
-        What the covariance is of: parameters, ``shift`` and ``scale`` where fitted, ``height``,
+        Entries of the covariance: parameters, ``shift`` and ``scale`` where fitted, ``height``,
         ``velocity`` and hidden states at the start.
     covariance : float64 (p, p)
-        Of these, in their units.
+        Covariance of these, in their units.
     no_swing : str
         Why ``at_rest`` is None.
     angle : bool

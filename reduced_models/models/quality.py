@@ -18,7 +18,7 @@ class Direction:
     Attributes
     ----------
     powers : mapping of str to float
-        How the parameters change together: each one as t to this power, for a common t.
+        Joint change of the parameters: each one as t to this power, for a common t.
     spread : float
         Standard deviation of log t that the data leave. A parameter that may be zero and is small
         against its natural size moves by so many of those sizes instead.
@@ -73,7 +73,7 @@ class Quality:
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
-        Where a fit to accelerations in the record, that solves nothing, led to: ``"same"`` fit,
+        Result of a fit to accelerations in the record, which solves nothing: ``"same"`` fit,
         ``"worse"``, ``"better"`` (which is then this fit), or ``"none"`` where there is no such.
     whiteness, signs : float
         Probabilities that white noise is correlated as much as the residuals, and that its sign

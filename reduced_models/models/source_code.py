@@ -28,11 +28,11 @@ class ExportParts(NamedTuple):
     parameters, hidden, inputs : tuple of str
         ``p_``, ``h_`` and ``u_`` in front, so that none is a word of a language.
     acceleration : Expr
-        Of z, z_first and these.
+        Acceleration by z, z_first and these.
     rates : tuple of Expr
-        Of the hidden states.
+        Rates of the hidden states.
     values : tuple of float
-        Of the parameters.
+        Values of the parameters.
     initial : tuple of float
         Height, velocity and hidden states at the record's start.
     step : float

@@ -260,7 +260,7 @@ def local_cubics(
 
 
 def _cubics(place: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """First three coefficients (3, m) of cubics in places (m, n) from -1 to 1, by least squares."""
+    """First three coefficients (3, m) of cubics in points (m, n) from -1 to 1, by least squares."""
     from numpy.polynomial.legendre import legvander
 
     # In Legendre's polynomials, which are nearly orthogonal there; a pseudo-inverse, since samples

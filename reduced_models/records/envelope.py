@@ -31,9 +31,9 @@ class SeenDamping:
     Attributes
     ----------
     mean, low, high : float
-        Of the whole record; the least and the greatest of the whole and of its halves.
+        Value of the whole record; the least and the greatest of the whole and of its halves.
     noise : float
-        What the record's noise leaves of the mean, at most.
+        Greatest error of the mean that the record's noise can make.
     """
 
     mean: float
@@ -55,7 +55,7 @@ class Envelope:
     Attributes
     ----------
     time : float64 (n,)
-        Of each cycle's middle extreme [s].
+        Time of each cycle's middle extreme [s].
     level : float64 (n,)
         About which the height swings [m].
     amplitude, frequency, damping : float64 (n,)

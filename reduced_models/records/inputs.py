@@ -110,7 +110,7 @@ class Pieces(NamedTuple):
     Attributes
     ----------
     length : float64 (n - 1,)
-        Of the intervals [s].
+        Lengths of the intervals [s].
     cubics : float64 (n - 1, 4, columns)
     """
 
@@ -155,7 +155,7 @@ def _between(
 
 
 def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """By sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
+    """Interpolate by sinc functions under a Kaiser window (Kaiser 1974); mirrored at the ends."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
     before = 2.0 * values[0] - values[_TAPS:0:-1]
     after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]

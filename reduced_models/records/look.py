@@ -38,7 +38,7 @@ class Look:
     ----------
     record : PistonRecord
     meaning : Meaning
-        Which column was taken for what.
+        Role of each column.
     rate : float
         Samples a second [1/s].
     gaps : int
@@ -114,7 +114,7 @@ def look(path: str | Path, said: Reading | None = None) -> Look:
     ----------
     path : str or Path
     said : Reading, optional
-        What is not to be guessed.
+        Facts about the file that are not to be guessed.
 
     Raises
     ------

@@ -130,7 +130,7 @@ def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajector
     ----------
     source : str or Path
     said : Reading, optional
-        How the file is read, where it is not to be guessed.
+        Facts about the file that are not to be guessed.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def check_run_options(options: RunOptions) -> None:
 
 
 def _refuse_run_options(options: RunOptions) -> None:
-    """Say that nothing is simulated, rather than ignore what was asked for."""
+    """Raise `InputError` for options of a run where nothing is simulated."""
     if options.changes:
         raise InputError("only a scene can be changed; this is a run or a record")
     defaults = {"dt": STEP, "method": METHOD, "threads": None}
