@@ -126,7 +126,7 @@ def sweep(
     cases : sequence of mapping
         Further changes, one by one.
     measure : function of Trajectory
-        Results of a run to store: names and numbers. It must be a function that other
+        Results of a run to store, by name, as numbers. It must be a function that other
         processes can have.
     dt, t_end, method
         As in `simulate`, for cases that have none of their own; each run has one thread.
