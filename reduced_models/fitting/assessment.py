@@ -213,8 +213,7 @@ def _bound_notes(
     return tuple(
         f"{name} = {parameters[name]:.5g} lies at its bound; widen the bounds or read it as given"
         for name, pair in bounds.items()
-        if pair[0] < pair[1]
-        and any(abs(parameters[name] - edge) <= 1e-9 * abs(edge) for edge in pair)
+        if pair[0] < pair[1] and any(math.isclose(parameters[name], edge) for edge in pair)
     )
 
 

@@ -60,6 +60,8 @@ def test_bounds_hold_and_are_noted(made: Any) -> None:
     free = fit(record, "linear", bounds={"omega": (0.5, 2.0)})
     assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
     assert not any("bound" in note for note in free.notes)
+    half_open = fit(record, "linear", bounds={"omega": (0.5, None)})
+    assert not any("bound" in note for note in half_open.notes)
     with pytest.warns(UserWarning, match="omega = 1.06 lies at its bound"):
         held = fit(record, "linear", bounds={"omega": (1.06, 2.0)})
     assert held.parameters["omega"] == pytest.approx(1.06, rel=1e-12)
