@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 Functions = dict[str, Callable[..., Any]]
 
-_FORM = "1"
+_FORM = "2"
 """In the digest: to be raised with any change of what is derived from a text."""
 
 
@@ -182,10 +182,14 @@ class _Derived(Mapping[str, Callable[..., Any]]):
 
 
 def _smooth(form: sympy.Expr) -> sympy.Expr:
-    """Without the infinite stiffness of a kink, at the one point where it is."""
+    """Without the infinite stiffness of a kink, at the one point where it is.
+
+    A step stands as a sign: SymPy writes it as a choice from lists, which Numba does not compile.
+    """
     import sympy
 
-    return form.replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+    form = form.replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
+    return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
 
 
 class _Compiled(Mapping[str, Callable[..., Any]]):

@@ -103,6 +103,9 @@ def _choice(name: str) -> Any:
             here, other = self.args if place == 1 else reversed(self.args)
             return sympy.Heaviside(sign * (here - other))
 
+        def _eval_is_extended_real(self) -> bool | None:
+            return all(one.is_extended_real for one in self.args) or None
+
         def _numpycode(self, printer: Any) -> str:
             return self._code(printer, "numpy")
 

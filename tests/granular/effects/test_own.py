@@ -203,6 +203,19 @@ def test_a_formula_that_jumps_is_refused() -> None:
         definition.functions["force"]
 
 
+@pytest.mark.parametrize("compressed", ["max(l - r, 0)", "-min(r - l, 0)", "abs(min(0, r - l))"])
+def test_the_kink_of_a_formula_compiles(compressed: str) -> None:
+    """A spring that acts on one side: a step stands in its force and in its stiffness."""
+    law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
+    scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
+    functions = scene.effects.pair_law.parts[0].definition.functions
+    grain = SimpleNamespace(moment=1.0)
+    for r in (0.25, 0.75, 1.0, 1.5):
+        within = max(1.0 - r, 0.0)
+        assert functions["pair_energy"]((2.0, 1.0), r, grain, grain) == pytest.approx(2 * within**2)
+        assert functions["pair_force"]((2.0, 1.0), r, grain, grain) == pytest.approx(4 * within)
+
+
 def test_a_wall_law_that_is_no_gradient_is_told() -> None:
     @wall_law
     class Wrong:
