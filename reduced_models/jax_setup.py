@@ -9,11 +9,14 @@ import os
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from granular.shared.caches import own_folder, toolkit_cache
 from granular.shared.errors import InputError
 from granular.shared.messages import quoted, visible
+from granular.shared.stops import deferred_stop
+
+with deferred_stop():  # broken off, the import of JAX's C++ ended in a segmentation fault
+    import diffrax  # noqa: F401
+    import jax
 
 _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 

@@ -76,25 +76,33 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         path = getattr(stop.trajectory, "path", None)
         kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
         return _complain(f"{stop}: {kept}", TERMINATED if stop.terminated else INTERRUPTED)
-    except Terminated:
-        return _complain("terminated", TERMINATED)
     except ModuleNotFoundError as error:
         advice = missing(error)
         if advice is None:
             raise
         return _complain(str(advice), BAD_INPUT)
-    except KeyboardInterrupt:
-        return _complain("interrupted", INTERRUPTED)
     except Warning as warning:  # where Python was told to take warnings for errors
         return _complain(f"warning taken for an error: {warning}", FAILED)
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0
-    except OSError as error:
-        if error.errno is None:
+    except (KeyboardInterrupt, Exception) as error:
+        ending = _stop_behind(error)
+        if ending is not None:
+            return _complain(*ending)
+        if not isinstance(error, OSError) or error.errno is None:
             raise
         return _complain(_of_system(error), FAILED)
     return 0
+
+
+def _stop_behind(error: BaseException) -> tuple[str, int] | None:
+    """Message and exit code of a stop that Python wrapped, as it does while it makes a class."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    if isinstance(error, Terminated):
+        return "terminated", TERMINATED
+    return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
 
 
 def _of_system(error: OSError) -> str:

@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from granular.shared.errors import Interrupted, Terminated
 
@@ -54,11 +54,7 @@ class Stop:
         self.number = number
         # Numba may be of no use after that, which matters where the process goes on: in a notebook.
         if signal.getsignal(signal.SIGTERM) == self._take and _compiles():
-            error = self.error()
-            # Broken off, an object of LLVM may belong to two owners; freed with the frames that the
-            # error holds, it ended one command in twenty in a segmentation fault. So nothing is.
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(error))
-            raise error
+            _break_off(self.error())
 
 
 @contextlib.contextmanager
@@ -92,6 +88,15 @@ def deferred_stop() -> Iterator[Stop]:
             raise stop.error()
 
 
+def _break_off(error: KeyboardInterrupt) -> NoReturn:
+    """Raise a stop where the command line is, also from the midst of a compilation."""
+    if _compiles():
+        # Broken off, an object of LLVM may belong to two owners; freed with the frames that the
+        # error holds, it ended one command in twenty in a segmentation fault. So nothing is.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(error))
+    raise error
+
+
 def _compiles() -> bool:
     """True where this thread compiles: it then holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
@@ -103,27 +108,43 @@ def taking_sigterm() -> Iterator[None]:
     """Let SIGTERM raise `Terminated`, and let no stop be lost.
 
     Python drops what is raised in a destructor, or in a callback of the garbage collector: such a
-    stop comes again.
+    stop comes again, at the latest when the block ends.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    repeats: dict[threading.Timer, type[KeyboardInterrupt]] = {}
+
+    def repeat(dropped: UnraisableHookArgs) -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt):
+            number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
+            timer = threading.Timer(AGAIN, _thread.interrupt_main, (number,))
+            repeats[timer] = dropped.exc_type
+            timer.start()
+        else:
+            sys.__unraisablehook__(dropped)
+
     handler, hook = signal.signal(signal.SIGTERM, _terminate), sys.unraisablehook
-    sys.unraisablehook = _unraisable
+    interrupt = signal.getsignal(signal.SIGINT)
+    if interrupt is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
+    sys.unraisablehook = repeat
     try:
         yield
+        for timer, stop in repeats.items():
+            if timer.is_alive():
+                raise stop
     finally:
+        for timer in repeats:
+            timer.cancel()
         signal.signal(signal.SIGTERM, handler)
+        signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = hook
 
 
 def _terminate(*_: object) -> None:
-    raise Terminated
+    _break_off(Terminated())
 
 
-def _unraisable(dropped: UnraisableHookArgs) -> None:
-    if issubclass(dropped.exc_type, KeyboardInterrupt):
-        number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
-        threading.Timer(AGAIN, _thread.interrupt_main, (number,)).start()
-    else:
-        sys.__unraisablehook__(dropped)
+def _interrupt(*_: object) -> None:
+    _break_off(KeyboardInterrupt())

@@ -13,7 +13,7 @@ import pytest
 
 from granular.commands.console import launch
 from granular.shared.errors import Terminated
-from granular.shared.stops import deferred_stop, taking_sigterm
+from granular.shared.stops import AGAIN, deferred_stop, taking_sigterm
 
 
 @pytest.fixture(autouse=True)
@@ -61,6 +61,38 @@ def test_a_stop_that_a_callback_swallowed_comes_again(number: int, code: int) ->
         wait()
 
     assert launch(command, []) == code
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stop_while_a_class_is_made_ends_a_command(number: int, code: int) -> None:
+    """Python 3.11 wraps what is raised in ``__set_name__``, as an import of JAX calls it."""
+
+    class Named:
+        def __set_name__(self, owner: type, name: str) -> None:
+            os.kill(os.getpid(), number)
+            wait()
+
+    def command(_: Sequence[str]) -> None:
+        type("Holder", (), {"field": Named()})
+
+    assert launch(command, []) == code
+
+
+def test_a_stop_that_was_swallowed_at_the_very_end_ends_the_command() -> None:
+    """It comes before the end, and not in the interpreter's shutdown."""
+
+    def swallow(*_: object) -> None:
+        gc.callbacks.remove(swallow)
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass
+
+    def command(_: Sequence[str]) -> None:
+        gc.callbacks.append(swallow)
+        gc.collect()
+
+    assert launch(command, []) == 130
+    time.sleep(3 * AGAIN)
 
 
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
