@@ -39,14 +39,16 @@ def import_own(paths: Iterable[str | Path]) -> OwnCode:
     InputError
         If a file cannot be read, or fails, or two methods have one name.
     """
-    found = OwnCode({}, {})
+    own_code = OwnCode({}, {})
     for path in paths:
         file = read_own_file(path)
         mark_origin(file)
         values = contents(file).values()
-        methods = [one for one in values if isinstance(one, Method)]
-        add_methods(one for one in methods if METHODS.get(one.name) is not one)
-        found.measures.update(own_measures(file))
-        marked = ((observable_of(one), one) for one in values)
-        found.observables.update((mark.name, one) for mark, one in marked if mark is not None)
-    return found
+        methods = [function for function in values if isinstance(function, Method)]
+        add_methods(function for function in methods if METHODS.get(function.name) is not function)
+        own_code.measures.update(own_measures(file))
+        marked = ((observable_of(function), function) for function in values)
+        own_code.observables.update(
+            (mark.name, function) for mark, function in marked if mark is not None
+        )
+    return own_code

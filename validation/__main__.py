@@ -85,7 +85,7 @@ def report(options: Any) -> None:
         refuse(options, "--overview, which is of packaged scenes", scenes="SCENE")
         _measure(options, [OVERVIEW], options.out)
     elif options.scenes:
-        scenes = [load_scene(one).replace(**changes) for one in options.scenes]
+        scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
         _measure(options, [overview_of(scenes)], options.out or REPORT)
     else:
         _measure(options, SECTIONS.values(), options.out or REPORT)
@@ -173,11 +173,11 @@ def cheapest(options: Any) -> None:
     """Recommend how to run a scene."""
     from validation.recommendation import recommend_settings
 
-    found = recommend_settings(
+    result = recommend_settings(
         scene_of(options), options.quantity, options.tolerance, until=options.t_end,
         progress=not options.quiet,
     )  # fmt: skip
-    emit(found.to_plain(), str(found), options.json)
+    emit(result.to_plain(), str(result), options.json)
 
 
 DEPAULA = option(

@@ -111,15 +111,15 @@ class ConvergenceResult(PlainData):
     def summary(self) -> tuple[str, ...]:
         """The row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.exact else "too few steps above rounding"
-        interval = span = ""
+        interval = duration = ""
         if self.fit is not None:
             measured = f"{self.fit.value:.4f}"
             interval = f"{self.fit.interval[0]:.3f} to {self.fit.interval[1]:.3f}"
             first, last = self.steps[self.fit.first], self.steps[self.fit.last]
-            span = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
+            duration = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
         declared = str(self.order) if self.smooth else f"{self.order}, motion not smooth"
         return (
-            self.problem, self.method, declared, measured, interval, span,
+            self.problem, self.method, declared, measured, interval, duration,
             f"{min(self.errors):.2g}", f"{self.rounding:.1g}",
         )  # fmt: skip
 
@@ -170,7 +170,7 @@ HEADER = (
 
 def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     """One row a result."""
-    return TextTable(HEADER, tuple(one.summary() for one in results))
+    return TextTable(HEADER, tuple(result.summary() for result in results))
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -198,26 +198,26 @@ def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
         "An empty cell: the method does not suit the problem, or was not run on it."
     )
     tabulate(page, slopes(results))
-    for one in (one for one in results if not convergence_holds(one)):
-        page.note(f"{one.method} on {one.problem} does not show its order {one.order}.")
-    for name in dict.fromkeys(one.problem for one in results):
-        group = [one for one in results if one.problem == name and not one.exact]
+    for failed in (result for result in results if not convergence_holds(result)):
+        page.note(f"{failed.method} on {failed.problem} does not show its order {failed.order}.")
+    for name in dict.fromkeys(result.problem for result in results):
+        group = [result for result in results if result.problem == name and not result.exact]
         if not group:
             page.text(f"On {name} every method shown is exact to rounding.")
             continue
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
-            for k, one in enumerate(group):
+            for k, result in enumerate(group):
                 style = STYLES[k // len(COLOURS) % len(STYLES)]
-                one.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
+                result.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
             legend(axes)
             page.figure(drawing, f"{name}: error at the end over the time step.")
 
 
 def slopes(results: Sequence[ConvergenceResult]) -> TextTable:
     """Measured slopes: a row a method, a column a problem."""
-    problems = tuple(dict.fromkeys(one.problem for one in results))
-    declared = {one.method: one.order for one in results}
-    cells = {(one.method, one.problem): _slope(one) for one in results}
+    problems = tuple(dict.fromkeys(result.problem for result in results))
+    declared = {result.method: result.order for result in results}
+    cells = {(result.method, result.problem): _slope(result) for result in results}
     rows = [
         (method, order, *(cells.get((method, problem), "") for problem in problems))
         for method, order in sorted(declared.items(), key=lambda pair: pair[1])
@@ -225,31 +225,44 @@ def slopes(results: Sequence[ConvergenceResult]) -> TextTable:
     return table(("method", "order", *problems), rows)
 
 
-def _slope(one: ConvergenceResult) -> str:
-    wrong = "" if convergence_holds(one) else " (!)"
-    if one.fit is None:
-        return f"{'exact' if one.exact else 'too few steps'}{wrong}"
-    return f"{one.fit.value:.3f}{wrong}"
+def _slope(convergence_result: ConvergenceResult) -> str:
+    wrong = "" if convergence_holds(convergence_result) else " (!)"
+    if convergence_result.fit is None:
+        return f"{'exact' if convergence_result.exact else 'too few steps'}{wrong}"
+    return f"{convergence_result.fit.value:.3f}{wrong}"
 
 
-def convergence_holds(one: ConvergenceResult) -> bool:
+def convergence_holds(convergence_result: ConvergenceResult) -> bool:
     """Tell if a slope is as declared over a decade, or the method is exact on the problem."""
-    if not one.smooth:
-        return one.fit is not None and abs(one.fit.value - min(one.order, 2)) <= 0.1
-    if one.method in ORDERS:
+    if not convergence_result.smooth:
+        return (
+            convergence_result.fit is not None
+            and abs(convergence_result.fit.value - min(convergence_result.order, 2)) <= 0.1
+        )
+    if convergence_result.method in ORDERS:
         # Their order is not the toolkit's to prove; they must reach the exact solution.
-        return min(one.errors) <= OUTSIDE_REACH
-    if one.fit is None and one.order > HIGH_ORDER:
+        return min(convergence_result.errors) <= OUTSIDE_REACH
+    if convergence_result.fit is None and convergence_result.order > HIGH_ORDER:
         return True  # errors of order eight are rounding before they have fallen for half a decade
-    clear = one.exact or one.decades >= WHOLE or one.order > HIGH_ORDER
-    if one.order in (3, 5, 7, 9) and one.fit is not None and one.fit.value > one.order:
+    clear = (
+        convergence_result.exact
+        or convergence_result.decades >= WHOLE
+        or convergence_result.order > HIGH_ORDER
+    )
+    if (
+        convergence_result.order in (3, 5, 7, 9)
+        and convergence_result.fit is not None
+        and convergence_result.fit.value > convergence_result.order
+    ):
         # On a motion that is symmetric in time the leading error of an odd order may cancel.
-        return clear and one.fit.value < one.order + 1 + _tolerance(one.order)
-    return clear and one.holds(_tolerance(one.order))
+        return clear and convergence_result.fit.value < convergence_result.order + 1 + _tolerance(
+            convergence_result.order
+        )
+    return clear and convergence_result.holds(_tolerance(convergence_result.order))
 
 
 def _tolerance(order: int) -> float:
-    return next(room for highest, room in TOLERANCES.items() if order <= highest)
+    return next(workspace for highest, workspace in TOLERANCES.items() if order <= highest)
 
 
 def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:

@@ -50,17 +50,17 @@ def _position_form(
     every = max(1, steps // path.size)
     before = start
     now = start + 0.5 * square * (force(start) - weight)
-    found = 0
+    result = 0
     path[0] = start
     for step in range(1, steps):
         if step % every == 0 and step < every * path.size:
             path[step // every] = now
         later = 2.0 * now - before + square * (force(now) - weight)
-        if now >= before and now > later and found < peaks.size:
-            peaks[found] = now
-            found += 1
+        if now >= before and now > later and result < peaks.size:
+            peaks[result] = now
+            result += 1
         before, now = now, later
-    return now, found
+    return now, result
 
 
 @numba.njit
@@ -73,7 +73,7 @@ def _compensated_form(
     gain = 0.5 * square * (force(start) - weight)
     now, lost = start, 0.0
     gain_lost = 0.0
-    found = 0
+    result = 0
     rising = False
     for step in range(steps):
         if step % every == 0 and step < every * path.size:
@@ -83,16 +83,16 @@ def _compensated_form(
             total = gain + add
             gain_lost = (total - gain) - add
             gain = total
-        if rising and gain < 0.0 and found < peaks.size:
+        if rising and gain < 0.0 and result < peaks.size:
             # What is lost of a sum in compensation is part of its value.
-            peaks[found] = now
-            found += 1
+            peaks[result] = now
+            result += 1
         rising = gain > 0.0
         add = (gain - gain_lost) - lost
         total = now + add
         lost = (total - now) - add
         now = total
-    return now, found
+    return now, result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,30 +137,30 @@ class DepaulaExperiment(PlainData):
 
     def of(self, form: str) -> tuple[DepaulaRun, ...]:
         """The runs of one form, from coarse to fine."""
-        return tuple(one for one in self.runs if one.form == form)
+        return tuple(run for run in self.runs if run.form == form)
 
     def slope(self, form: str, finest: float = 5e-8) -> float:
         """Slope of the error against the exact height, from the coarsest step to a finest one."""
-        runs = [one for one in self.of(form) if one.step >= 0.999 * finest]
-        return _slope([one.step for one in runs], [one.error for one in runs])
+        runs = [run for run in self.of(form) if run.step >= 0.999 * finest]
+        return _slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_to_finest(self, form: str) -> float:
         """Slope of the error against the finest step's height: de Paula's figure."""
         *runs, last = self.of(form)
-        return _slope([one.step for one in runs], [abs(one.end - last.end) for one in runs])
+        return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_to_finest(self, form: str) -> float:
         """Greatest distance of those errors from their line, over what the line gives."""
         *runs, last = self.of(form)
-        steps = np.log([one.step for one in runs])
-        errors = np.log([abs(one.end - last.end) for one in runs])
+        steps = np.log([run.step for run in runs])
+        errors = np.log([abs(run.end - last.end) for run in runs])
         away = errors - np.polynomial.Polynomial.fit(steps, errors, 1)(steps)
         return float(np.expm1(np.abs(away).max()))
 
     def rounding(self) -> dict[float, float]:
         """Effect of rounding on the position form at each step [m]."""
-        clean = {one.step: one.end for one in self.of(COMPENSATED)}
-        return {one.step: abs(one.end - clean[one.step]) for one in self.of(PLAIN)}
+        clean = {run.step: run.end for run in self.of(COMPENSATED)}
+        return {run.step: abs(run.end - clean[run.step]) for run in self.of(PLAIN)}
 
     def agreement(self) -> float:
         """Greatest difference of the position form and the velocity form, both compensated [m].
@@ -168,20 +168,20 @@ class DepaulaExperiment(PlainData):
         They are the same sequence of positions: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
         from two steps of the velocity form (Hairer, Lubich and Wanner 2003, section 1).
         """
-        ends = {one.step: one.end for one in self.of(COMPENSATED)}
-        return max(abs(one.end - ends[one.step]) for one in self.of(TOOLKIT))
+        ends = {run.step: run.end for run in self.of(COMPENSATED)}
+        return max(abs(run.end - ends[run.step]) for run in self.of(TOOLKIT))
 
     def table(self) -> TextTable:
         """One row a run."""
         rounding = self.rounding()
         rows = [
             (
-                one.form, f"{one.step:g}", f"{one.error:.2e}",
-                f"{rounding[one.step]:.1e}" if one.form == PLAIN else "",
-                "" if one.peak_difference is None else f"{one.peak_difference:.1e}",
-                f"{one.seconds:.2g}",
+                run.form, f"{run.step:g}", f"{run.error:.2e}",
+                f"{rounding[run.step]:.1e}" if run.form == PLAIN else "",
+                "" if run.peak_difference is None else f"{run.peak_difference:.1e}",
+                f"{run.seconds:.2g}",
             )
-            for one in self.runs
+            for run in self.runs
         ]  # fmt: skip
         header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
         return table(header, rows)
@@ -189,15 +189,15 @@ class DepaulaExperiment(PlainData):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the errors of each form over the step, and those relative to the finest step."""
         axes = axes_or_new(ax)
-        for k, form in enumerate(dict.fromkeys(one.form for one in self.runs)):
+        for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.of(form)
-            steps = [one.step for one in runs]
+            steps = [run.step for run in runs]
             axes.loglog(
-                steps, [one.error for one in runs], marker="o", markersize=3.5,
+                steps, [run.error for run in runs], marker="o", markersize=3.5,
                 linestyle=":" if form == TOOLKIT else "-", color=COLOURS[k], label=form,
             )  # fmt: skip
             if form != TOOLKIT:
-                away = [abs(one.end - runs[-1].end) for one in runs[:-1]]
+                away = [abs(run.end - runs[-1].end) for run in runs[:-1]]
                 axes.loglog(
                     steps[:-1], away, marker="o", markersize=7.0, markerfacecolor="none",
                     linestyle="none", color=COLOURS[k], label=f"{form}, relative to the finest",
@@ -270,12 +270,12 @@ def _form(form: str, step: float, exact: float) -> DepaulaRun:
     start = float(bounce.START)
     loop(start, weight, h, 2, peaks, path)  # compiles
     start_time = time.perf_counter()
-    end, found = loop(start, weight, h, count, peaks, path)
+    end, result = loop(start, weight, h, count, peaks, path)
     seconds = time.perf_counter() - start_time
     end *= scales.length
     return DepaulaRun(
         form, step, end, abs(end - exact), seconds,
-        tuple(((peaks[:found] - start) * scales.length).tolist()),
+        tuple(((peaks[:result] - start) * scales.length).tolist()),
         tuple((path * scales.length).tolist()),
     )  # fmt: skip
 
@@ -298,29 +298,30 @@ def _toolkit(step: float, exact: float) -> DepaulaRun:
 
 def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
     """Show errors over the step, and the peaks, with and without rounding."""
-    for one in experiments:
-        clean, plain = one.of(COMPENSATED)[-1], one.of(PLAIN)[-1]
+    for experiment in experiments:
+        clean, plain = experiment.of(COMPENSATED)[-1], experiment.of(PLAIN)[-1]
         page.text(
             "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
-            f"against the exact height falls with the slope {one.slope(COMPENSATED):.4f}, to "
-            f"{clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it is "
-            f"{plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a plot "
-            "of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
+            f"against the exact height falls with the slope {experiment.slope(COMPENSATED):.4f}, "
+            f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
+            f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a "
+            "plot of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
             f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
             f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
             "sequence: its heights, compensated, differ from those of the position form by "
-            f"{one.agreement():.1g} m at most."
+            f"{experiment.agreement():.1g} m at most."
         )
         page.text(
             "De Paula sees its points scatter about the line, and ascribes that to errors that "
             "are relative to the finest step. That alone makes a slope of "
-            f"{one.slope_to_finest(COMPENSATED):.3f}, with points within "
-            f"{one.scatter_to_finest(COMPENSATED):.0%} of the line, as the compensated sums show. "
-            f"In the plain position form rounding makes it {one.slope_to_finest(PLAIN):.2f}, with "
-            f"points off the line by up to {one.scatter_to_finest(PLAIN):.0%}."
+            f"{experiment.slope_to_finest(COMPENSATED):.3f}, with points within "
+            f"{experiment.scatter_to_finest(COMPENSATED):.0%} of the line, as the compensated sums "
+            "show. In the plain position form rounding makes it "
+            f"{experiment.slope_to_finest(PLAIN):.2f}, with points off the line by up to "
+            f"{experiment.scatter_to_finest(PLAIN):.0%}."
         )
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
-            one.plot(axes)
+            experiment.plot(axes)
             legend(axes, columns=1)
             page.figure(
                 drawing,
@@ -328,8 +329,8 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
                 "finest step (rings).",
             )
         with figure(2, 1, width=WIDTH, height=5.6) as (drawing, (above, below)):
-            one.plot_path(above)
-            one.plot_peaks(below)
+            experiment.plot_path(above)
+            experiment.plot_peaks(below)
             above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
             below.legend(fontsize=8, loc="center right")
             page.figure(
@@ -340,9 +341,9 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
 
 
 def _verdict(experiments: Sequence[DepaulaExperiment]) -> tuple[str, bool]:
-    slopes = [one.slope(COMPENSATED) for one in experiments]
-    words = f"de Paula's test has the slope {', '.join(f'{one:.4f}' for one in slopes)}"
-    return words, all(abs(one - 2.0) <= 0.01 for one in slopes)
+    slopes = [experiment.slope(COMPENSATED) for experiment in experiments]
+    words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
+    return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
 
 
 def _tasks(full: bool) -> list[Task]:
@@ -352,6 +353,6 @@ def _tasks(full: bool) -> list[Task]:
 
 DEPAULA = Section(
     "depaula", "De Paula's test of its method", _tasks, DepaulaExperiment.from_plain,
-    lambda experiments: [("De Paula's test.", one.table()) for one in experiments],
+    lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
     _verdict, show_depaula, behind=False,
 )  # fmt: skip

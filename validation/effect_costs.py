@@ -102,17 +102,17 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
             list(pool.map(_compiled, builds.values()))
     calls, steps = _calls(builds)
     seconds = _timed(calls, rounds)
-    each = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
+    value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     rows = []
     for name in names:
-        first = _difference(each.get(f"{name} alone"), each[NOTHING])
-        last = _difference(each[WHOLE], each.get(f"without {name}"))
+        first = _difference(value.get(f"{name} alone"), value[NOTHING])
+        last = _difference(value[WHOLE], value.get(f"without {name}"))
         rows.append({"effect": name, "first": first[0], "first_doubt": first[1],
                      "last": last[0], "last_doubt": last[1]})  # fmt: skip
     return {
-        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(each[WHOLE])),
-        "nothing": float(np.median(each[NOTHING])), "effects": rows,
-        "sums": {name: float(np.median(each[name])) for name in SUMS if name in each},
+        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(value[WHOLE])),
+        "nothing": float(np.median(value[NOTHING])), "effects": rows,
+        "sums": {name: float(np.median(value[name])) for name in SUMS if name in value},
     }  # fmt: skip
 
 
@@ -132,13 +132,13 @@ def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
            for name in names},
         **{name: partial(_replaced, scene, {"pairs.method": name}) for name in SUMS},
     }  # fmt: skip
-    found = {}
+    result = {}
     for name, made in wanted.items():
         try:
-            found[name] = made()
+            result[name] = made()
         except GranularError:
             continue  # such as the mesh without four walls
-    return found
+    return result
 
 
 def _replaced(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -158,22 +158,22 @@ def _calls(
     for name, scene in builds.items():
         engine = EngineSteps(scene, step=STILL)
         engine.make(16)
-        begun = time.thread_time()
+        started = time.thread_time()
         engine.make(64)
-        steps[name] = max(16, math.ceil(64 * BURST / (time.thread_time() - begun)))
+        steps[name] = max(16, math.ceil(64 * BURST / (time.thread_time() - started)))
         calls[name] = partial(engine.make, steps[name])
     return calls, steps
 
 
 def _timed(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
     """Seconds of processor time of each call in each round: other programs take none of it."""
-    found = {name: np.empty(rounds) for name in calls}
+    result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
-            begun = time.thread_time()
+            started = time.thread_time()
             call()
-            found[name][k] = time.thread_time() - begun
-    return found
+            result[name][k] = time.thread_time() - started
+    return result
 
 
 def _difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:

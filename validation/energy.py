@@ -107,8 +107,8 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     )
     if not full:
         return swings
-    bounces = tuple(_bounce(*one) for one in _BOUNCES)
-    return (*swings, *bounces, variable_bounces(), *(_bed(*one) for one in _BEDS))
+    bounces = tuple(_bounce(*bounce) for bounce in _BOUNCES)
+    return (*swings, *bounces, variable_bounces(), *(_bed(*bounce) for bounce in _BEDS))
 
 
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
@@ -220,11 +220,11 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
     """Return a table with a row a study."""
     rows = [
         (
-            one.system, one.method, _kind(one.method), _step(one.dt), one.steps,
-            f"{one.trend.swing:.1e}", f"{one.trend.drift:+.1e}", f"{one.trend.p_value:.2g}",
-            one.trend.verdict(), "" if one.stopped is None else one.stopped.split(":", 1)[0],
+            study.system, study.method, _kind(study.method), _step(study.dt), study.steps,
+            f"{study.trend.swing:.1e}", f"{study.trend.drift:+.1e}", f"{study.trend.p_value:.2g}",
+            study.trend.verdict(), "" if study.stopped is None else study.stopped.split(":", 1)[0],
         )
-        for one in studies
+        for study in studies
     ]  # fmt: skip
     header = (
         "system", "method", "kind", "step [s]", "steps", "swing", "drift over the run",
@@ -242,14 +242,16 @@ CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
 """Trend that each control should show."""
 
 
-def energy_holds(one: EnergyStudy) -> bool:
+def energy_holds(energy_study: EnergyStudy) -> bool:
     """Tell if a run is of its kind: without a trend, or with a control's.
 
     Of a user's method that is not symplectic nothing is claimed.
     """
-    if not one.keeps and one.method not in CONTROLS:
+    if not energy_study.keeps and energy_study.method not in CONTROLS:
         return True
-    return one.trend.verdict() == ("none" if one.keeps else CONTROLS[one.method])
+    return energy_study.trend.verdict() == (
+        "none" if energy_study.keeps else CONTROLS[energy_study.method]
+    )
 
 
 def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
@@ -260,28 +262,28 @@ def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
         "Symplectic methods, and reversible variable steps, should show none; the controls gain "
         "(explicit Euler) or lose (Runge-Kutta)."
     )
-    for one in studies:
-        if not energy_holds(one):
+    for study in studies:
+        if not energy_holds(study):
             page.note(
-                f"{one.method} on the {one.system} {one.trend.verdict()} energy by "
-                f"{one.trend.drift:.1e} (p = {one.trend.p_value:.1g}), unlike its kind."
+                f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
+                f"{study.trend.drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
             )
-    for system in dict.fromkeys(one.system for one in studies):
-        _energy_figures(page, system, [one for one in studies if one.system == system])
+    for system in dict.fromkeys(study.system for study in studies):
+        _energy_figures(page, system, [study for study in studies if study.system == system])
 
 
 def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
     for kind, keeps in (("symplectic or reversible", True), ("controls", False)):
-        ones = [one for one in group if one.keeps is keeps]
-        if not ones:
+        runs = [run for run in group if run.keeps is keeps]
+        if not runs:
             continue
         with figure(width=WIDTH, height=4.2) as (drawing, axes):
-            for k, one in enumerate(ones):
+            for k, run in enumerate(runs):
                 axes.semilogy(
-                    *_envelope(one),
+                    *_envelope(run),
                     color=COLOURS[k % len(COLOURS)],
                     linestyle=STYLES[k // len(COLOURS)],
-                    label=f"{one.method}, {one.steps:.2g} steps",
+                    label=f"{run.method}, {run.steps:.2g} steps",
                 )
             low, high = axes.get_ylim()
             axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
@@ -291,37 +293,37 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             page.figure(
                 drawing,
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
-                f"{_lengths(ones)}), over the energy turned over.",
+                f"{_lengths(runs)}), over the energy turned over.",
             )
-    portraits = [one for one in group if one.heights]
+    portraits = [run for run in group if run.heights]
     if portraits:
         _phase_portraits(page, system, portraits)
 
 
-def _lengths(ones: Sequence[EnergyStudy]) -> str:
-    lengths = sorted({f"{one.times[-1]:.3g}" for one in ones}, key=float)
+def _lengths(runs: Sequence[EnergyStudy]) -> str:
+    lengths = sorted({f"{run.times[-1]:.3g}" for run in runs}, key=float)
     return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
 
 
-def _envelope(one: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+def _envelope(energy_study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     """Middle of each part of the run, over its length, and the greatest error in it."""
-    bins = min(BINS, len(one.errors))
-    greatest = np.array([part.max() for part in np.array_split(np.abs(one.errors), bins)])
-    middles = np.array([part.mean() for part in np.array_split(np.array(one.times), bins)])
-    return middles / one.times[-1], np.where(greatest > 0.0, greatest, np.nan)
+    bins = min(BINS, len(energy_study.errors))
+    greatest = np.array([part.max() for part in np.array_split(np.abs(energy_study.errors), bins)])
+    middles = np.array([part.mean() for part in np.array_split(np.array(energy_study.times), bins)])
+    return middles / energy_study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
 def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
-    chosen = [one for one in group if one.method in PORTRAYED] or list(group[:1])
+    chosen = [run for run in group if run.method in PORTRAYED] or list(group[:1])
     with figure(2, len(chosen), height=5.0, width=2.6 * len(chosen) + 0.8, squeeze=False) as (
         drawing,
         panels,
     ):
-        for column, one in zip(panels.T, chosen, strict=True):
+        for column, run in zip(panels.T, chosen, strict=True):
             for axes in column:
-                axes.plot(one.heights, one.velocities, ".", color=COLOURS[0], markersize=1.2)
-            column[0].set_title(one.method, fontsize=9)
-            _zoom(column[1], one)
+                axes.plot(run.heights, run.velocities, ".", color=COLOURS[0], markersize=1.2)
+            column[0].set_title(run.method, fontsize=9)
+            _zoom(column[1], run)
             column[1].set_xlabel("height [D]")
         panels[0, 0].set_ylabel("velocity [m/s]")
         panels[1, 0].set_ylabel("velocity [m/s], zoom")
@@ -331,9 +333,9 @@ def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> N
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
 
 
-def _zoom(axes: Axes, one: EnergyStudy) -> None:
+def _zoom(axes: Axes, energy_study: EnergyStudy) -> None:
     """The upper turning point, wide enough for a drift of a hundredth."""
-    top, fastest = one.heights[0], max(map(abs, one.velocities))
+    top, fastest = energy_study.heights[0], max(map(abs, energy_study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)
     axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
     axes.axvline(top, color=GREY, linewidth=0.8)

@@ -187,12 +187,12 @@ def convergence(
     solve(problem, counts[0])  # compiles, so that the wall times do not hold it
     steps, errors, seconds = [], [], []
     for count in counts:
-        begun = time.perf_counter()
-        found = [solve(problem, near) for near in _neighbours(problem, count)]
-        seconds.append((time.perf_counter() - begun) / len(found))
-        errors.append(max(float(np.abs(one.positions - exact).max()) for one in found))
-        steps.append(problem.time / (found[0].steps or count))
-    rounding = _rounding(problem, solve, counts[-1], found[0].positions)
+        started = time.perf_counter()
+        neighbours = [solve(problem, near) for near in _neighbours(problem, count)]
+        seconds.append((time.perf_counter() - started) / len(neighbours))
+        errors.append(max(float(np.abs(state.positions - exact).max()) for state in neighbours))
+        steps.append(problem.time / (neighbours[0].steps or count))
+    rounding = _rounding(problem, solve, counts[-1], neighbours[0].positions)
     return ConvergenceResult(
         problem.name, method, order, problem.smooth, tuple(steps), tuple(errors), rounding,
         fitted_slope(steps, errors, rounding), tuple(seconds),
@@ -204,12 +204,15 @@ def _neighbours(problem: Problem, count: int) -> range:
 
 
 def _rounding(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
-    found = [solve(problem.nudged(bits), count).positions - plain for bits in NUDGES]
+    differences = [solve(problem.nudged(bits), count).positions - plain for bits in NUDGES]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
-        found.append((less - plain) + (more - plain))
+        differences.append((less - plain) + (more - plain))
     # The exact place itself can only be told to half a unit in its last place.
-    return max(*(float(np.abs(one).max()) for one in found), float(np.spacing(np.abs(plain).max())))
+    return max(
+        *(float(np.abs(difference).max()) for difference in differences),
+        float(np.spacing(np.abs(plain).max())),
+    )
 
 
 def fitted_slope(steps: Sequence[float], errors: Sequence[float], rounding: float) -> Slope | None:
@@ -307,8 +310,8 @@ def _converge(name: str, method: str, full: bool) -> Plain:
 
 
 def _is_shown_briefly(method: str) -> bool:
-    one = method_named(method)
-    return one.order == 1 or one.order >= HIGH_ORDER or one.tableau is not None
+    chosen = method_named(method)
+    return chosen.order == 1 or chosen.order >= HIGH_ORDER or chosen.tableau is not None
 
 
 CONVERGENCE = Section(

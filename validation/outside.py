@@ -72,9 +72,9 @@ def start(scene: Scene) -> Start:
             "weight, drag and a piston that is held; an outside reference needs it without"
         )
     scales = Scales.of(scene.grains)
-    places, velocities = scene.initial_motion()
-    state = [places / scales.length, velocities / scales.velocity]
-    return Start(np.concatenate([one.ravel() for one in state]), scales)
+    positions, velocities = scene.initial_motion()
+    state = [positions / scales.length, velocities / scales.velocity]
+    return Start(np.concatenate([part.ravel() for part in state]), scales)
 
 
 def rate(scene: Scene, arrays: Any = np) -> Rate:
@@ -105,8 +105,8 @@ def rate(scene: Scene, arrays: Any = np) -> Rate:
         a = -decay * v - weight * np.array([0.0, 1.0])
         if effects.dipole is not None and count > 1:
             a = a + pairs(x)
-        for axis, sign, place in walls:
-            push = 0.5 * sign * (sign * (x[:, axis] - place)) ** -3.5
+        for axis, sign, position in walls:
+            push = 0.5 * sign * (sign * (x[:, axis] - position)) ** -3.5
             a = a + push[:, None] * np.eye(2)[axis]
         return arrays.concatenate([v.ravel(), a.ravel()])
 
@@ -115,18 +115,18 @@ def rate(scene: Scene, arrays: Any = np) -> Rate:
 
 def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
     """Axis, direction of the force and place [D] of each wall."""
-    walls, found = scene.effects.walls, []
+    walls, result = scene.effects.walls, []
     if walls is None:
         return []
     if walls.left is not None:
-        found.append((0, 1.0, 0.0))
+        result.append((0, 1.0, 0.0))
     if walls.right is not None:
-        found.append((0, -1.0, scene.cell.width / scales.length))
+        result.append((0, -1.0, scene.cell.width / scales.length))
     if walls.bottom is not None:
-        found.append((1, 1.0, 0.0))
+        result.append((1, 1.0, 0.0))
     if walls.top is not None and scene.piston is not None:
-        found.append((1, -1.0, scene.piston.height / scales.length))
-    return found
+        result.append((1, -1.0, scene.piston.height / scales.length))
+    return result
 
 
 def solver(name: str) -> Callable[[Problem, int], Snapshot]:
@@ -146,9 +146,9 @@ def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot
 
 
 def _snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
-    places, velocities = np.split(np.asarray(state), 2)
+    positions, velocities = np.split(np.asarray(state), 2)
     return Snapshot(
-        places.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
+        positions.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
     )
 
 
@@ -200,11 +200,11 @@ def _compiled(scene: Scene, *, equal: bool) -> Any:
         control = (
             diffrax.ConstantStepSize() if equal else diffrax.PIDController(rtol=given, atol=given)
         )
-        found = diffrax.diffeqsolve(
+        result = diffrax.diffeqsolve(
             term, diffrax.Tsit5(), 0.0, until, given if equal else None, state,
             stepsize_controller=control, max_steps=MOST_STEPS, adjoint=diffrax.ForwardMode(),
         )  # fmt: skip
-        assert found.ys is not None
-        return found.ys[-1], found.stats["num_steps"]
+        assert result.ys is not None
+        return result.ys[-1], result.stats["num_steps"]
 
     return jax.jit(solve)

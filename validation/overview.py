@@ -82,8 +82,8 @@ def _effects(scene: Scene) -> Plain:
 
 
 def _hard() -> Plain:
-    light = [one for one in catalogue() if not any(word in one.name for word in COSTLY)]
-    return {"outcomes": [outcome(one).to_plain() for one in light]}
+    light = [case for case in catalogue() if not any(word in case.name for word in COSTLY)]
+    return {"outcomes": [outcome(case).to_plain() for case in light]}
 
 
 def quantities_of(scene: Scene) -> tuple[str, ...]:
@@ -92,8 +92,8 @@ def quantities_of(scene: Scene) -> tuple[str, ...]:
         return ("energy", "positions")
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
     swings = scene.output.record is not None
-    found = ("rest height",) if rests else ("piston force", "mean distance")
-    return (*found, *(("period", "damping ratio") if swings else ()), "energy")
+    result = ("rest height",) if rests else ("piston force", "mean distance")
+    return (*result, *(("period", "damping ratio") if swings else ()), "energy")
 
 
 def _accuracy(scene: Scene, seconds: float) -> Plain:
@@ -101,15 +101,19 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in quantities_of(scene)]
     ladder, scenes, reference = planned(scene, until, seconds)
-    given = [None if one.exact is not None else reference for one in chosen]
+    given = [None if quantity.exact is not None else reference for quantity in chosen]
     truth = truths(scenes, chosen, given, until)
-    rows = [points(scenes, chosen, one, truth, until, 1) for one in ladder]
+    rows = [points(scenes, chosen, item, truth, until, 1) for item in ladder]
     studies = [
-        study_of(scene, one, until, [row[k] for row in rows], truth[k])
-        for k, one in enumerate(chosen)
+        study_of(scene, quantity, until, [row[k] for row in rows], truth[k])
+        for k, quantity in enumerate(chosen)
     ]
     fresh = _fresh(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
-    return {"studies": [one.to_plain() for one in studies], "fresh": fresh, "starts": len(scenes)}
+    return {
+        "studies": [study.to_plain() for study in studies],
+        "fresh": fresh,
+        "starts": len(scenes),
+    }
 
 
 def planned(
@@ -124,15 +128,15 @@ def planned(
     random = varies(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
-    rungs = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
-    rungs = min(max(rungs, 2), len(steps) - 1)
-    ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:rungs]]
+    entries = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
+    entries = min(max(entries, 2), len(steps) - 1)
+    ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
     for name in OTHERS:
         calls = METHODS[name].force_calls
         runs = seconds * SHARE / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
-    reference = SolverSettings("stormer-verlet", steps[rungs]) if random else finest(scene)
+    reference = SolverSettings("stormer-verlet", steps[entries]) if random else finest(scene)
     return ladder, starts_of(scene, starts - 1), reference
 
 
@@ -159,8 +163,8 @@ def _fresh(
     last = scenes[-1].arrangement.seed
     other = scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
-    found = []
-    for quantity, one, study in zip(quantities, truth, studies, strict=True):
+    result = []
+    for quantity, item, study in zip(quantities, truth, studies, strict=True):
         if quantity.of_start and quantity.exact is None:
             continue
         for words, level in LEVELS.items():
@@ -170,16 +174,16 @@ def _fresh(
             label = f"{best.setting.family}, {best.setting.dt}"
             if label not in runs:
                 runs[label] = run(other, best.setting, until)
-            mean = sum(one.values) / len(one.values)
+            mean = sum(item.values) / len(item.values)
             error = _error(quantity, runs[label], mean)
-            found.append({"scene": other.name, "quantity": quantity.name, "level": words,
+            result.append({"scene": other.name, "quantity": quantity.name, "level": words,
                           "setting": label, "error": error, "holds": error <= level})  # fmt: skip
-    return found
+    return result
 
 
-def _error(quantity: MeasuredQuantity, one: Any, reference: Any) -> float:
+def _error(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
     try:
-        return quantity.error(quantity.measure(one), reference)
+        return quantity.error(quantity.measure(item), reference)
     except GranularError:
         return math.inf
 
@@ -198,18 +202,18 @@ def digit(study: WorkPrecision, best: Point | None) -> str:
 
 def show_overview(page: Page, results: Sequence[Plain]) -> None:
     """Show the answers for each scene, and the row of the hard cases."""
-    for one in results:
-        if "studies" in one:
-            _show_accuracy(page, one)
-        elif "effects" in one:
-            _show_effects(page, one["effects"])
+    for result in results:
+        if "studies" in result:
+            _show_accuracy(page, result)
+        elif "effects" in result:
+            _show_effects(page, result["effects"])
     if outcomes := _outcomes(results):
         page.section("Hard cases at a glance")
         tabulate(page, hard_table(outcomes))
 
 
 def _outcomes(results: Sequence[Plain]) -> list[Outcome]:
-    return [Outcome.from_plain(row) for one in results for row in one.get("outcomes", ())]
+    return [Outcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
 
 
 def _show_accuracy(page: Page, plain: Plain) -> None:
@@ -237,14 +241,14 @@ def plot(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.families().items()):
-            done = [one for one in family if not one.failed and one.error > 0.0]
-            seconds = [one.seconds for one in done]
+            done = [point for point in family if not point.failed and point.error > 0.0]
+            seconds = [point.seconds for point in done]
             words = study.quantity if j == 0 else f"{study.quantity}, {name}"
             axes.loglog(
-                seconds, [one.error for one in done], marker="os^vD"[j % 5], markersize=3.5,
+                seconds, [point.error for point in done], marker="os^vD"[j % 5], markersize=3.5,
                 color=colour, linestyle=STYLES[j % len(STYLES)], linewidth=1.2, label=words,
             )  # fmt: skip
-            axes.vlines(seconds, [one.error for one in done], [one.bound for one in done],
+            axes.vlines(seconds, [point.error for point in done], [point.bound for point in done],
                         color=colour, linewidth=0.8)  # fmt: skip
         if study.floor > 0.0:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
@@ -258,10 +262,10 @@ def plot(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
 def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
     """A quantity a row: what to take for each level and its price, scatter, price of a digit."""
     rows = []
-    for one in studies:
-        advised = [one.advice(level) for level in LEVELS.values()]
-        scatter = f"{one.floor:.1g}" if one.floor else "none"
-        rows.append((one.quantity, *map(_take, advised), scatter, digit(one, advised[0].point)))
+    for study in studies:
+        advised = [study.advice(level) for level in LEVELS.values()]
+        scatter = f"{study.floor:.1g}" if study.floor else "none"
+        rows.append((study.quantity, *map(_take, advised), scatter, digit(study, advised[0].point)))
     return table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
@@ -297,18 +301,18 @@ def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
 def effect_table(plain: Mapping[str, Any]) -> TextTable:
     """A row an effect: one price, or what it adds first and what it saves last."""
     rows = []
-    for one in plain["effects"]:
-        first, last = _priced(one, "first"), _priced(one, "last")
-        both = one["first"] is not None and one["last"] is not None
-        told = "yes" if both and agree(one) else "no"
-        rows.append((one["effect"], first, last, told))
+    for effect in plain["effects"]:
+        first, last = _priced(effect, "first"), _priced(effect, "last")
+        both = effect["first"] is not None and effect["last"] is not None
+        shown = "yes" if both and agree(effect) else "no"
+        rows.append((effect["effect"], first, last, shown))
     header = ("effect", "adds when it comes first [us]", "saves when taken away last [us]",
               "alike within a fifth")  # fmt: skip
     return table(header, rows)
 
 
-def _priced(one: Mapping[str, Any], which: str) -> str:
-    value, doubt = one[which], one[f"{which}_doubt"]
+def _priced(mapping: Mapping[str, Any], which: str) -> str:
+    value, doubt = mapping[which], mapping[f"{which}_doubt"]
     return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
 
 
@@ -317,8 +321,8 @@ def _priced(one: Mapping[str, Any], which: str) -> str:
 
 def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
     """Return how many cases ended how, in one row."""
-    counts = [sum(one.kind == kind for one in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
-    wrong = [one.case for one in outcomes if not one.allowed]
+    counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
+    wrong = [item.case for item in outcomes if not item.allowed]
     row = (len(outcomes), *counts, ", ".join(wrong) or "none")
     header = ("hard cases", "accurate", "degraded and said so", "stopped by a typed error",
               "ended as they must not")  # fmt: skip
@@ -327,12 +331,12 @@ def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
 
 def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
     tables = []
-    for one in results:
-        if "studies" in one:
-            studies = studies_of(one)
+    for result in results:
+        if "studies" in result:
+            studies = studies_of(result)
             tables.append((f"{studies[0].scene}: what accuracy costs", advice_table(studies)))
-        elif "effects" in one:
-            plain = one["effects"]
+        elif "effects" in result:
+            plain = result["effects"]
             tables.append((f"{plain['scene']}: what its effects cost", effect_table(plain)))
     if outcomes := _outcomes(results):
         tables.append(("Hard cases", hard_table(outcomes)))
@@ -340,7 +344,7 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
 
 
 def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
-    fresh = [row for one in results for row in one.get("fresh", ())]
+    fresh = [row for outcome in results for row in outcome.get("fresh", ())]
     hard = _outcomes(results)
     missed = [f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
               for row in fresh if not row["holds"]]  # fmt: skip
@@ -349,7 +353,7 @@ def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
         words += f", not {'; '.join(missed)}"
     if hard:
         words += f"; {stability_verdict(hard).rstrip('.')}"
-    return words, not missed and all(one.allowed for one in hard)
+    return words, not missed and all(outcome.allowed for outcome in hard)
 
 
 def overview_of(scenes: Sequence[Scene]) -> Section:

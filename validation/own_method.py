@@ -79,8 +79,13 @@ def method_report(
         raise InputError("no method is given; give the name of one, or a granular.Method")
     for quantity in quantities or ():
         quantity_named(quantity)
-    add_methods(one for one in methods if isinstance(one, Method) and one.name not in METHODS)
-    names = [one.name if isinstance(one, Method) else method_named(one).name for one in methods]
+    add_methods(
+        method for method in methods if isinstance(method, Method) and method.name not in METHODS
+    )
+    names = [
+        method.name if isinstance(method, Method) else method_named(method).name
+        for method in methods
+    ]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
     sections = (
         CONVERGENCE._replace(tasks=lambda full: list(_slopes(every, full))),

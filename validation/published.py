@@ -48,12 +48,12 @@ def published_value(key: str) -> Any:
     10.53
     """
     match = _PLACE.fullmatch(key)
-    name, place = (match[1], int(match[2])) if match else (key, None)
-    found: Any = values()
+    name, position = (match[1], int(match[2])) if match else (key, None)
+    result: Any = values()
     try:
         for part in name.split("."):
-            found = found[part]
-        return found if place is None else found[place]
+            result = result[part]
+        return result if position is None else result[position]
     except (KeyError, IndexError, TypeError):
         raise InputError(f"{key!r} is no published value; see {PATH.name}") from None
 
@@ -68,10 +68,10 @@ def keys() -> Iterator[str]:
 
 def _below(key: str, value: Any) -> Iterator[str]:
     if isinstance(value, dict):
-        for name, one in value.items():
-            yield from _below(f"{key}.{name}", one)
+        for name, item in value.items():
+            yield from _below(f"{key}.{name}", item)
     elif isinstance(value, list):
-        yield from (f"{key}[{place}]" for place in range(len(value)))
+        yield from (f"{key}[{index}]" for index in range(len(value)))
     else:
         yield key
 

@@ -77,15 +77,20 @@ def small_swing(record: PistonRecord) -> tuple[float, float]:
         If there are fewer than three swings.
     """
     times, heights = _turning_points(record)
-    ways = np.abs(np.diff(heights))
-    clear = ways > 0.02 * ways.max(initial=0.0)  # behind that, the bed creeps more than it swings
-    ways = ways[: int(np.argmin(clear)) if not clear.all() else len(clear)]
-    if len(ways) < 2 * _LEAST_SWINGS:
+    displacements = np.abs(np.diff(heights))
+    clear = displacements > 0.02 * displacements.max(
+        initial=0.0
+    )  # behind that, the bed creeps more than it swings
+    displacements = displacements[: int(np.argmin(clear)) if not clear.all() else len(clear)]
+    if len(displacements) < 2 * _LEAST_SWINGS:
         raise RecordError(
-            f"the record holds {len(ways) / 2:g} swings; {_LEAST_SWINGS} are needed: record longer"
+            f"the record holds {len(displacements) / 2:g} swings; {_LEAST_SWINGS} are needed: "
+            "record longer"
         )
-    half = float(np.polyfit(np.arange(len(ways) + 1), times[: len(ways) + 1], 1)[0])
-    decrement = -float(np.polyfit(np.arange(len(ways)), np.log(ways), 1)[0])
+    half = float(
+        np.polyfit(np.arange(len(displacements) + 1), times[: len(displacements) + 1], 1)[0]
+    )
+    decrement = -float(np.polyfit(np.arange(len(displacements)), np.log(displacements), 1)[0])
     return 2.0 * half, decrement / float(np.hypot(np.pi, decrement))
 
 
@@ -119,8 +124,8 @@ def _mean_distance(run: Trajectory) -> float:
 
 
 QUANTITIES = {
-    one.name: one
-    for one in (
+    quantity.name: quantity
+    for quantity in (
         MeasuredQuantity("energy", "1", _energy, relative=False, exact=0.0, of_start=True),
         MeasuredQuantity("positions", "D", _positions, relative=False, of_start=True),
         MeasuredQuantity("rest height", "m", _rest_height),

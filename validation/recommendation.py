@@ -191,13 +191,13 @@ def _by_halving(
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
         coarse = steps[: steps.index(dt) - APART + 1]
-        settings = [one for one in candidates(scenes[0]) if one.dt in coarse]
-        if not any(one.method == REFERENCE for one in settings):
+        settings = [candidate for candidate in candidates(scenes[0]) if candidate.dt in coarse]
+        if not any(setting.method == REFERENCE for setting in settings):
             continue
         study = _study(
             scenes, quantity, settings, SolverSettings(REFERENCE, dt), tolerance, until, progress
         )
-        own = [one for one in study.points if one.setting.method == REFERENCE]
+        own = [point for point in study.points if point.setting.method == REFERENCE]
         if _settled(own, study.floor, tolerance, 1):
             break
     if study is None:
@@ -223,9 +223,9 @@ def _study(
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
         (truth,) = truths(scenes, [quantity], [reference], until)
         tried: list[Point] = []
-        for family in dict.fromkeys(one.family for one in settings):
+        for family in dict.fromkeys(setting.family for setting in settings):
             own: list[Point] = []
-            for setting in (one for one in settings if one.family == family):
+            for setting in (setting for setting in settings if setting.family == family):
                 best = advice(tried + own, truth.floor, tolerance)
                 if _settled(own, truth.floor, tolerance) or _too_dear(own, best):
                     break
@@ -248,7 +248,7 @@ def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int
 
 def _too_dear(points: Sequence[Point], best: Advice) -> bool:
     """Tell if the next step of a family would cost far more than the best one so far."""
-    done = [one for one in points if not one.failed]
+    done = [point for point in points if not point.failed]
     if not done or best.point is None or best.point in points[-1:]:
         return False
     return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
@@ -259,13 +259,13 @@ def _hopeless(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> 
 
     By its force calls: a run's time is that of its steps times those of each.
     """
-    known = [one for one in tried if not one.failed and one.setting.dt in STEPS]
+    known = [latest for latest in tried if not latest.failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
     calls = METHODS[setting.method].force_calls
-    one = known[-1]
-    shorter = STEPS.index(setting.dt) - STEPS.index(str(one.setting.dt))
-    seconds = one.seconds * calls / METHODS[one.setting.method].force_calls * 2.0**shorter
+    last = known[-1]
+    shorter = STEPS.index(setting.dt) - STEPS.index(str(last.setting.dt))
+    seconds = last.seconds * calls / METHODS[last.setting.method].force_calls * 2.0**shorter
     return seconds > HOPELESS * best.point.seconds
 
 

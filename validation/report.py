@@ -21,7 +21,8 @@ from validation.table import tabulate
 Results = Mapping[str, Sequence[Plain]]
 
 SECTIONS = {
-    one.name: one for one in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
+    section.name: section
+    for section in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
 }
 
 
@@ -61,7 +62,8 @@ def report(
     if where is not None:
         make_directory(where)
     results: dict[str, Sequence[Plain]] = {
-        one.name: measure(one.name, one.tasks(full), where, progress=progress) for one in sections
+        section.name: measure(section.name, section.tasks(full), where, progress=progress)
+        for section in sections
     }
     plain = summary(results) | {"full": full, "machine": machine(), "parts": results}
     if where is not None:
@@ -72,7 +74,9 @@ def report(
 
 def page(results: Results, *, full: bool) -> Page:
     """Return the report as a page."""
-    read = {SECTIONS[name]: _read(name, ones) for name, ones in results.items()}
+    read = {
+        SECTIONS[name]: _read(name, section_entries) for name, section_entries in results.items()
+    }
     verdicts = summary(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
@@ -86,9 +90,16 @@ def page(results: Results, *, full: bool) -> Page:
     words = {True: "yes", False: "NO"}
     shown.table(
         ("part", "holds", "what was found"),
-        [(name, words[verdicts["held"][name]], one) for name, one in verdicts["verdicts"].items()],
+        [
+            (name, words[verdicts["held"][name]], verdict)
+            for name, verdict in verdicts["verdicts"].items()
+        ],
     )
-    below = {section: ones for section, ones in read.items() if section is not OVERVIEW}
+    below = {
+        section: section_entries
+        for section, section_entries in read.items()
+        if section is not OVERVIEW
+    }
     for section, ones in below.items():
         _show(shown, section, ones, results)
     if any(section.behind for section in below):
@@ -108,32 +119,32 @@ def page(results: Results, *, full: bool) -> Page:
 
 def _read(name: str, results: Sequence[Plain]) -> list[Any]:
     """The results that did not fail."""
-    return [SECTIONS[name].read(one) for one in results if FAILED not in one]
+    return [SECTIONS[name].read(result) for result in results if FAILED not in result]
 
 
-def _show(page: Page, section: Section, ones: Sequence[Any], results: Results) -> None:
+def _show(page: Page, section: Section, items: Sequence[Any], results: Results) -> None:
     """A section's texts and figures, its tables unless they stand behind, and what failed."""
     if section.title:
         page.section(section.title)
-    if ones:
-        section.show(page, ones)
-    if ones and not section.behind:
-        for _, table in section.tables(ones):
+    if items:
+        section.show(page, items)
+    if items and not section.behind:
+        for _, table in section.tables(items):
             tabulate(page, table)
     for line in _failures(results[section.name]):
         page.note(line)
 
 
 def _failures(results: Sequence[Plain]) -> list[str]:
-    return [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
+    return [f"{result['label']} failed: {result[FAILED]}" for result in results if FAILED in result]
 
 
 def summary(results: Results) -> dict[str, Any]:
     """Return a verdict for each section, whether it holds, and whether all of them do."""
     verdicts, held = {}, {}
-    for name, ones in results.items():
-        verdicts[name], right = SECTIONS[name].verdict(_read(name, ones))
-        failed = len(_failures(ones))
+    for name, result in results.items():
+        verdicts[name], right = SECTIONS[name].verdict(_read(name, result))
+        failed = len(_failures(result))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
         held[name] = right and not failed
@@ -142,8 +153,10 @@ def summary(results: Results) -> dict[str, Any]:
 
 def report_text(plain: Mapping[str, Any]) -> str:
     """Return the tables of a report for the console, what failed, and the verdicts."""
-    lines = [section_text(name, ones) for name, ones in plain["parts"].items()]
-    return "\n".join([*lines, *(f"{name}: {one}" for name, one in plain["verdicts"].items())])
+    lines = [section_text(name, group) for name, group in plain["parts"].items()]
+    return "\n".join(
+        [*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())]
+    )
 
 
 def section_text(name: str, results: Sequence[Plain]) -> str:

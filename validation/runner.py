@@ -42,11 +42,13 @@ class PlainData:
 
 def _to_plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
-        return {one.name: _to_plain(getattr(value, one.name)) for one in dataclasses.fields(value)}
+        return {
+            entry.name: _to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)
+        }
     if hasattr(value, "_asdict"):
-        return {name: _to_plain(one) for name, one in value._asdict().items()}
+        return {name: _to_plain(entry) for name, entry in value._asdict().items()}
     if isinstance(value, tuple):
-        return [_to_plain(one) for one in value]
+        return [_to_plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -56,11 +58,13 @@ def _from_plain(kind: Any, value: Any) -> Any:
         return math.nan if kind is float else None
     if isinstance(value, list):
         first = get_args(kind)[0]
-        return tuple(_from_plain(first, one) for one in value)
-    records = [one for one in (kind, *get_args(kind)) if _is_record(one)]
+        return tuple(_from_plain(first, entry) for entry in value)
+    records = [entry for entry in (kind, *get_args(kind)) if _is_record(entry)]
     if isinstance(value, Mapping) and records:
         hints = get_type_hints(records[0])
-        return records[0](**{name: _from_plain(hints[name], one) for name, one in value.items()})
+        return records[0](
+            **{name: _from_plain(hints[name], entry) for name, entry in value.items()}
+        )
     return value
 
 
@@ -145,17 +149,17 @@ def measure(
         If the directory cannot be written.
     """
     results = []
-    kept = None if directory is None else ResultCache(directory / "pieces")
+    saved = None if directory is None else ResultCache(directory / "pieces")
     for task in _in_turn(name, tasks, progress):
         key = _key(name, task)
-        result: Plain | None = None if kept is None else kept.read(key)
+        result: Plain | None = None if saved is None else saved.read(key)
         if result is None:
             try:
                 result = task.measure()
             except GranularError as stop:
                 result = {FAILED: f"{type(stop).__name__}: {stop}", "label": task.label}
-            if kept is not None:
-                kept.keep(key, result)
+            if saved is not None:
+                saved.keep(key, result)
         results.append(result)
     return results
 

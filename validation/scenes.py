@@ -42,16 +42,16 @@ def lattice(count: int) -> Scene:
     width, height = 60.0 * scale, 20.0 * scale
     apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)
     rows = round(height / (apart * math.sqrt(0.75)))
-    shares = [count // rows + (row < count % rows) for row in range(rows)]
-    places = np.array(
+    fractions = [count // rows + (row < count % rows) for row in range(rows)]
+    indices = np.array(
         [
             ((i + 0.5 + 0.25 * (-1) ** row) * width / many, (row + 0.5) * height / rows)
-            for row, many in enumerate(shares)
+            for row, many in enumerate(fractions)
             for i in range(many)
         ]
     )
-    places += 0.05 * apart * np.random.default_rng(1).standard_normal(places.shape)
-    places = np.clip(places, 0.6, np.array([width, height]) - 0.6)
+    indices += 0.05 * apart * np.random.default_rng(1).standard_normal(indices.shape)
+    indices = np.clip(indices, 0.6, np.array([width, height]) - 0.6)
     scene = load_scene("bed")
     diameter = scene.grains.species[0].diameter
     return scene.replace(
@@ -59,7 +59,7 @@ def lattice(count: int) -> Scene:
             "grains.count": count,
             "cell.width": width * diameter,
             "piston.height": height * diameter,
-            "arrangement": {"positions": (diameter * places).tolist(), "speed": 0.0},
+            "arrangement": {"positions": (diameter * indices).tolist(), "speed": 0.0},
             "output": {"scalars": 0.01, "frames": 1.0},
         }
     )

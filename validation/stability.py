@@ -82,7 +82,7 @@ def outcome(
         Up to the case's full time instead of the quick one.
     """
     dt = case.dt if dt is None else dt
-    begun = time.perf_counter()
+    started = time.perf_counter()
     kind, error, said = _attempt(case, method, dt, case.full if full else case.quick)
     name = said.split(":", 1)[0]
     allowed = (
@@ -92,7 +92,7 @@ def outcome(
     )
     return Outcome(
         case.name, method, str(dt), kind, error, case.limit, said, allowed,
-        time.perf_counter() - begun, case.measure.words,
+        time.perf_counter() - started, case.measure.words,
     )  # fmt: skip
 
 
@@ -108,8 +108,8 @@ def _attempt(case: HardCase, method: str, dt: float | str, until: float) -> tupl
             return STOPPED, math.nan, f"{type(stop).__name__}: {stop}"
         except Exception as crash:  # whatever it is, it belongs into the table
             return CRASHED, math.nan, f"{type(crash).__name__}: {crash}"
-    said = "; ".join(str(one.message) for one in caught)
-    doubts = [one for one in caught if OVERLAP not in str(one.message)]
+    said = "; ".join(str(warning.message) for warning in caught)
+    doubts = [warning for warning in caught if OVERLAP not in str(warning.message)]
     if error <= case.limit:
         return ACCURATE, error, said
     return (DEGRADED if doubts else SILENT), error, said
@@ -121,9 +121,12 @@ def _attempt(case: HardCase, method: str, dt: float | str, until: float) -> tupl
 def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
     """Show the outcome of every hard case."""
     page.text(stability_verdict(outcomes))
-    for one in outcomes:
-        if not one.allowed:
-            page.note(f"{one.case} ({one.method}, dt {one.dt}): {one.kind}. {one.said}")
+    for outcome in outcomes:
+        if not outcome.allowed:
+            page.note(
+                f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. "
+                f"{outcome.said}"
+            )
     page.text(
         "Each run's ending and its error, in the unit of the second column; the third says up to "
         "what the case's own run counts as accurate (ten times that for other methods, sixteen "
@@ -135,8 +138,8 @@ def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
 
 def stability_verdict(outcomes: Sequence[Outcome]) -> str:
     """Say in two sentences how the cases ended."""
-    accurate = sum(one.kind == ACCURATE for one in outcomes)
-    wrong = sum(not one.allowed for one in outcomes)
+    accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
+    wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
         f"{accurate} of {len(outcomes)} runs are accurate to the figure stated for them; "
         f"{len(outcomes) - accurate - wrong} are degraded and say so, or are stopped with a typed "
@@ -150,11 +153,11 @@ def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
     rows: dict[str, dict[str, str]] = {}
     columns: dict[str, None] = {own: None}
     first: dict[str, Outcome] = {}
-    for one in outcomes:
-        new = first.setdefault(one.case, one) is one
-        column = own if new else _column(one)
+    for outcome in outcomes:
+        new = first.setdefault(outcome.case, outcome) is outcome
+        column = own if new else _column(outcome)
         columns[column] = None
-        rows.setdefault(one.case, {})[column] = _ending(one)
+        rows.setdefault(outcome.case, {})[column] = _ending(outcome)
     return table(
         ("case", "error of what [unit]", "accurate up to", *columns),
         [
@@ -169,26 +172,28 @@ def _with_unit(words: str) -> str:
     return words if words.endswith("]") or not words else f"{words} [1]"
 
 
-def _column(one: Outcome) -> str:
-    return f"with {one.method}" if one.dt == "auto" else f"dt = {one.dt}"
+def _column(outcome: Outcome) -> str:
+    return f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
 
 
-def _ending(one: Outcome) -> str:
-    wrong = "" if one.allowed else " (!)"
-    if one.kind == STOPPED:
-        return f"stopped: {one.said.split(':', 1)[0]}{wrong}"
-    return f"{one.kind}: {one.error:.1g}{wrong}"
+def _ending(outcome: Outcome) -> str:
+    wrong = "" if outcome.allowed else " (!)"
+    if outcome.kind == STOPPED:
+        return f"stopped: {outcome.said.split(':', 1)[0]}{wrong}"
+    return f"{outcome.kind}: {outcome.error:.1g}{wrong}"
 
 
 def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
     """One row an outcome."""
     rows = [
         (
-            one.case, one.method, one.dt, one.kind if one.allowed else f"{one.kind} (!)",
-            "" if one.error != one.error else f"{one.error:.1e}", f"{one.limit:.1e}",
-            one.said, f"{one.seconds:.2g}",
+            outcome.case, outcome.method, outcome.dt,
+            outcome.kind if outcome.allowed else f"{outcome.kind} (!)",
+            "" if outcome.error != outcome.error else f"{outcome.error:.1e}",
+            f"{outcome.limit:.1e}",
+            outcome.said, f"{outcome.seconds:.2g}",
         )
-        for one in outcomes
+        for outcome in outcomes
     ]  # fmt: skip
     header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
     return table(header, rows)
@@ -196,7 +201,9 @@ def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
 
 def case_table(names: Collection[str]) -> TextTable:
     """Return a table of what is hard about each case, and of what its error is."""
-    rows = [(one.name, one.what, one.measure.words) for one in catalogue() if one.name in names]
+    rows = [
+        (case.name, case.what, case.measure.words) for case in catalogue() if case.name in names
+    ]
     return table(("case", "what is hard", "error"), rows)
 
 
@@ -242,13 +249,13 @@ def _varied(case: HardCase, times: float) -> HardCase:
 
 
 def _verdict(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
-    return stability_verdict(outcomes).rstrip("."), all(one.allowed for one in outcomes)
+    return stability_verdict(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
 
 
 def _tables(outcomes: Sequence[Outcome]) -> list[tuple[str, TextTable]]:
     return [
         ("Hard cases.", stability_table(outcomes)),
-        ("What is hard, and what is measured.", case_table({one.case for one in outcomes})),
+        ("What is hard, and what is measured.", case_table({outcome.case for outcome in outcomes})),
     ]
 
 

@@ -104,8 +104,8 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     edges = _block_edges(len(energy), blocks)
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
-    places = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
-    return _trend(places, means, duration, _swing(energy))
+    positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
+    return _trend(positions, means, duration, _swing(energy))
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
@@ -117,20 +117,20 @@ def _block_edges(length: int, blocks: int) -> np.ndarray:
 
 
 def _swing(series: np.ndarray) -> float:
-    place = np.arange(len(series))
-    line = np.polynomial.Polynomial.fit(place, series, 1)
-    return float((series - line(place)).std())
+    index = np.arange(len(series))
+    line = np.polynomial.Polynomial.fit(index, series, 1)
+    return float((series - line(index)).std())
 
 
-def _trend(places: np.ndarray, means: np.ndarray, duration: float, swing: float) -> Trend:
+def _trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> Trend:
     from scipy import stats
 
     count = len(means)
-    away = places - places.mean()
+    away = positions - positions.mean()
     slope = float(away @ means / (away @ away))
     rest = means - means.mean() - slope * away
     error = float(np.sqrt(rest @ rest / (count - 2) / (away @ away) * _inflation(rest)))
-    rates = np.diff(means) * (count - 1) / (places[-1] - places[0])
+    rates = np.diff(means) * (count - 1) / (positions[-1] - positions[0])
     walk = float(rates.mean())
     walk_error = float(rates.std(ddof=1) * np.sqrt(_WORKING / (count - 1)))
     margin = float(stats.t.ppf(0.995, count - 2)) * max(error, walk_error)

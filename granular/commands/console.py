@@ -74,8 +74,8 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _complain(str(error), FAILED)
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
-        kept = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
-        return _complain(f"{stop}: {kept}", TERMINATED if stop.terminated else INTERRUPTED)
+        saved = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
+        return _complain(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing(error)
         if advice is None:
@@ -110,8 +110,8 @@ def _of_system(error: OSError) -> str:
     if error.filename is None:
         with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
             sys.stdout.close()
-    place = "standard output or a file" if error.filename is None else visible(error.filename)
-    return f"{place}: {error.strerror}; see to its place, and try again"
+    target = "standard output or a file" if error.filename is None else visible(error.filename)
+    return f"{target}: {error.strerror}; see to its place, and try again"
 
 
 def _complain(message: str, code: int) -> int:
@@ -137,8 +137,8 @@ def group(*options: Option, title: str | None = None) -> Option:
 
     def add(parser: argparse._ActionsContainer) -> None:
         target = parser if title is None else parser.add_argument_group(title)
-        for one in options:
-            one(target)
+        for add_option in options:
+            add_option(target)
 
     return add
 
@@ -196,21 +196,21 @@ class Program(NamedTuple):
             formatter_class=raw,
         )  # fmt: skip
         add_version(top)
-        top.commands = {one.name: one.summary for one in self.commands}
+        top.commands = {offered.name: offered.summary for offered in self.commands}
         parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-        for one in self.commands:
+        for offered in self.commands:
             parser = parsers.add_parser(
-                one.name, help=one.summary, epilog=one.examples, formatter_class=raw,
-                description=one.summary[0].upper() + one.summary[1:] + ".",
+                offered.name, help=offered.summary, epilog=offered.examples, formatter_class=raw,
+                description=offered.summary[0].upper() + offered.summary[1:] + ".",
             )  # fmt: skip
             parser.set_defaults(prog=parser.prog)
-            group(*one.options)(parser)
+            group(*offered.options)(parser)
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
         """Run one command."""
         options = self.parser(name).parse_args(arguments)
-        chosen = next(one for one in self.commands if one.name == options.command)
+        chosen = next(offered for offered in self.commands if offered.name == options.command)
         chosen.carry_out(options)
 
 

@@ -65,7 +65,7 @@ def _export_deck(options: Any) -> None:
         overwrite=options.force,
     )
     text = f"LAMMPS deck written to {options.out}; there: mpirun -np 2 lmp -in in.granular"
-    emit({"format": "lammps", "files": [str(one) for one in files]}, text, options.json)
+    emit({"format": "lammps", "files": [str(file) for file in files]}, text, options.json)
 
 
 def _export_frames(options: Any) -> None:
@@ -80,9 +80,9 @@ def _export_frames(options: Any) -> None:
         "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
     }  # fmt: skip
     write = writers[options.format]
-    found = write(run, options.out, overwrite=options.force, progress=progress)
-    files = found if isinstance(found, tuple) else (found,)
+    result = write(run, options.out, overwrite=options.force, progress=progress)
+    files = result if isinstance(result, tuple) else (result,)
     frames = run.dataset.sizes["frame"]
-    names = [str(one) for one in files]
+    names = [str(file) for file in files]
     text = f"{frames} frames written to {options.out}"
     emit({"format": options.format, "frames": frames, "files": names}, text, options.json)

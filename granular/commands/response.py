@@ -176,10 +176,10 @@ def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
             "--displacement"
         )
     for name, sizes in given.items():
-        kept = {"kind": "sine", "frequency": 1.0, name: sizes[0]}
+        saved = {"kind": "sine", "frequency": 1.0, name: sizes[0]}
         if host.excitation is not None:
-            kept["start"] = host.excitation.start
-        scene = scene.replace(**{"effects.host.excitation": kept})
+            saved["start"] = host.excitation.start
+        scene = scene.replace(**{"effects.host.excitation": saved})
     return scene, next(iter(given.values()), None)
 
 

@@ -73,7 +73,7 @@ def _list_methods(options: Any) -> None:
     from granular.methods.named import known_methods
 
     methods = known_methods()
-    emit({name: one.to_plain() for name, one in methods.items()}, repr(methods), options.json)
+    emit({name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json)
 
 
 def _warm_up(options: Any) -> None:

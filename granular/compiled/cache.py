@@ -60,12 +60,12 @@ def _known_syntax_digest() -> str:
     if folder is None:
         return syntax_digest(files)
     known, label = folder / "source", raw_digest(files)
-    kept = read_sealed(known, label)
-    if kept is not None:
-        return kept.decode()
-    found = syntax_digest(files)
-    _write(known, label, found.encode())
-    return found
+    sealed = read_sealed(known, label)
+    if sealed is not None:
+        return sealed.decode()
+    result = syntax_digest(files)
+    _write(known, label, result.encode())
+    return result
 
 
 def _write(path: Path, label: str, body: bytes) -> None:
@@ -107,8 +107,8 @@ class KernelCache(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The form for these types of arguments; None where there is none that can be trusted."""
         target_context.refresh()
-        place = self._place(sig, target_context.codegen())
-        body = None if place is None else read_sealed(*place)
+        entry = self._place(sig, target_context.codegen())
+        body = None if entry is None else read_sealed(*entry)
         if body is None:
             return None
         types, payload = pickle.loads(body)
@@ -116,10 +116,10 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""
-        place = self._place(sig, data.codegen)
-        if place is not None and not data.library.has_dynamic_globals:
-            _tidy(place[0].parent)
-            _write(*place, dumps((sig, data._reduce())))
+        entry = self._place(sig, data.codegen)
+        if entry is not None and not data.library.has_dynamic_globals:
+            _tidy(entry[0].parent)
+            _write(*entry, dumps((sig, data._reduce())))
 
     def _place(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """The file of a form, and all that it must have been made for."""

@@ -46,17 +46,17 @@ def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) 
         Take the last law first.
     """
 
-    def call(laws: Any, rooms: Any, *others: Any) -> Any:
-        found = [
-            getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
-            for place in _places(hook, map(type, laws), backward)
+    def call(laws: Any, workspaces: Any, *others: Any) -> Any:
+        result = [
+            getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
+            for index in _places(hook, map(type, laws), backward)
         ]
-        return sum(found[1:], start=found[0]) if found else empty
+        return sum(result[1:], start=result[0]) if result else empty
 
-    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
-        places = _places(hook, _classes(laws), backward)
-        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
-        return _unrolled(calls, empty, _sum, (laws, rooms, *others))
+    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
+        indices = _places(hook, _classes(laws), backward)
+        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
+        return _unrolled(calls, empty, _sum, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -64,19 +64,19 @@ def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) 
 def greatest_over(hook: str, rest: str) -> Kernel:
     """As `sum_over`, for the greatest value; 0 where no law has the hook."""
 
-    def call(laws: Any, rooms: Any, *others: Any) -> Any:
+    def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         return max(
             (
-                getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
-                for place in _places(hook, map(type, laws))
+                getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
+                for index in _places(hook, map(type, laws))
             ),
             default=0.0,
         )
 
-    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
-        places = _places(hook, _classes(laws))
-        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
-        return _unrolled(calls, 0.0, _greater, (laws, rooms, *others))
+    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
+        indices = _places(hook, _classes(laws))
+        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
+        return _unrolled(calls, 0.0, _greater, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -87,16 +87,16 @@ def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     It is called as `sum_over` is.
     """
 
-    def call(laws: Any, rooms: Any, *others: Any) -> Any:
-        for place in _places(hook, map(type, laws), backward=True):
-            return getattr(laws[place], hook)(laws[place], rooms[place], place, *others)
+    def call(laws: Any, workspaces: Any, *others: Any) -> Any:
+        for index in _places(hook, map(type, laws), backward=True):
+            return getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
         return otherwise(*others)
 
-    def choose(context: Any, laws: Any, rooms: Any, *others: Any) -> tuple[Signature, Kernel]:
-        places = _places(hook, _classes(laws), backward=True)[:1]
-        calls = [_hook_call(context, hook, laws, rooms, place, others) for place in places]
+    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
+        indices = _places(hook, _classes(laws), backward=True)[:1]
+        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         calls = calls or [_call(context, otherwise, others, range(2, 2 + len(others)))]
-        return _unrolled(calls, 0, _sum, (laws, rooms, *others))
+        return _unrolled(calls, 0, _sum, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -112,8 +112,8 @@ def by_law(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(law.instance_class, hook, otherwise)
-        one = _call(context, kernel, (law, *others), range(1 + len(others)))
-        return _unrolled([one], 0, _sum, (law, *others))
+        call_law = _call(context, kernel, (law, *others), range(1 + len(others)))
+        return _unrolled([call_law], 0, _sum, (law, *others))
 
     return _made(call, choose, f"law {rest}")
 
@@ -123,8 +123,8 @@ def _classes(laws: types.BaseTuple) -> list[type]:
 
 
 def _places(hook: str, classes: Any, backward: bool = False) -> list[int]:
-    places = [place for place, one in enumerate(classes) if hasattr(one, hook)]
-    return places[::-1] if backward else places
+    indices = [place for place, kind in enumerate(classes) if hasattr(kind, hook)]
+    return indices[::-1] if backward else indices
 
 
 class _Call(NamedTuple):
@@ -149,25 +149,25 @@ class _Call(NamedTuple):
 
 def _call(
     context: Any, kernel: Kernel, given: Sequence[Any], sources: Sequence[int | tuple[int, int]],
-    place: int | None = None,
+    index: int | None = None,
 ) -> _Call:  # fmt: skip
     known = context.resolve_value_type(kernel)
-    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, place)
+    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, index)
 
 
 def _hook_call(
-    context: Any, hook: str, laws: Any, rooms: Any, place: int, rest: Sequence[Any]
+    context: Any, hook: str, laws: Any, workspaces: Any, index: int, rest: Sequence[Any]
 ) -> _Call:
-    kernel = getattr(laws.types[place].instance_class, hook)
-    given = (laws.types[place], rooms.types[place], types.int64, *rest)
-    sources = ((0, place), (1, place), *range(2, 2 + len(rest)))
-    return _call(context, kernel, given, sources, place)
+    kernel = getattr(laws.types[index].instance_class, hook)
+    given = (laws.types[index], workspaces.types[index], types.int64, *rest)
+    sources = ((0, index), (1, index), *range(2, 2 + len(rest)))
+    return _call(context, kernel, given, sources, index)
 
 
 def _sum(builder: Any, first: Any, second: Any) -> Any:
     """The sum of two numbers of one type."""
-    whole = isinstance(first.type, ir.IntType)
-    return builder.add(first, second) if whole else builder.fadd(first, second)
+    is_integer = isinstance(first.type, ir.IntType)
+    return builder.add(first, second) if is_integer else builder.fadd(first, second)
 
 
 def _greater(builder: Any, first: Any, second: Any) -> Any:
@@ -187,12 +187,12 @@ def _unrolled(
             return context.get_constant(none, empty)
         total = None
         for call in calls:
-            found = _written(context, builder, call, values, given)
+            output = _written(context, builder, call, values, given)
             if result == types.none:
                 total = context.get_dummy_value()
             else:
-                found = context.cast(builder, found, call.sig.return_type, result)
-                total = found if total is None else join(builder, total, found)
+                output = context.cast(builder, output, call.sig.return_type, result)
+                total = output if total is None else join(builder, total, output)
         return total
 
     return signature(result, *given), write

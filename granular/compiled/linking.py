@@ -18,18 +18,18 @@ from numba.core.compiler import Compiler, CompileResult
 
 def _with_all_below(libraries: list[Any]) -> list[Any]:
     """Libraries and those that they link, each once, callers before what they call."""
-    found: dict[Any, None] = {}
+    result: dict[Any, None] = {}
 
     def enter(library: Any) -> None:
-        if library not in found:
+        if library not in result:
             if isinstance(library, LinkedLibrary):
                 for below in library._linking_libraries:
                     enter(below)
-            found[library] = None
+            result[library] = None
 
     for library in libraries:
         enter(library)
-    return list(found)[::-1]
+    return list(result)[::-1]
 
 
 class LinkedLibrary(JITCodeLibrary):
@@ -40,9 +40,9 @@ class LinkedLibrary(JITCodeLibrary):
 
     def finalize(self) -> None:
         self._raise_if_finalized()
-        for one in self._final_module.functions:
-            if not one.is_declaration and one.linkage == binding.Linkage.external:
-                one.linkage = "linkonce_odr"
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == binding.Linkage.external:
+                function.linkage = "linkonce_odr"
         self._finalize_dynamic_globals()
         for library in self._linking_libraries:
             self._reload_init.update(library._reload_init)
@@ -56,10 +56,10 @@ class LinkedLibrary(JITCodeLibrary):
         """Own code with all that it calls."""
         self._ensure_finalized()
         if self._shared_module is None:
-            whole = self._final_module.clone()
+            total = self._final_module.clone()
             for library in _with_all_below(self._linking_libraries):
-                whole.link_in(_module(library), preserve=True)
-            self._shared_module = whole
+                total.link_in(_module(library), preserve=True)
+            self._shared_module = total
         return self._shared_module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:

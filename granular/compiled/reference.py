@@ -27,10 +27,10 @@ T = TypeVar("T")
 class Reference(types.Type):
     """Address of a named tuple; its name is short, since it is a part of names of kernels."""
 
-    def __init__(self, whole: Any) -> None:
-        self.whole = whole
-        digest = hashlib.sha256(str(whole).encode()).hexdigest()[:12]
-        super().__init__(name=f"{whole.instance_class.__name__}.{digest}")
+    def __init__(self, total: Any) -> None:
+        self.whole = total
+        digest = hashlib.sha256(str(total).encode()).hexdigest()[:12]
+        super().__init__(name=f"{total.instance_class.__name__}.{digest}")
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
@@ -40,8 +40,8 @@ class Reference(types.Type):
         """Place of a field, and what reading it gives."""
         if name not in self.whole.fields:
             return None
-        place = self.whole.fields.index(name)
-        return place, _referred(self.whole.types[place])
+        number = self.whole.fields.index(name)
+        return number, _referred(self.whole.types[number])
 
 
 def _referred(kind: Any) -> Any:
@@ -55,8 +55,8 @@ def _is_named_tuple(kind: Any) -> bool:
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Reference) -> None:
-        whole = manager.lookup(kind.whole).get_data_type()
-        super().__init__(manager, kind, whole.as_pointer())
+        data_type = manager.lookup(kind.whole).get_data_type()
+        super().__init__(manager, kind, data_type.as_pointer())
 
 
 @infer_getattr
@@ -64,16 +64,16 @@ class _ReferenceFields(AttributeTemplate):
     key = Reference
 
     def generic_resolve(self, kind: Reference, name: str) -> Any:
-        found = kind.field(name)
-        return None if found is None else found[1]
+        result = kind.field(name)
+        return None if result is None else result[1]
 
 
 @lower_getattr_generic(Reference)
 def _read_field(context: Any, builder: Any, kind: Reference, value: Any, name: str) -> Any:
-    found = kind.field(name)
-    assert found is not None
-    place, read = found
-    pointer = cgutils.gep_inbounds(builder, value, 0, place)
+    output = kind.field(name)
+    assert output is not None
+    position, read = output
+    pointer = cgutils.gep_inbounds(builder, value, 0, position)
     if isinstance(read, Reference):
         return pointer
     block, before = builder.block, len(builder.block.instructions)
@@ -89,9 +89,15 @@ def _read_field(context: Any, builder: Any, kind: Reference, value: Any, name: s
 def _put(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
     """Write a value field by field."""
     if _is_named_tuple(kind):
-        for place, one in enumerate(kind.types):
-            part = builder.extract_value(value, place)
-            _put(context, builder, one, part, cgutils.gep_inbounds(builder, pointer, 0, place))
+        for position, field_type in enumerate(kind.types):
+            part = builder.extract_value(value, position)
+            _put(
+                context,
+                builder,
+                field_type,
+                part,
+                cgutils.gep_inbounds(builder, pointer, 0, position),
+            )
     else:
         builder.store(context.data_model_manager[kind].as_data(builder, value), pointer)
 
@@ -101,23 +107,23 @@ def _same(context: Any, builder: Any, signature: Any, values: Any) -> Any:
 
 
 @intrinsic
-def _by_reference(typing: Any, whole: Any) -> Any:
-    if not _is_named_tuple(whole):
-        return whole(whole), _same
+def _by_reference(typing: Any, total: Any) -> Any:
+    if not _is_named_tuple(total):
+        return total(total), _same
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        room = context.data_model_manager[whole].get_data_type()
-        pointer = cgutils.alloca_once(builder, room)
-        _put(context, builder, whole, values[0], pointer)
+        workspace = context.data_model_manager[total].get_data_type()
+        pointer = cgutils.alloca_once(builder, workspace)
+        _put(context, builder, total, values[0], pointer)
         # Behind what the optimiser cannot look through, the fields are as they are now.
         kind = ir.FunctionType(pointer.type, [pointer.type])
         return builder.asm(kind, "", "=r,0,~{memory}", [pointer], side_effect=True)
 
-    return Reference(whole)(whole), generate
+    return Reference(total)(total), generate
 
 
-def _itself(whole: T) -> T:
-    return whole
+def _itself(total: T) -> T:
+    return total
 
 
 by_reference: Any = numba.njit(_itself) if PLAIN or numba.config.DISABLE_JIT else _by_reference

@@ -16,7 +16,7 @@ _DECORATORS = {"compiled", "entry", "intrinsic"}
 
 def source_files() -> dict[str, bytes]:
     """Content of every file in the rooms, by its place in the package."""
-    paths = sorted(path for room in ROOMS for path in (PACKAGE / room).rglob("*.py"))
+    paths = sorted(path for workspace in ROOMS for path in (PACKAGE / workspace).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
@@ -44,13 +44,13 @@ def syntax_digest(files: dict[str, bytes]) -> str:
 def _reached(trees: dict[str, ast.Module]) -> set[str]:
     """The files that hold kernels, and those that they import from, all the way."""
     waiting = [name for name, tree in trees.items() if _has_kernels(tree)]
-    found: set[str] = set()
+    result: set[str] = set()
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += [one for one in _imported(trees[name]) if one in trees]
-    return found
+        if name not in result:
+            result.add(name)
+            waiting += [module for module in _imported(trees[name]) if module in trees]
+    return result
 
 
 def _has_kernels(tree: ast.Module) -> bool:
@@ -67,14 +67,14 @@ def _imported(tree: ast.Module) -> Iterator[str]:
     for node in ast.walk(tree):
         modules: list[str] = []
         if isinstance(node, ast.ImportFrom) and node.module:
-            modules = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
+            modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         elif isinstance(node, ast.Import):
-            modules = [one.name for one in node.names]
+            modules = [alias.name for alias in node.names]
         for module in modules:
             package, *rest = module.split(".")
             if package == PACKAGE.name:
-                place = "/".join(rest)
-                yield from (f"{place}.py", f"{place}/__init__.py")
+                base = "/".join(rest)
+                yield from (f"{base}.py", f"{base}/__init__.py")
 
 
 def _take_texts_out(tree: ast.Module) -> None:
@@ -82,7 +82,7 @@ def _take_texts_out(tree: ast.Module) -> None:
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            body[:] = [one for one in body if not _is_text(one)]
+            body[:] = [statement for statement in body if not _is_text(statement)]
 
 
 def _is_text(node: ast.stmt) -> bool:

@@ -109,7 +109,7 @@ class BathLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def glide(law: BathLaw, room: None, place: int, dt: float, bed: Bed) -> int:
+    def glide(law: BathLaw, room: None, index: int, dt: float, bed: Bed) -> int:
         """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift."""
         state, constants = bed.state, bed.constants
         left = math.exp(-law.rate * dt)
@@ -126,7 +126,7 @@ class BathLaw(NamedTuple):
             state.y[i] += half * (vy + new_y)
             state.vx[i], state.vy[i] = new_x, new_y
             state.scratch[i] = 0.5 * mass * (vx * vx + vy * vy - new_x * new_x - new_y * new_y)
-        state.ledger[LOSSES + place] += lane_sum(state.scratch)
+        state.ledger[LOSSES + index] += lane_sum(state.scratch)
         return 0
 
 

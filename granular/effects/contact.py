@@ -51,7 +51,7 @@ class Contact(Effect):
     def law(self, setting: Setting) -> ContactLaw:
         """The law in natural units."""
         scales = setting.scales
-        diameters = np.array([one.diameter for one in setting.grains.species]) / scales.length
+        diameters = np.array([specy.diameter for specy in setting.grains.species]) / scales.length
         radius = 0.5 * diameters[setting.species]
         logarithm = math.log(self.restitution)
         alpha = -math.sqrt(5.0) * logarithm / math.hypot(logarithm, math.pi)
@@ -91,7 +91,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def add_forces(law: ContactLaw, room: ClosePairs, place: int, bed: Bed, time: float) -> int:
+    def add_forces(law: ContactLaw, room: ClosePairs, index: int, bed: Bed, time: float) -> int:
         """Add the forces of the grains in contact; 1 where the buffer is too short for them."""
         state, constants = bed.state, bed.constants
         find_close_pairs(room, state.x, state.y, constants.grains, law.widest, law.radius)
@@ -112,7 +112,7 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: ContactLaw, room: ClosePairs, place: int, bed: Bed,
+        law: ContactLaw, room: ClosePairs, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the contacts."""
@@ -129,13 +129,13 @@ class ContactLaw(NamedTuple):
                 slope = 2.0 * _stiffness(k, overlap)
                 stiffness[i] += slope / value_of(masses, i)
                 stiffness[j] += slope / value_of(masses, j)
-        energies[place] = total
+        energies[index] = total
         return 0
 
     @staticmethod
     @compiled
     def flow(
-        law: ContactLaw, room: ClosePairs, place: int, dt: float, bed: Bed, opening: bool
+        law: ContactLaw, room: ClosePairs, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Apply the dashpots to the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
@@ -159,13 +159,13 @@ class ContactLaw(NamedTuple):
                 state.vy[i] += impulse / first * ny
                 state.vx[j] -= impulse / second * nx
                 state.vy[j] -= impulse / second * ny
-                state.ledger[LOSSES + place] += 0.5 * mass * speed * speed * (1.0 - left * left)
+                state.ledger[LOSSES + index] += 0.5 * mass * speed * speed * (1.0 - left * left)
         return 0
 
     @staticmethod
     @compiled
     def collision(
-        law: ContactLaw, room: None, place: int, speed: float, constants: Constants
+        law: ContactLaw, room: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Square of the highest angular frequency in an impact at that speed."""
         barrier = 0.0

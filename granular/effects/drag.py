@@ -85,18 +85,18 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: DragLaw, room: LastFlow, place: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(law: DragLaw, room: LastFlow, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
         _kick(
             state.rounding, room.values, law.rate, dt, state, constants.grains,
-            constants.masses, LOSSES + place,
+            constants.masses, LOSSES + index,
         )  # fmt: skip
         return 0
 
     @staticmethod
     @compiled
-    def slow(law: DragLaw, room: LastFlow, place: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def slow(law: DragLaw, room: LastFlow, index: int, slopes: Array, dt: float, bed: Bed) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
         for i in range(constants.grains):
@@ -105,7 +105,7 @@ class DragLaw(NamedTuple):
             slopes[VX, i] -= law.rate * vx
             slopes[VY, i] -= law.rate * vy
             state.scratch[i] = mass * (vx * vx + vy * vy)
-        state.ledger[LOSSES + place] += dt * law.rate * lane_sum(state.scratch)
+        state.ledger[LOSSES + index] += dt * law.rate * lane_sum(state.scratch)
         return 0
 
 

@@ -78,7 +78,7 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(law: EddyLaw, room: None, place: int, dt: float, bed: Bed, opening: bool) -> int:
+    def flow(law: EddyLaw, room: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
@@ -89,12 +89,12 @@ class EddyLaw(NamedTuple):
             lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
             left = math.exp(exponent)
             state.vx[i], state.vy[i] = left * vx, left * vy
-        state.ledger[LOSSES + place] += lost
+        state.ledger[LOSSES + index] += lost
         return 0
 
     @staticmethod
     @compiled
-    def slow(law: EddyLaw, room: None, place: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def slow(law: EddyLaw, room: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
@@ -104,5 +104,5 @@ class EddyLaw(NamedTuple):
             slopes[VX, i] -= rate * vx
             slopes[VY, i] -= rate * vy
             lost += mass * rate * (vx * vx + vy * vy)
-        state.ledger[LOSSES + place] += dt * lost
+        state.ledger[LOSSES + index] += dt * lost
         return 0

@@ -230,10 +230,10 @@ def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> floa
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
         return _while_it_acts(drive, t)
-    share = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
-    if not share > 0.0:
+    fraction = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
+    if not fraction > 0.0:
         return 0.0
-    return share * _while_it_acts(drive, min(max(t, 0.0), drive.duration))
+    return fraction * _while_it_acts(drive, min(max(t, 0.0), drive.duration))
 
 
 @compiled
@@ -269,9 +269,9 @@ Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Times [s], values, and slopes [1/s]."""
 
 
-def _table_count(one: Excitation) -> int:
-    spacing = float(np.diff(one.times).min())
-    count = round((one.times[-1] - one.times[0]) / spacing) + 1
+def _table_count(excitation: Excitation) -> int:
+    spacing = float(np.diff(excitation.times).min())
+    count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
     if count > MOST_KNOTS:
         raise FieldError(
             f"the least distance, {spacing:g} s, makes {count} knots, {MOST_KNOTS} is the limit; "
@@ -281,37 +281,42 @@ def _table_count(one: Excitation) -> int:
     return count
 
 
-def _table(one: Excitation) -> Knots:
+def _table(excitation: Excitation) -> Knots:
     """A cubic spline through the table, on times that are equally far from each other."""
     from scipy.interpolate import CubicSpline
 
-    spline = CubicSpline(one.times, one.values)
-    times = np.linspace(one.times[0], one.times[-1], _table_count(one))
+    spline = CubicSpline(excitation.times, excitation.values)
+    times = np.linspace(excitation.times[0], excitation.times[-1], _table_count(excitation))
     return times, spline(times), spline(times, 1)
 
 
-def _knots(one: Excitation) -> int:
-    assert one.to is not None
-    assert one.duration is not None
-    count = math.ceil(one.duration * one.to * KNOTS_A_PERIOD) + 1
+def _knots(excitation: Excitation) -> int:
+    assert excitation.to is not None
+    assert excitation.duration is not None
+    count = math.ceil(excitation.duration * excitation.to * KNOTS_A_PERIOD) + 1
     if count > MOST_KNOTS:
         raise FieldError(
-            f"{one.duration:g} s of noise up to {one.to:g} Hz has {count} knots, {MOST_KNOTS} is "
-            "the limit; shorten it",
+            f"{excitation.duration:g} s of noise up to {excitation.to:g} Hz has {count} knots, "
+            f"{MOST_KNOTS} is the limit; shorten it",
             "duration",
         )
     return count
 
 
-def _noise(one: Excitation) -> Knots:
+def _noise(excitation: Excitation) -> Knots:
     """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
-    assert one.frequency is not None
-    assert one.to is not None
-    assert one.duration is not None
-    lines = int(min(max((one.to - one.frequency) * one.duration, 1.0), MOST_LINES))
-    omega = math.tau * (one.frequency + (one.to - one.frequency) * (np.arange(lines) + 0.5) / lines)
-    phases = np.random.default_rng(one.seed).uniform(0.0, math.tau, lines)
-    times = np.linspace(0.0, one.duration, _knots(one))
+    assert excitation.frequency is not None
+    assert excitation.to is not None
+    assert excitation.duration is not None
+    lines = int(
+        min(max((excitation.to - excitation.frequency) * excitation.duration, 1.0), MOST_LINES)
+    )
+    omega = math.tau * (
+        excitation.frequency
+        + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
+    )
+    phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
+    times = np.linspace(0.0, excitation.duration, _knots(excitation))
     size = math.sqrt(2.0 / lines)
     values, slopes = np.zeros(len(times)), np.zeros(len(times))
     for rate, phase in zip(omega, phases, strict=True):

@@ -37,8 +37,8 @@ class _Factors(FieldKind):
         if not isinstance(value, Mapping | tuple):
             raise FieldError(f"{quoted(value)} must be a table of numbers by species")
         try:
-            found = {str(name): float(number) for name, number in dict(value).items()}
-            return tuple(sorted(found.items()))
+            result = {str(name): float(number) for name, number in dict(value).items()}
+            return tuple(sorted(result.items()))
         except (TypeError, ValueError):
             raise FieldError(f"{quoted(value)} holds something that is not a number") from None
 
@@ -111,7 +111,7 @@ class FieldText(Formula, Effect):
     def check(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        known = tuple(one.name for one in grains.species)
+        known = tuple(specy.name for specy in grains.species)
         for name, _ in self.factor:
             if name not in known:
                 raise FieldError(unknown(name, known, "species"), "effects", "field", "factor")
@@ -124,8 +124,8 @@ class FieldText(Formula, Effect):
         factor = None
         if self.factor:
             numbers = dict(self.factor)
-            each = [numbers.get(one.name, 1.0) for one in setting.grains.species]
-            factor = padded_values(np.array(each)[setting.species])
+            value = [numbers.get(specy.name, 1.0) for specy in setting.grains.species]
+            factor = padded_values(np.array(value)[setting.species])
         kind = Kind(self.definition.digest)
         return OwnLaw(kind, self.natural(setting.scales), math.inf, factor)
 

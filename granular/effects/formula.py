@@ -68,21 +68,21 @@ class Formula(Parametric):
     def natural(self, scales: Scales) -> tuple[float, ...]:
         """The parameters in natural units, in the order of `values`."""
         units = (scales.length, scales.mass, scales.time, scales.current)
-        found = []
+        result = []
         for name, _ in self.values:
             value, dimension = self.parameter(name)
             for unit, power in zip(units, dimension, strict=True):
                 value /= unit ** float(power)
-            found.append(value)
-        return tuple(found)
+            result.append(value)
+        return tuple(result)
 
     @property
     def definition(self) -> Definition:
         """Definition by which kernels know the formula."""
         kind: Any = type(self)
-        found: Definition = _definition(kind, self.energy, tuple(name for name, _ in self.values))
-        DEFINITIONS[found.digest] = found
-        return found
+        result: Definition = _definition(kind, self.energy, tuple(name for name, _ in self.values))
+        DEFINITIONS[result.digest] = result
+        return result
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ class Listed(Effect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> Any:
-        return [one.to_plain() for one in self.parts]
+        return [part.to_plain() for part in self.parts]
 
     @property
     def parts(self) -> tuple[Effect, ...]:
@@ -117,8 +117,8 @@ class Listed(Effect):
     def check(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        for one in self.parts:
-            one.check(grains, cell, piston, others)
+        for part in self.parts:
+            part.check(grains, cell, piston, others)
 
 
 @functools.cache
@@ -177,7 +177,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
         arguments = [*symbols.values(), *given.values()]
         made = {name: function_of(arguments, _smooth(form)) for name, form in forms.items()}
         if not numba.config.DISABLE_JIT:
-            made = {name: numba.njit(**OPTIONS)(one) for name, one in made.items()}
+            made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
         return self.kind.functions_of(made)
 
 

@@ -84,7 +84,7 @@ class Friction(Effect):
         FieldError
             If the grains of a species do not fit between the plates, or fall over.
         """
-        diameter = np.array([one.diameter for one in grains.species])
+        diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.of_species("thickness"), cell.separation
         if gap < thickness.max():
             raise FieldError(

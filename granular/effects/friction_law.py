@@ -41,7 +41,7 @@ class FrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: FrictionLaw, room: None, place: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(law: FrictionLaw, room: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
         _dry_kick(law.threshold, law, drag.rate_of(law.rate), dt, bed, opening)
         return 0
@@ -101,10 +101,10 @@ def _start_grain(
     force = _length(state.fx[i], state.fy[i])
     if force <= law.static * load:
         return
-    share = 1.0 - law.dynamic * load / force
-    _push_grain(law.drag, flow, share, state, i, mass)
-    way = drag.way(rate, dt, flow[1], 0.0, share * force / mass)
-    state.ledger[law.entry] += law.dynamic * load * way
+    fraction = 1.0 - law.dynamic * load / force
+    _push_grain(law.drag, flow, fraction, state, i, mass)
+    displacement = drag.way(rate, dt, flow[1], 0.0, fraction * force / mass)
+    state.ledger[law.entry] += law.dynamic * load * displacement
 
 
 @compiled(inline=True)
@@ -166,8 +166,8 @@ def _slide_grain(
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     drag.enter(law.drag, state, mass * lost)
-    way = drag.way(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
-    state.ledger[law.entry] += law.dynamic * load * way
+    displacement = drag.way(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    state.ledger[law.entry] += law.dynamic * load * displacement
 
 
 @compiled
@@ -244,9 +244,9 @@ def _stop_grain(
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
-    way = drag.stopping_way(rate, speed, (friction + against) / mass)
-    state.ledger[law.entry] += friction * way
-    drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * way)
+    displacement = drag.stopping_way(rate, speed, (friction + against) / mass)
+    state.ledger[law.entry] += friction * displacement
+    drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement)
     state.vx[i] = state.vy[i] = 0.0
 
 

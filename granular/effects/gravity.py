@@ -50,7 +50,7 @@ class GravityLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: GravityLaw, room: None, place: int, bed: Bed, time: float) -> int:
+    def add_forces(law: GravityLaw, room: None, index: int, bed: Bed, time: float) -> int:
         """Add the grains' weight, -G times the mass."""
         state, constants = bed.state, bed.constants
         _add_weight(law.pull, constants.grains, constants.masses, state.fy)
@@ -59,12 +59,12 @@ class GravityLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: GravityLaw, room: None, place: int, bed: Bed, time: float,
+        law: GravityLaw, room: None, index: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the sum of m g y over the grains [F* D], zero at the bottom."""
         state, constants = bed.state, bed.constants
-        energies[place] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
+        energies[index] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)
         return 0
 
 

@@ -102,24 +102,24 @@ class Host(Effect):
     @property
     def records(self) -> tuple[Record, ...]:
         """Displacement and velocity of the last body; displacements of the others; the drive."""
-        found = []
+        result = []
         if self.bodies:
-            found += [
+            result += [
                 Record("host_displacement", "m", "displacement of the last body", "length"),
                 Record("host_velocity", "m/s", "velocity of the last body", "velocity"),
             ]
-        found += [
+        result += [
             Record(f"body_{k}_displacement", "m", f"displacement of body {k}", "length")
             for k in range(len(self.bodies) - 1)
         ]
         drive = self.excitation
         if drive is not None and drive.of_base:
-            found.append(
+            result.append(
                 Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration")
             )
         elif drive is not None:
-            found.append(Record("host_force", "N", "force on the host from outside", "force"))
-        return tuple(found)
+            result.append(Record("host_force", "N", "force on the host from outside", "force"))
+        return tuple(result)
 
     def validate(self) -> None:
         if (self.mount == "base") == bool(self.bodies):
@@ -161,8 +161,8 @@ class Host(Effect):
     def drive_frequency(self, scales: Scales) -> float:
         """Highest angular frequency of the chain, or of what shakes it [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
-        masses = [one.mass for one in self.bodies]
-        stiffness = [one.stiffness for one in self.bodies] + [0.0]
+        masses = [body.mass for body in self.bodies]
+        stiffness = [body.stiffness for body in self.bodies] + [0.0]
         rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
@@ -179,20 +179,20 @@ class Host(Effect):
     def law(self, setting: Setting) -> HostLaw:
         """The law in natural units."""
         scales, piston = setting.scales, setting.piston
-        masses = np.array([one.mass for one in self.bodies]) / scales.mass
+        masses = np.array([body.mass for body in self.bodies]) / scales.mass
         force = scales.force / scales.length
-        stiffness = np.array([one.stiffness for one in self.bodies]) / force
-        damping = np.array([one.damping for one in self.bodies]) / (force * scales.time)
-        share = np.zeros(len(self.bodies))
+        stiffness = np.array([body.stiffness for body in self.bodies]) / force
+        damping = np.array([body.damping for body in self.bodies]) / (force * scales.time)
+        fraction = np.zeros(len(self.bodies))
         if self.bodies:
-            share[len(share) - 1 if self.excited is None else self.excited] = 1.0
+            fraction[len(fraction) - 1 if self.excited is None else self.excited] = 1.0
         own = 0.0 if piston is None or piston.mass is None else piston.mass
         piston_mass = self.mass_of_piston(own) / scales.mass
         frame = masses[-1] if self.mount == "cell" else (self.cell_mass or 1.0) / scales.mass
         drive = self.excitation or Excitation(force=0.0, frequency=1.0)
         return HostLaw(
             mount=_MOUNTS[self.mount],
-            chain=Chain(masses, stiffness, damping, share),
+            chain=Chain(masses, stiffness, damping, fraction),
             drive=drive.drive(scales),
             frame_mass=float(frame),
             piston_mass=piston_mass,
@@ -206,12 +206,12 @@ class Host(Effect):
         """Return whether anything in the cell dissipates, and so reacts on the frame."""
         piston = setting.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
-        inside = [one for one in setting.effects.values() if one.key != self.key]
-        return rubs or any(_dissipates(one) for one in inside)
+        inside = [effect for effect in setting.effects.values() if effect.key != self.key]
+        return rubs or any(_dissipates(effect) for effect in inside)
 
 
 def _dissipates(effect: Effect) -> bool:
-    return any(one.damps or one.dry or one.is_flow for one in (effect, *effect.parts))
+    return any(part.damps or part.dry or part.is_flow for part in (effect, *effect.parts))
 
 
 class Chain(NamedTuple):
@@ -307,7 +307,7 @@ class HostLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: HostLaw, room: HostRoom, place: int, bed: Bed, time: float,
+        law: HostLaw, room: HostRoom, index: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the bodies and springs, and of the frame's motion."""
@@ -325,7 +325,7 @@ class HostLaw(NamedTuple):
             momentum = bed_momentum(bed)
             total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
             total += law.piston_mass * frame * (0.5 * frame + piston)
-        energies[place] = total
+        energies[index] = total
         return 0
 
 

@@ -126,7 +126,7 @@ class OwnSection(Section):
 
     def __reduce__(self) -> Any:
         """Any process can have it so: by the file's text, or by the class as it was written."""
-        values = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
             return _of_file, (self.origin, self.definition.key, values)
         if self.__module__ != "__main__":
@@ -161,8 +161,8 @@ class OwnEffect(OwnSection, Effect):
         return "flow" in self.definition.functions
 
     def drive_frequency(self, scales: Scales) -> float:
-        found = self.definition.functions.get("frequency")
-        return 0.0 if found is None else abs(float(found(self.natural(scales))))
+        result = self.definition.functions.get("frequency")
+        return 0.0 if result is None else abs(float(result(self.natural(scales))))
 
 
 class OwnWall(OwnSection):
@@ -245,13 +245,13 @@ def wall_law(written: type) -> Any:
 
 def mark_origin(file: OwnFile) -> dict[str, type[OwnSection]]:
     """The effects and wall laws that a file defines, by their names; they know the file then."""
-    found = {}
-    for one in list(contents(file).values()):
-        own = isinstance(one, type) and issubclass(one, OwnSection)
-        if own and one.__module__ == file.module:
-            one.origin = file
-            found[one.definition.key] = one
-    return found
+    result = {}
+    for content in list(contents(file).values()):
+        own = isinstance(content, type) and issubclass(content, OwnSection)
+        if own and content.__module__ == file.module:
+            content.origin = file
+            result[content.definition.key] = content
+    return result
 
 
 def _of_file(file: OwnFile, key: str, values: dict[str, Any]) -> Any:
@@ -340,7 +340,9 @@ def built_in(made: type) -> bool:
 
 def name_of(written: type) -> str:
     """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
-    words = "".join(f"_{one.lower()}" if one.isupper() else one for one in written.__name__)
+    words = "".join(
+        f"_{letter.lower()}" if letter.isupper() else letter for letter in written.__name__
+    )
     return words.lstrip("_")
 
 

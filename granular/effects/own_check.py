@@ -51,8 +51,8 @@ def check_wall(definition: Definition, p: Any) -> None:
         def energy(distance: float) -> float:
             return float(_value(definition, "energy", p, distance))
 
-        found = _value(definition, "force", p, w)
-        _compare(definition, "force", found, -_slope(energy, w), 1e-6 * abs(energy(w)))
+        result = _value(definition, "force", p, w)
+        _compare(definition, "force", result, -_slope(energy, w), 1e-6 * abs(energy(w)))
 
 
 def check_compiling(definition: Definition, p: Any) -> None:
@@ -77,15 +77,17 @@ def check_compiling(definition: Definition, p: Any) -> None:
 
 def _reason(error: BaseException) -> str:
     """The line of the compiler's message that tells the most."""
-    lines = [one.strip() for one in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
-    told = [one for one in lines if one and not one.startswith(("Failed in", "During", "File"))]
-    return one_line(told[0] if told else type(error).__name__)
+    lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
+    shown = [
+        line for line in lines if line and not line.startswith(("Failed in", "During", "File"))
+    ]
+    return one_line(shown[0] if shown else type(error).__name__)
 
 
 def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:
     try:
-        found = definition.functions[name](*arguments)
-        values = (found,) if count == 1 else tuple(found)
+        result = definition.functions[name](*arguments)
+        values = (result,) if count == 1 else tuple(result)
         numbers = [float(value) for value in values]
     except Exception as error:
         raise failed(definition, f"{name!r} fails", error) from None
@@ -102,19 +104,19 @@ def _slope(function: Callable[[float], float], at: float) -> float:
     return (8.0 * near - far) / (12.0 * h)
 
 
-def _compare(definition: Definition, name: str, found: float, slope: float, size: float) -> None:
-    if not (math.isfinite(found) and math.isfinite(slope)):
+def _compare(definition: Definition, name: str, result: float, slope: float, size: float) -> None:
+    if not (math.isfinite(result) and math.isfinite(slope)):
         return  # a place where it cannot be evaluated says nothing
-    if abs(found - slope) > CLOSE * max(abs(slope), abs(found), size):
+    if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
         raise InputError(
-            f"{definition.title}: {name!r} gives {found:.6g} where its energy asks for "
+            f"{definition.title}: {name!r} gives {result:.6g} where its energy asks for "
             f"{slope:.6g} (natural units); mend one of them"
         )
 
 
 def _check_force(definition: Definition, p: Any, grain: Grain, time: float) -> None:
-    def energy(place: Grain, moment: float) -> float:
-        return float(_value(definition, "energy", p, place, moment))
+    def energy(position: Grain, moment: float) -> float:
+        return float(_value(definition, "energy", p, position, moment))
 
     fx, fy = _value(definition, "force", p, grain, time, count=2)
     size = 1e-6 * abs(energy(grain, time))
@@ -135,12 +137,12 @@ def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -
         def energy(distance: float, first: Grain = first, second: Grain = second) -> float:
             return float(_value(definition, "pair_energy", p, distance, first, second))
 
-        found = _value(definition, "pair_force", p, r, first, second)
-        _compare(definition, "pair_force", found, -_slope(energy, r), 1e-6 * abs(energy(r)))
+        result = _value(definition, "pair_force", p, r, first, second)
+        _compare(definition, "pair_force", result, -_slope(energy, r), 1e-6 * abs(energy(r)))
         other = _value(definition, "pair_force", p, r, second, first)
-        if not np.isclose(found, other, rtol=1e-9, atol=0.0, equal_nan=True):
+        if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
             raise InputError(
-                f"{definition.title}: 'pair_force' gives {found:.6g} and, with the grains "
+                f"{definition.title}: 'pair_force' gives {result:.6g} and, with the grains "
                 f"exchanged, {other:.6g}; a pair must pull and push equally"
             )
         if "pair_stiffness" in definition.functions:
@@ -155,8 +157,8 @@ def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
                 f"{definition.title}: 'flow' makes a grain faster; it may only take energy"
             )
         twice = _value(definition, "flow", p, grain, wx, wy, dt, count=2)
-        whole = _value(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
-        if not np.allclose(twice, whole, rtol=1e-9, atol=1e-14):
+        total = _value(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
+        if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
             raise InputError(
                 f"{definition.title}: 'flow' over two spans is not that over both at once; "
                 "solve it exactly, as v*exp(-rate*dt)"

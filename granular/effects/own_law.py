@@ -43,7 +43,7 @@ class OwnLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: OwnLaw, room: Cells | None, place: int, bed: Bed, time: float) -> int:
+    def add_forces(law: OwnLaw, room: Cells | None, index: int, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
         return _pair_forces(law.kind, law, room, state, constants)
@@ -51,25 +51,25 @@ class OwnLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: OwnLaw, room: Cells | None, place: int, bed: Bed,
+        law: OwnLaw, room: Cells | None, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         state, constants = bed.state, bed.constants
-        energies[place] = _grain_energy(law.kind, law, state, constants, time, stiffness)
-        energies[place] += _pair_energy(law.kind, law, room, state, constants, stiffness)
+        energies[index] = _grain_energy(law.kind, law, state, constants, time, stiffness)
+        energies[index] += _pair_energy(law.kind, law, room, state, constants, stiffness)
         return 0
 
     @staticmethod
     @compiled(inline=True)
     def flow(
-        law: OwnLaw, room: Cells | None, place: int, dt: float, bed: Bed, opening: bool
+        law: OwnLaw, room: Cells | None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
-        _flow(law.kind, law, LOSSES + place, dt, bed.state, bed.constants)
+        _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: OwnLaw, room: Cells | None, place: int, dt: float, bed: Bed, time: float) -> int:
+    def work(law: OwnLaw, room: Cells | None, index: int, dt: float, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0

@@ -75,10 +75,10 @@ def register(effect: type[Effect]) -> None:
 @functools.cache
 def _built_in() -> dict[str, type[Effect]]:
     package = __name__.rpartition(".")[0]
-    found: dict[str, type[Effect]] = {}
+    result: dict[str, type[Effect]] = {}
     for file in pkgutil.iter_modules([str(Path(__file__).parent)]):
         module = importlib.import_module(f"{package}.{file.name}")
-        for one in vars(module).values():
-            if isinstance(one, type) and issubclass(one, Effect) and one.key:
-                found.setdefault(one.key, one)
-    return found
+        for var in vars(module).values():
+            if isinstance(var, type) and issubclass(var, Effect) and var.key:
+                result.setdefault(var.key, var)
+    return result

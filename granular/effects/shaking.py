@@ -67,7 +67,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: Swing, room: None, place: int, bed: Bed, time: float) -> int:
+    def add_forces(law: Swing, room: None, index: int, bed: Bed, time: float) -> int:
         """Add the apparent forces."""
         state, constants = bed.state, bed.constants
         _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
@@ -76,15 +76,15 @@ class Swing(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: Swing, room: None, place: int, bed: Bed, time: float, stiffness: Array, energies: Array
+        law: Swing, room: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
         """Enter -m A(t) . r of the grains [F* D]."""
-        energies[place] = _inertia_energy(law, time, bed)
+        energies[index] = _inertia_energy(law, time, bed)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: Swing, room: None, place: int, dt: float, bed: Bed, time: float) -> int:
+    def work(law: Swing, room: None, index: int, dt: float, bed: Bed, time: float) -> int:
         """Enter the work that the shaking does on grains and piston in ``dt``, at a time."""
         state, constants = bed.state, bed.constants
         rx, ry = _acceleration_rate(law, time)
@@ -96,7 +96,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def lift(law: Swing, room: None, place: int, time: float) -> float:
+    def lift(law: Swing, room: None, index: int, time: float) -> float:
         """Upward part of the apparent acceleration."""
         return law.y * math.sin(law.omega * time)
 

@@ -96,7 +96,7 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(
-        law: WallFrictionLaw, room: None, place: int, dt: float, bed: Bed, opening: bool
+        law: WallFrictionLaw, room: None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
@@ -111,10 +111,12 @@ class WallFrictionLaw(NamedTuple):
             v, push = state.vx[i], state.fx[i] / mass
             state.vx[i] = decay * v + gain * push
             dragged += mass * (a * v * v + b * v * push + c * push * push)
-            state.vy[i], way = slide(rate, dt, state.vy[i], state.fy[i] / mass, hold / mass)
-            rubbed += hold * way[0]
-            dragged += mass * way[1]
-        state.ledger[LOSSES + place] += rubbed
+            state.vy[i], displacement = slide(
+                rate, dt, state.vy[i], state.fy[i] / mass, hold / mass
+            )
+            rubbed += hold * displacement[0]
+            dragged += mass * displacement[1]
+        state.ledger[LOSSES + index] += rubbed
         drag.enter(law.drag, state, dragged)
         return 0
 
@@ -136,8 +138,8 @@ def _normal(law: Any, w: float) -> float:
 def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.flow(rate, dt)
-    way = drag.way(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
-    return decay * v + gain * push, way, a * v * v + b * v * push + c * push * push
+    displacement = drag.way(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
+    return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
 
 
 @compiled
@@ -151,7 +153,7 @@ def slide(
     tuple
         Velocity after ``dt``; the path on which friction acted, and the loss to drag per mass.
     """
-    way, dragged = 0.0, 0.0
+    displacement, dragged = 0.0, 0.0
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = push - sign * hold
@@ -159,11 +161,11 @@ def slide(
         if sign * after > 0.0:
             return after, (path, lost)
         brake = -sign * net
-        way = drag.stopping_way(rate, abs(v), brake)
-        dragged = 0.5 * v * v - brake * way
+        displacement = drag.stopping_way(rate, abs(v), brake)
+        dragged = 0.5 * v * v - brake * displacement
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
         v = 0.0
     if abs(push) > hold:
         v, path, lost = _coast(rate, dt, 0.0, push - math.copysign(hold, push))
-        return v, (way + abs(path), dragged + lost)
-    return 0.0, (way, dragged)
+        return v, (displacement + abs(path), dragged + lost)
+    return 0.0, (displacement, dragged)

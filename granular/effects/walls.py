@@ -212,7 +212,7 @@ class Walls(Effect):
     @property
     def sources(self) -> tuple[str, ...]:
         own = [wall.own for wall in self.sides if wall is not None and wall.own is not None]
-        return tuple(source for one in own for source in one.sources)
+        return tuple(source for law in own for source in law.sources)
 
     @property
     def has_slab(self) -> bool:

@@ -42,7 +42,7 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: WallLaws, room: Array | None, place: int, bed: Bed, time: float) -> int:
+    def add_forces(law: WallLaws, room: Array | None, index: int, bed: Bed, time: float) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall.
 
         The count is of grains on the wrong side of a wall, or at no number.
@@ -56,13 +56,13 @@ class WallLaws(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: WallLaws, room: Array | None, place: int, bed: Bed,
+        law: WallLaws, room: Array | None, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the grains at the walls."""
         state, constants = bed.state, bed.constants
         _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
-        energies[place] = _measure_walls(
+        energies[index] = _measure_walls(
             law, constants.grains, moments_of(constants), state.x, state.y,
             constants.width, state.piston[HEIGHT], stiffness, state.scratch,
         )  # fmt: skip
@@ -72,7 +72,7 @@ class WallLaws(NamedTuple):
     @staticmethod
     @compiled
     def collision(
-        law: WallLaws, room: None, place: int, speed: float, constants: Constants
+        law: WallLaws, room: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
         ratio = constants.least_ratio

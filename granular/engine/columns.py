@@ -56,24 +56,24 @@ ENERGIES = len(COLUMNS)
 
 def all_columns(laws: int, own: int = 0) -> tuple[str, ...]:
     """Every column of a record, with that many laws, and as many records of their own."""
-    places = range(laws)
-    known = (*COLUMNS, *map(energy_column, places), *map(loss_column, places))
+    numbers = range(laws)
+    known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
     return (*known, *map(own_column, range(own)))
 
 
-def own_column(place: int) -> str:
+def own_column(index: int) -> str:
     """Column of one of the laws' own records."""
-    return f"own {place}"
+    return f"own {index}"
 
 
-def energy_column(place: int) -> str:
+def energy_column(index: int) -> str:
     """Column of the energy of the law with that index."""
-    return f"energy {place}"
+    return f"energy {index}"
 
 
-def loss_column(place: int) -> str:
+def loss_column(index: int) -> str:
     """Column of the loss to the law with that index."""
-    return f"loss {place}"
+    return f"loss {index}"
 
 
 def width(laws: int) -> int:

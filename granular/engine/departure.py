@@ -15,9 +15,9 @@ def grain_constants(constants: Constants) -> list[np.ndarray]:
     All arrays of a law are such; what is something else stands in a tuple within it.
     """
     acting = constants.acting
-    found = [constants.masses, constants.moments, acting.weight]
-    found += [values for law in acting.laws for values in law]
-    return [values for values in found if isinstance(values, np.ndarray)]
+    result = [constants.masses, constants.moments, acting.weight]
+    result += [values for law in acting.laws for values in law]
+    return [values for values in result if isinstance(values, np.ndarray)]
 
 
 def take_out(state: State, constants: Constants) -> Constants:
@@ -28,9 +28,9 @@ def take_out(state: State, constants: Constants) -> Constants:
             grains -= 1
             _move_last_to(i, grains, state, constants)
     state.scratch[:] = 0.0
-    for room in state.rooms:
-        if isinstance(room, np.ndarray):
-            room[:] = 0.0
+    for workspace in state.rooms:
+        if isinstance(workspace, np.ndarray):
+            workspace[:] = 0.0
     return constants._replace(grains=grains)
 
 

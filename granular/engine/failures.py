@@ -27,8 +27,8 @@ def misplaced(
 ) -> RunError:
     """The error for a grain that is where it cannot be, after so many steps, at a time [s]."""
     count = constants.grains
-    place = np.stack([state.x[:count], state.y[:count]], axis=1)
-    lost = ~np.isfinite(place).all(axis=1)
+    position = np.stack([state.x[:count], state.y[:count]], axis=1)
+    lost = ~np.isfinite(position).all(axis=1)
     if lost.any():
         return NotFiniteError(
             "the position is not finite any more",
@@ -43,10 +43,10 @@ def misplaced(
         )  # fmt: skip
     left, right, bottom, top = constants.acting.walls
     gaps = {
-        "the left wall": (left, place[:, 0]),
-        "the right wall": (right, constants.width - place[:, 0]),
-        "the bottom": (bottom, place[:, 1]),
-        "the piston": (top, state.piston[HEIGHT] - place[:, 1]),
+        "the left wall": (left, position[:, 0]),
+        "the right wall": (right, constants.width - position[:, 0]),
+        "the bottom": (bottom, position[:, 1]),
+        "the piston": (top, state.piston[HEIGHT] - position[:, 1]),
     }
     for name, (law, gap) in gaps.items():
         if law is not None and len(gap) and not gap.min() > 0.0:

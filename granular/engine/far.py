@@ -88,34 +88,34 @@ def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -
 
 
 @compiled(inline=True)
-def _find_course(course: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _find_course(trajectory: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     """Compute the far field, and its rate of change where the last one is recent."""
-    if course is None:
+    if trajectory is None:
         return find_far_field(far, bed, time)
     lapse = time - far.moment[TIME]
     goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
-    _keep(course, far)
+    _keep(trajectory, far)
     crowded = find_far_field(far, bed, time)
     if goes_on:
-        _find_slopes(course, far, lapse)
+        _find_slopes(trajectory, far, lapse)
         far.moment[CHANGING] = 1.0
     return crowded
 
 
 @compiled
-def _keep(course: Array, far: FarForces) -> None:
+def _keep(trajectory: Array, far: FarForces) -> None:
     for i in range(far.fx.size):
-        course[0, i] = far.fx[i]
-        course[1, i] = far.fy[i]
-        course[2, i] = value_of(far.load, i)
+        trajectory[0, i] = far.fx[i]
+        trajectory[1, i] = far.fy[i]
+        trajectory[2, i] = value_of(far.load, i)
 
 
 @compiled
-def _find_slopes(course: Array, far: FarForces, lapse: float) -> None:
+def _find_slopes(trajectory: Array, far: FarForces, lapse: float) -> None:
     for i in range(far.fx.size):
-        course[0, i] = (far.fx[i] - course[0, i]) / lapse
-        course[1, i] = (far.fy[i] - course[1, i]) / lapse
-        course[2, i] = (value_of(far.load, i) - course[2, i]) / lapse
+        trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
+        trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
+        trajectory[2, i] = (value_of(far.load, i) - trajectory[2, i]) / lapse
 
 
 @compiled(inline=True)
@@ -144,15 +144,15 @@ def _add(held: Array | None, far: FarForces, load: Array | None, state: State, c
 
 @compiled
 def _add_course(
-    course: Array | None, load: Array | None, lapse: float, state: State, count: int
+    trajectory: Array | None, load: Array | None, lapse: float, state: State, count: int
 ) -> None:
-    if course is not None:
+    if trajectory is not None:
         for i in range(count):
-            state.fx[i] += lapse * course[0, i]
-            state.fy[i] += lapse * course[1, i]
+            state.fx[i] += lapse * trajectory[0, i]
+            state.fy[i] += lapse * trajectory[1, i]
         if load is not None:
             for i in range(count):
-                load[i] += lapse * course[2, i]
+                load[i] += lapse * trajectory[2, i]
 
 
 @compiled

@@ -194,7 +194,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         weight += law.piston_mass
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
-    power, whole = _power(law, room, state), _momentum(law, room, grains, speed)
+    power, total = _power(law, room, state), _momentum(law, room, grains, speed)
     frame = room.kept[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
@@ -231,8 +231,8 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             room.kept[1, k] += room.changes[k]
         state.ledger[WORK] += dt * outer * 0.5 * (frame + room.kept[1, last])
     power += _power(law, room, state)
-    whole += _momentum(law, room, bed_momentum(bed), state.piston[SPEED])
-    state.ledger[WORK] += 0.5 * dt * (force * power - base * whole)
+    total += _momentum(law, room, bed_momentum(bed), state.piston[SPEED])
+    state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
 @compiled
@@ -281,7 +281,7 @@ def _speed(law: HostLaw, room: HostRoom, state: State, k: int) -> float:
 def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
     """Fill in the force of springs and from outside on each body; that on the last one."""
     count = chain.masses.size
-    tension, found = 0.0, 0.0
+    tension, result = 0.0, 0.0
     for back in range(count):
         k = count - 1 - back
         below = room.kept[0, k - 1] if k > 0 else 0.0
@@ -289,8 +289,8 @@ def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
         room.forces[k] = tension - own + chain.share[k] * force
         tension = own
     if count > 0:
-        found = room.forces[count - 1]
-    return found
+        result = room.forces[count - 1]
+    return result
 
 
 @compiled

@@ -190,9 +190,9 @@ def _make_tick(
     state = bed.state
     begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)
     steps, step, time, h, last = tick_steps(pace, tick), 0, begin, pace.h, False
-    span, spans, span_end, outside = 0, 1, 0, 0
+    duration, durations, span_end, outside = 0, 1, 0, 0
     if every is not None:
-        spans = (steps + every - 1) // every
+        durations = (steps + every - 1) // every
     if fraction is not None:
         time = state.clock[TIME]
         end = min(end, window.limit)
@@ -200,8 +200,8 @@ def _make_tick(
             return measure_forces(bed, window.start + time, measurement)
     while not last:
         if every is not None and step == span_end:
-            span += 1
-            span_end = span * steps // spans
+            duration += 1
+            span_end = duration * steps // durations
             impulse = 0.5 * (span_end - step) * h
             kick_by_far_field(state.far_forces, impulse, bed)
         if fraction is None:
@@ -282,7 +282,7 @@ def _advance(
     state, constants = bed.state, bed.constants
     if window.ticks == 0:
         return _look(window, bed, motion, measurement, rows[0]), 0, 0
-    kept, laws = 0, state.ledger.size - LOSSES
+    saved, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _make_tick(
             plan.fraction,
@@ -296,8 +296,8 @@ def _advance(
             measurement,
         )
         if outside > 0 or state.piston[HEIGHT] < watch.floor:
-            return OUTSIDE, tick - window.first, kept
-        row = rows[kept]
+            return OUTSIDE, tick - window.first, saved
+        row = rows[saved]
         done = tick + 1
         measure(window.start + state.clock[TIME], bed, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
@@ -307,16 +307,16 @@ def _advance(
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
         if done % pace.every == 0:
-            kept += 1
+            saved += 1
         if resting:
-            return RESTING, done - window.first, kept
+            return RESTING, done - window.first, saved
         if state.wall_forces[TOP] >= motion.limit:
-            return REACHED, done - window.first, kept
+            return REACHED, done - window.first, saved
         if _anyone_below(state.y, constants.grains, constants.exit):
-            return DEPARTED, done - window.first, kept
+            return DEPARTED, done - window.first, saved
         if row[columns.STIFFEST] * pace.h > watch.stiff:
-            return STIFF, done - window.first, kept
-    return RUNNING, window.ticks, kept
+            return STIFF, done - window.first, saved
+    return RUNNING, window.ticks, saved
 
 
 def look(

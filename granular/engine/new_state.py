@@ -24,8 +24,12 @@ def new_state(
     """
     count = len(positions)
     x, y = padded_coordinates(positions)
-    rooms = tuple(_room(law, x.size, count) for law in acting.laws)
-    hosts = [room for law, room in zip(acting.laws, rooms, strict=True) if law is acting.host]
+    workspaces = tuple(_room(law, x.size, count) for law in acting.laws)
+    hosts = [
+        workspace
+        for law, workspace in zip(acting.laws, workspaces, strict=True)
+        if law is acting.host
+    ]
     vx, vy = np.zeros_like(x), np.zeros_like(x)
     vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
     return State(
@@ -46,7 +50,7 @@ def new_state(
         if acting.listing is None
         else verlet_list_room(x.size, acting.listing.radius),
         far_forces=_far_forces(x.size, acting),
-        rooms=rooms,
+        rooms=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
         buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,

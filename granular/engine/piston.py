@@ -106,13 +106,13 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
         net = force - sign * friction
         decay, gain, _, _, _ = drag.flow(rate, dt)
         if sign * (decay * v + gain * net / mass) > 0.0:
-            way = drag.way(rate, dt, gain, abs(v), sign * net / mass)
-            state.ledger[PISTON] += friction * way
+            displacement = drag.way(rate, dt, gain, abs(v), sign * net / mass)
+            state.ledger[PISTON] += friction * displacement
             _push(resistance, net, dt, mass, state)
             return
         brake = -sign * net / mass
-        way = drag.stopping_way(rate, abs(v), brake)
-        state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * way
+        displacement = drag.stopping_way(rate, abs(v), brake)
+        state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * displacement
         state.piston[SPEED] = 0.0
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
     if abs(force) > friction:

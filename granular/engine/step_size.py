@@ -84,9 +84,9 @@ class Step:
     @property
     def fraction(self) -> float:
         """Automatic step times highest frequency."""
-        share = FRACTION * math.sqrt(self.grains / 368.0)
+        portion = FRACTION * math.sqrt(self.grains / 368.0)
         factor = self.factor * (DRY_FACTOR if self.dry else 1.0)
-        return factor * min(max(share, LEAST_FRACTION), FRACTION)
+        return factor * min(max(portion, LEAST_FRACTION), FRACTION)
 
     @property
     def longest(self) -> float:
@@ -167,8 +167,8 @@ def steps_before(pace: Pace, tick: int) -> int:
 
     That is tick * given // every, whose product may pass 64 bits.
     """
-    whole, part = tick // pace.every, tick % pace.every
-    return whole * pace.given + part * pace.given // pace.every
+    total, part = tick // pace.every, tick % pace.every
+    return total * pace.given + part * pace.given // pace.every
 
 
 @compiled

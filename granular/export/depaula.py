@@ -149,7 +149,7 @@ def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int
     before = after - 1
     after = np.minimum(after, len(times) - 1)
     nearer = np.where(instants - times[before] <= times[after] - instants, before, after)
-    return [int(one) for one in np.unique(nearer)]
+    return [int(grain) for grain in np.unique(nearer)]
 
 
 def _rows(table: np.ndarray) -> str:
@@ -188,10 +188,12 @@ def _particle_files(
             add(f"{name}_0", FINE, table)
     if apart:
         coarse = bed_frames(run, chosen[COARSE])
-        sizes = (float(np.fmax.reduce(_compression(run, one)[:, 0], initial=0.0)) for one in coarse)
+        sizes = (
+            float(np.fmax.reduce(_compression(run, frame)[:, 0], initial=0.0)) for frame in coarse
+        )
         greatest = max(sizes, default=0.0) or 1.0
-        share = "compression/(its greatest)"
-        add("comPart_norm", COARSE, (share, lambda frame: _compression(run, frame) / greatest))
+        fraction = "compression/(its greatest)"
+        add("comPart_norm", COARSE, (fraction, lambda frame: _compression(run, frame) / greatest))
     add("posPart_norm", COARSE, tables["posPart"])
     return files
 

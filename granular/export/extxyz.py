@@ -67,7 +67,7 @@ def to_extxyz(
 def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
     """Function that writes the lines of a frame's grains."""
     grains = run.scene.grains
-    names = ["_".join(one.name.split()) or "grain" for one in grains.species]
+    names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
     numbers = " ".join(["%.17g"] * 11)
     forms = [
         f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n"

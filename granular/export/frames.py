@@ -90,7 +90,9 @@ def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
         grains = np.flatnonzero(np.isfinite(frame.positions).all(axis=1))
         fields = frame.positions, frame.velocities, frame.forces, interaction_forces(frame)
         height = frame.piston_height if has_piston else None
-        yield BedFrame(int(number), frame.time, height, grains, *(one[grains] for one in fields))
+        yield BedFrame(
+            int(number), frame.time, height, grains, *(field[grains] for field in fields)
+        )
 
 
 def in_space(plane: np.ndarray) -> np.ndarray:

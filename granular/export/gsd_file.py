@@ -87,7 +87,7 @@ def _constant_fields(run: Trajectory) -> dict[str, Any]:
     """Fields that are the same in all frames, by name, for all grains of the scene."""
     grains = run.scene.grains
     return {
-        "types": [one.name for one in grains.species],
+        "types": [specy.name for specy in grains.species],
         "typeid": grains.assignment().astype(np.uint32),
         "diameter": grains.diameters(),
         "mass": grains.masses(),

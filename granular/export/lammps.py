@@ -122,23 +122,23 @@ def _scene_start(scene: Scene) -> _Start:
 def _run_start(run: Trajectory) -> _Start:
     """The last frame, and the stages that it leaves."""
     (frame,) = bed_frames(run, [run.dataset.sizes["frame"] - 1])
-    behind = [one for one in run.stages if one.reason != "cut" and one.end <= frame.time]
-    height, begun, place = frame.height, frame.time, len(behind)
-    if place < len(run.stages):
-        now = run.stages[place]
-        begun = now.start
+    behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
+    height, started, point = frame.height, frame.time, len(behind)
+    if point < len(run.stages):
+        now = run.stages[point]
+        started = now.start
         if height is not None:
             height = float(run.piston(now.name).height[0])
-    legs = tuple(_legs(run.scene, place, height, frame.time - begun))
+    legs = tuple(_legs(run.scene, point, height, frame.time - started))
     return _Start(frame.time, frame.height, frame.grains, frame.position, frame.velocity, legs)
 
 
-def _legs(scene: Scene, place: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
+def _legs(scene: Scene, index: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
     """The stages from one on, which begins (or has begun) with the piston at a height [m]."""
-    for stage in scene.protocol[place:]:
-        one = leg(stage, height, done)
-        yield one
-        height, done = None if one.path is None else one.path.end, 0.0
+    for stage in scene.protocol[index:]:
+        next_leg = leg(stage, height, done)
+        yield next_leg
+        height, done = None if next_leg.path is None else next_leg.path.end, 0.0
 
 
 def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
@@ -148,7 +148,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
             "extended XYZ, whose lattice is periodic"
         )
     scales = Scales.of(scene.grains)
-    paths = [one.path for one in start.legs if one.path is not None]
+    paths = [each_leg.path for each_leg in start.legs if each_leg.path is not None]
     top = float(start.positions[:, 1].max()) if start.height is None else start.height
     deck = Deck(
         scene=scene,
@@ -157,7 +157,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
         masses=tuple(scene.grains.mass_ratios().tolist()),
         legs=start.legs,
         piston=start.height,
-        height=max([top, *(one.highest for one in paths)]),
+        height=max([top, *(each_leg.highest for each_leg in paths)]),
         step=math.inf,
         time=start.time,
     )
@@ -178,23 +178,23 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
 def _squeezed(deck: Deck, start: _Start) -> float:
     """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
-    place, width = start.positions / unit, deck.scene.cell.width / unit
+    position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.assignment()[start.grains]
     charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
     height = deck.height if start.height is None else start.height
-    heights = [one.path.lowest for one in deck.legs if one.path is not None]
-    shares = {1.0, *(low / height for low in heights)}
+    heights = [each_leg.path.lowest for each_leg in deck.legs if each_leg.path is not None]
+    fractions = {1.0, *(low / height for low in heights)}
     return max(
         stiffest_frequency(
-            place * [1.0, share],
+            position * [1.0, fraction],
             charge,
             mass,
             deck.sides,
             width,
-            height * share / unit,
+            height * fraction / unit,
             pairs=deck.cut is not None,
         )
-        for share in (1.0, min(shares))
+        for fraction in (1.0, min(fractions))
     )
 
 
@@ -203,7 +203,9 @@ def _colliding(deck: Deck, start: _Start) -> float:
     gravity = deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
-    speed += max((one.path.speed for one in deck.legs if one.path is not None), default=0.0)
+    speed += max(
+        (each_leg.path.speed for each_leg in deck.legs if each_leg.path is not None), default=0.0
+    )
     return collision_frequency(
         speed / deck.scales.velocity,
         deck.charges,
@@ -220,21 +222,23 @@ def _data(deck: Deck, start: _Start) -> Iterator[str]:
     yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
     yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"
     sizes = (deck.scene.cell.width, deck.height)
-    for axis, size, place in zip("xy", sizes, start.positions.T, strict=True):
-        low, high = _box(place, size, deck.scales.length)
+    for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
+        low, high = _box(position, size, deck.scales.length)
         yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
     yield f"{-depth / 2.0!r} {depth / 2.0!r} zlo zhi\n\nAtoms # atomic\n\n"
     columns = (start.grains + 1, species, *start.positions.T)
-    for row in zip(*(one.tolist() for one in columns), strict=True):
+    for row in zip(*(column.tolist() for column in columns), strict=True):
         yield "{} {} {!r} {!r} 0\n".format(*row)
     yield "\nVelocities\n\n"
-    for row in zip(*(one.tolist() for one in (start.grains + 1, *start.velocities.T)), strict=True):
+    for row in zip(
+        *(column.tolist() for column in (start.grains + 1, *start.velocities.T)), strict=True
+    ):
         yield "{} {!r} {!r} 0\n".format(*row)
 
 
-def _box(place: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
+def _box(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
     """The cell along an axis, and grains that stand outside of it where it is open [m]."""
-    return min(0.0, float(place.min()) - margin), max(cell, float(place.max()) + margin)
+    return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 
 
 def _pair_tables(deck: Deck) -> Iterator[str]:
@@ -279,7 +283,7 @@ _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def stiffest_frequency(
-    place: np.ndarray, charge: np.ndarray, mass: np.ndarray, walls: Mapping[str, str],
+    position: np.ndarray, charge: np.ndarray, mass: np.ndarray, walls: Mapping[str, str],
     width: float, height: float, *, pairs: bool,
 ) -> float:  # fmt: skip
     """Bound of the highest angular frequency of a bed [1/tau], by Gershgorin's theorem.
@@ -299,16 +303,16 @@ def stiffest_frequency(
     """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(place).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
+    near = cKDTree(position).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
     i, j = near[:, 0], near[:, 1]
-    fifth = np.linalg.norm(place[i] - place[j], axis=1) ** -5.0
-    size = len(place)
+    fifth = np.linalg.norm(position[i] - position[j], axis=1) ** -5.0
+    size = len(position)
     sums = np.bincount(i, charge[j] * fifth, size) + np.bincount(j, charge[i] * fifth, size)
     # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
     rows = np.multiply(8.0 * dipole.STRENGTH, sums)
     gaps = {
-        "left": place[:, 0], "right": width - place[:, 0],
-        "bottom": place[:, 1], "top": height - place[:, 1],
+        "left": position[:, 0], "right": width - position[:, 0],
+        "bottom": position[:, 1], "top": height - position[:, 1],
     }  # fmt: skip
     for side, law in walls.items():
         rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]

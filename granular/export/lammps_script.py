@@ -187,10 +187,10 @@ class Deck(NamedTuple):
         walls = self.scene.effects.walls
         if walls is None:
             return {}
-        found = {side: getattr(walls, side) for side in FACES}
+        result = {side: getattr(walls, side) for side in FACES}
         if self.scene.piston is None:
-            del found["top"]
-        return {side: wall.law for side, wall in found.items() if wall is not None}
+            del result["top"]
+        return {side: wall.law for side, wall in result.items() if wall is not None}
 
     @property
     def cut(self) -> float | None:
@@ -232,8 +232,8 @@ def script(deck: Deck) -> Iterator[str]:
     yield from _gravity(deck)
     yield from _motion()
     yield from _output(deck)
-    for one in deck.legs:
-        yield from _stage(deck, one)
+    for leg in deck.legs:
+        yield from _stage(deck, leg)
 
 
 def _opening(deck: Deck) -> Iterator[str]:
@@ -272,20 +272,20 @@ def _pairs(deck: Deck) -> Iterator[str]:
 def _walls(deck: Deck) -> Iterator[str]:
     if not deck.sides:
         return
-    places = {"left": "0.0", "right": repr(deck.scene.cell.width), "bottom": "0.0"}
+    coordinates = {"left": "0.0", "right": repr(deck.scene.cell.width), "bottom": "0.0"}
     if "top" in deck.sides:
         yield f"variable height equal {deck.piston!r}"
     reach = deck.wall_cut * deck.scales.length
     for number in range(1, len(deck.charges) + 1):
         walls = " ".join(
-            f"{FACES[side]} {places.get(side, 'v_height')} walls.table "
+            f"{FACES[side]} {coordinates.get(side, 'v_height')} walls.table "
             f"{wall_name(law, number)} {reach!r}"
             for side, law in deck.sides.items()
         )
         yield f"fix walls{number} species{number} wall/table spline {WALL_ROWS} {walls}"
         yield f"fix_modify walls{number} energy yes"
-    for place, side in enumerate(deck.sides, start=1):
-        terms = "+".join(f"f_walls{k}[{place}]" for k in range(1, len(deck.charges) + 1))
+    for position, side in enumerate(deck.sides, start=1):
+        terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.charges) + 1))
         # LAMMPS counts forces along the axes, the record outwards.
         outwards = "" if side in ("right", "top") else "-"
         yield f"variable force_{side} equal {outwards}({terms})"
@@ -301,8 +301,8 @@ def _drag(deck: Deck) -> Iterator[str]:
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         yield f"variable rate equal {drag.coefficient / deck.scales.mass!r}"
         stretch = "v_rate*dt/(1.0-exp(-v_rate*dt))"
-        shares = "".join(f" scale {k} {one!r}" for k, one in enumerate(deck.masses, start=1))
-        yield f"fix drag all viscous {drag.coefficient!r}{shares}"
+        fractions = "".join(f" scale {k} {mass!r}" for k, mass in enumerate(deck.masses, start=1))
+        yield f"fix drag all viscous {drag.coefficient!r}{fractions}"
     yield f"variable stretch equal {stretch}"
     for number, mass in enumerate(deck.masses, start=1):
         yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch"
@@ -373,16 +373,16 @@ def _step(deck: Deck) -> float:
     return deck.scene.output.scalars / _records(deck)[0]
 
 
-def _stage(deck: Deck, one: Leg) -> Iterator[str]:
-    yield f"# Stage {one.name}: {one.kind}, {one.left:g} s"
-    if one.path is not None and "top" in deck.sides:
-        yield f"variable height equal {one.path.formula}"
-    if one.left <= 0.0:
+def _stage(deck: Deck, leg: Leg) -> Iterator[str]:
+    yield f"# Stage {leg.name}: {leg.kind}, {leg.left:g} s"
+    if leg.path is not None and "top" in deck.sides:
+        yield f"variable height equal {leg.path.formula}"
+    if leg.left <= 0.0:
         return
-    steps = max(1, math.ceil(one.left / _step(deck) - 1e-6))
-    begun = f"+{one.done!r}" if one.done else ""
-    yield f"variable t equal elapsed*dt{begun}"
-    yield f"timestep {one.left / steps!r}"
+    steps = max(1, math.ceil(leg.left / _step(deck) - 1e-6))
+    started = f"+{leg.done!r}" if leg.done else ""
+    yield f"variable t equal elapsed*dt{started}"
+    yield f"timestep {leg.left / steps!r}"
     yield from _masses(deck)
     yield f"run {steps}"
     yield ""

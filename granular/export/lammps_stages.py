@@ -84,32 +84,32 @@ def leg(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
     """
     check_stage(stage)
     kind = type(stage).__name__.lower()
-    span = stage.span(0.0 if height is None else height)
-    if span is None:
+    duration = stage.span(0.0 if height is None else height)
+    if duration is None:
         raise InputError(
             f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS"
         )
-    path = None if height is None else _path(stage, height, span)
-    return Leg(stage.name, kind, path, done, span)
+    path = None if height is None else _path(stage, height, duration)
+    return Leg(stage.name, kind, path, done, duration)
 
 
-def _path(stage: Stage, height: float, span: float) -> PistonPath:
+def _path(stage: Stage, height: float, duration: float) -> PistonPath:
     if isinstance(stage, Move):
-        speed = (stage.to - height) / span if span else 0.0
+        speed = (stage.to - height) / duration if duration else 0.0
         formula = f"{height!r}+({speed!r})*v_t"
         low, high = sorted((height, stage.to))
         return PistonPath(formula, low, high, stage.to, abs(speed))
     if isinstance(stage, Descend):
-        rate, whole = stage.steepness / span, math.expm1(stage.steepness)
-        reach = (height - stage.to) / whole
+        rate, total = stage.steepness / duration, math.expm1(stage.steepness)
+        reach = (height - stage.to) / total
         formula = f"{height!r}-({reach!r})*(exp({rate!r}*v_t)-1.0)"
-        speed = abs(reach) * rate * (whole + 1.0)
+        speed = abs(reach) * rate * (total + 1.0)
         low, high = sorted((height, stage.to))
         return PistonPath(formula, low, high, stage.to, speed)
     if isinstance(stage, Oscillate):
         omega, reach = 2.0 * math.pi * stage.frequency, stage.amplitude
         formula = f"{height!r}+{reach!r}*sin({omega!r}*v_t)"
-        end = height + reach * math.sin(omega * span)
+        end = height + reach * math.sin(omega * duration)
         return PistonPath(formula, height - reach, height + reach, end, reach * omega)
     if isinstance(stage, Follow):
         return _table(stage)

@@ -35,13 +35,13 @@ def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) ->
     """
     import sympy
 
-    found = _built(tree, symbols or {})
-    if found.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
+    result = _built(tree, symbols or {})
+    if result.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
         raise FormulaError("it divides by zero, or is no real number; write another formula")
-    return found
+    return result
 
 
-def check_numbers(found: sympy.Expr) -> None:
+def check_numbers(expression: sympy.Expr) -> None:
     """Numbers that came about by multiplying out are ones that a computer holds.
 
     Raises
@@ -51,7 +51,7 @@ def check_numbers(found: sympy.Expr) -> None:
     """
     import sympy
 
-    for part in sympy.preorder_traversal(found):
+    for part in sympy.preorder_traversal(expression):
         if part.is_number and part != 0:
             size = abs(part.evalf())
             if size.is_Number and not _LEAST <= size <= _GREATEST:
@@ -99,12 +99,12 @@ def _choice(name: str) -> Any:
     class Extreme(sympy.Function):  # type: ignore[misc]  # SymPy is not typed
         nargs = 2
 
-        def fdiff(self, place: int = 1) -> sympy.Expr:
-            here, other = self.args if place == 1 else reversed(self.args)
+        def fdiff(self, index: int = 1) -> sympy.Expr:
+            here, other = self.args if index == 1 else reversed(self.args)
             return sympy.Heaviside(sign * (here - other))
 
         def _eval_is_extended_real(self) -> bool | None:
-            return all(one.is_extended_real for one in self.args) or None
+            return all(arg.is_extended_real for arg in self.args) or None
 
         def _numpycode(self, printer: Any) -> str:
             return self._code(printer, "numpy")
@@ -160,5 +160,5 @@ def function_of(
     names = [safe[symbol] for symbol in arguments]
     if isinstance(expressions, sympy.Basic):
         return sympy.lambdify(names, expressions.xreplace(safe), modules, cse=True)
-    renamed = [each.xreplace(safe) for each in expressions]
+    renamed = [expression.xreplace(safe) for expression in expressions]
     return sympy.lambdify(names, renamed, modules, cse=True)

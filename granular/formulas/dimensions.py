@@ -41,7 +41,7 @@ def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
         return known[tree.text]
     if isinstance(tree, Number):
         return NONE
-    parts = [dimension_of(one, known) for one in tree.operands]
+    parts = [dimension_of(operand, known) for operand in tree.operands]
     if tree.head in _SAME:
         return _alike(tree, parts)
     if tree.head == "*":
@@ -60,14 +60,16 @@ def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
 
 def _alike(tree: Applied, parts: list[Dimension]) -> Dimension:
     # A zero has every unit.
-    found = [part for part, one in zip(parts, tree.operands, strict=True) if _number(one) != 0]
-    for part in found[1:]:
-        if part != found[0]:
+    result = [
+        part for part, operand in zip(parts, tree.operands, strict=True) if _number(operand) != 0
+    ]
+    for part in result[1:]:
+        if part != result[0]:
             raise InputError(
-                f"{unit_text(found[0])} and {unit_text(part)} are added or compared; check the "
+                f"{unit_text(result[0])} and {unit_text(part)} are added or compared; check the "
                 "units of the parameters"
             )
-    return found[0] if found else NONE
+    return result[0] if result else NONE
 
 
 def _power(tree: Applied, parts: list[Dimension]) -> Dimension:
@@ -79,7 +81,7 @@ def _power(tree: Applied, parts: list[Dimension]) -> Dimension:
     number = _number(tree.operands[1])
     if number is None:
         raise InputError(f"{unit_text(base)} to a power that is no plain number; write a number")
-    return tuple(one * number for one in base)
+    return tuple(exponent * number for exponent in base)
 
 
 def _number(tree: Node) -> Fraction | None:
@@ -90,7 +92,7 @@ def _number(tree: Node) -> Fraction | None:
         except ValueError:
             return None
     if isinstance(tree, Applied):
-        parts = [_number(one) for one in tree.operands]
+        parts = [_number(operand) for operand in tree.operands]
         known = [part for part in parts if part is not None]
         if len(known) == len(parts):
             if tree.head == "-":

@@ -78,9 +78,11 @@ class _Parser:
         self.tokens, self.functions, self.multiplied = tokens, functions, multiplied
         # Each number and name is a stand-in of its own: nothing that was written reaches Python.
         words = {"number": "1", "name": "n"}
-        pieces = [words.get(str(one.lastgroup), one[0].replace("^", "**")) for one in tokens]
+        pieces = [words.get(str(token.lastgroup), token[0].replace("^", "**")) for token in tokens]
         self.source = " ".join(pieces)
-        self.starts = list(itertools.accumulate((len(one) + 1 for one in pieces[:-1]), initial=0))
+        self.starts = list(
+            itertools.accumulate((len(piece) + 1 for piece in pieces[:-1]), initial=0)
+        )
 
     def tree(self) -> Node:
         try:
@@ -129,7 +131,7 @@ class _Parser:
                 head, operands = self._function(node, token), node.args
             case _:
                 raise self._unreadable(node.col_offset)
-        return self._applied(head, [self._part(one, depth + 1) for one in operands], token)
+        return self._applied(head, [self._part(operand, depth + 1) for operand in operands], token)
 
     def _name(self, token: Token) -> _Part:
         text = token[0]
@@ -225,7 +227,7 @@ def _multiplied_out(head: str, parts: list[_Part]) -> tuple[float, float]:
     if head == "*":
         # Each term of a product holds a term of every factor.
         count = math.prod(terms)
-        return count, count * sum(size / each for size, each in zip(sizes, terms, strict=True))
+        return count, count * sum(size / term for size, term in zip(sizes, terms, strict=True))
     if head == "/":
         return terms[0], sizes[0] + terms[0] * sizes[1]
     if head == "**" and parts[1].value is not None:

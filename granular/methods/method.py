@@ -169,15 +169,15 @@ def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
     words = f"{what} of method {quoted(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{words} are {quoted(values)}; give a list of numbers")
-    found = tuple(values)
-    if len(found) > MOST_STAGES + 1:
-        raise InputError(f"{words} are {len(found)}; give at most {MOST_STAGES + 1}")
-    for value in found:
+    result = tuple(values)
+    if len(result) > MOST_STAGES + 1:
+        raise InputError(f"{words} are {len(result)}; give at most {MOST_STAGES + 1}")
+    for value in result:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{words} hold {quoted(value)}; give numbers")
         if not math.isfinite(value) or abs(value) > 1e3:
             raise InputError(f"{words} hold {value:g}; give fractions of a step")
-    return tuple(map(float, found))
+    return tuple(map(float, result))
 
 
 def _rows(method: Method) -> tuple[tuple[float, ...], ...]:

@@ -123,7 +123,9 @@ def _is_built_in(method: Method) -> bool:
 
 
 def _from_entry_point(name: str) -> Method | None:
-    found = load_entry_point(GROUP, name, "method")
-    if found is not None and (not isinstance(found, Method) or found.name != name):
+    entry_point = load_entry_point(GROUP, name, "method")
+    if entry_point is not None and (
+        not isinstance(entry_point, Method) or entry_point.name != name
+    ):
         raise InputError(f"method {quoted(name)} is no granular.Method of that name")
-    return found
+    return entry_point

@@ -40,16 +40,16 @@ def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> 
         Fractions of the step, one kick more than drifts.
     order : int
     """
-    found = _word_coefficients(kicks, drifts, order)
+    result = _word_coefficients(kicks, drifts, order)
     for length in range(1, order + 1):
         wanted = 1.0 / math.factorial(length)
-        off = np.abs(found[length] - wanted) > TOLERANCE
+        off = np.abs(result[length] - wanted) > TOLERANCE
         if off.any():
-            place = int(np.argmax(off))
-            word = " ".join("KD"[place >> bit & 1] for bit in reversed(range(length)))
+            index = int(np.argmax(off))
+            word = " ".join("KD"[index >> bit & 1] for bit in reversed(range(length)))
             return (
                 f"order {length} needs 1/{math.factorial(length)} for the word {word} of kicks and "
-                f"drifts, and these coefficients give {found[length][place]:.12g}"
+                f"drifts, and these coefficients give {result[length][index]:.12g}"
             )
     return None
 
@@ -66,11 +66,11 @@ def failed_tree(tableau: Sequence[Sequence[float]], order: int) -> str | None:
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _trees(nodes):
-            found = float(weights @ _stage_weights(tree, rows))
-            if abs(found - 1.0 / _density(tree)) > TOLERANCE:
+            result = float(weights @ _stage_weights(tree, rows))
+            if abs(result - 1.0 / _density(tree)) > TOLERANCE:
                 return (
                     f"order {nodes} needs 1/{_density(tree)} for the tree {_written(tree)}, and "
-                    f"this tableau gives {found:.12g}"
+                    f"this tableau gives {result:.12g}"
                 )
     return None
 
@@ -79,23 +79,25 @@ def _word_coefficients(
     kicks: Sequence[float], drifts: Sequence[float], order: int
 ) -> list[np.ndarray]:
     """Coefficients of all words, by their length; a word's letters are bits, kicks 0, drifts 1."""
-    found = [np.zeros(1 << length) for length in range(order + 1)]
-    found[0][0] = 1.0
-    spans = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
-    for k, span in enumerate(spans):
-        if span != 0.0:
-            found = _with_factor(found, k % 2, span)
-    return found
+    result = [np.zeros(1 << length) for length in range(order + 1)]
+    result[0][0] = 1.0
+    durations = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
+    for k, duration in enumerate(durations):
+        if duration != 0.0:
+            result = _with_factor(result, k % 2, duration)
+    return result
 
 
-def _with_factor(found: list[np.ndarray], letter: int, span: float) -> list[np.ndarray]:
+def _with_factor(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
     """The coefficients after another exponential, of one letter's span, on the right."""
     made = []
-    for length in range(len(found)):
+    for length in range(len(result)):
         total = np.zeros(1 << length)
         for more in range(length + 1):
             last = (1 << more) - 1 if letter else 0
-            total[last :: 1 << more] += span**more / math.factorial(more) * found[length - more]
+            total[last :: 1 << more] += (
+                duration**more / math.factorial(more) * result[length - more]
+            )
         made.append(total)
     return made
 
@@ -127,10 +129,10 @@ def _density(tree: Tree) -> int:
 
 
 def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
-    found = np.ones(len(rows))
-    for one in tree:
-        found = found * (rows @ _stage_weights(one, rows))
-    return found
+    result = np.ones(len(rows))
+    for child in tree:
+        result = result * (rows @ _stage_weights(child, rows))
+    return result
 
 
 def _written(tree: Tree) -> str:

@@ -20,14 +20,14 @@ from granular.shared.registry import Registry
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
     """A symmetric method from the first half of its fractions: kick, drift, kick, ..."""
-    whole = _mirrored(fractions)
-    return Method(name, order, source, kicks=whole[::2], drifts=whole[1::2])
+    total = _mirrored(fractions)
+    return Method(name, order, source, kicks=total[::2], drifts=total[1::2])
 
 
 def _ends_with_drifts(name: str, order: int, source: str, *fractions: float) -> Method:
     """A symmetric method from the first half of its fractions: drift, kick, drift, ..."""
-    whole = _mirrored(fractions)
-    return Method(name, order, source, kicks=(0.0, *whole[1::2], 0.0), drifts=whole[::2])
+    total = _mirrored(fractions)
+    return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
 
 def _mirrored(fractions: tuple[float, ...]) -> tuple[float, ...]:
@@ -38,10 +38,10 @@ def _mirrored(fractions: tuple[float, ...]) -> tuple[float, ...]:
 def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
     """A composition of Stormer-Verlet steps, from the first half of their fractions."""
     middle = 1.0 - 2.0 * math.fsum(steps)
-    whole = (*steps, middle, *reversed(steps))
-    inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(whole))
+    total = (*steps, middle, *reversed(steps))
+    inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(total))
     return Method(
-        name, order, source, kicks=(0.5 * whole[0], *inner, 0.5 * whole[-1]), drifts=whole
+        name, order, source, kicks=(0.5 * total[0], *inner, 0.5 * total[-1]), drifts=total
     )
 
 

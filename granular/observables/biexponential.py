@@ -72,11 +72,11 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     [2. 1.] [-3.   0.5]
     """
     x, y = _checked(x, y)
-    start, span = float(x.min()), float(np.ptp(x))
-    u = (x - start) / span
+    start, duration = float(x.min()), float(np.ptp(x))
+    u = (x - start) / duration
     rates = _best_rates(u, y)
-    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / span)
-    rates = rates / span
+    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / duration)
+    rates = rates / duration
     order = np.argsort(rates)
     return _with_intervals(x, y, amplitudes[order], rates[order])
 
@@ -115,13 +115,18 @@ def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
     starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
-    found = [
+    attempts = [
         least_squares(
-            misfit, one, bounds=(-LARGEST_RATE, LARGEST_RATE), xtol=1e-12, ftol=1e-14, gtol=1e-14
+            misfit,
+            attempt,
+            bounds=(-LARGEST_RATE, LARGEST_RATE),
+            xtol=1e-12,
+            ftol=1e-14,
+            gtol=1e-14,
         )
-        for one in starts[:REFINED]
+        for attempt in starts[:REFINED]
     ]
-    return np.asarray(min(found, key=lambda one: float(one.cost)).x)
+    return np.asarray(min(attempts, key=lambda attempt: float(attempt.cost)).x)
 
 
 def _with_intervals(

@@ -166,10 +166,10 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
     low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
     sums = {number: np.zeros((len(array), number**2), dtype=complex) for number in blocks}
     counts = {number: np.zeros((len(array), number**2)) for number in blocks}
-    for k, one in enumerate(array):
-        cells = voronoi_cells(one)
-        order = local_psi6(one, cells)[cells.interior]
-        along = (one[cells.interior] - low) / (high - low)
+    for k, frame in enumerate(array):
+        cells = voronoi_cells(frame)
+        order = local_psi6(frame, cells)[cells.interior]
+        along = (frame[cells.interior] - low) / (high - low)
         for number in blocks:
             column, row = np.minimum((number * along).astype(int), number - 1).T
             np.add.at(sums[number][k], number * row + column, order)
@@ -178,12 +178,12 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
 
 
 def _block_mean(sums: np.ndarray, counts: np.ndarray) -> float:
-    found = []
+    result = []
     for total, number in zip(sums.T, counts.T, strict=True):
         filled = number > 0
         if np.count_nonzero(filled) > 1:
-            found.append(hexatic_susceptibility(total[filled] / number[filled], number[filled]))
-    return float(np.mean(found)) if found else np.nan
+            result.append(hexatic_susceptibility(total[filled] / number[filled], number[filled]))
+    return float(np.mean(result)) if result else np.nan
 
 
 @observable("1", "correlation of bond orientation g6(r)")
@@ -253,11 +253,11 @@ def bond_relaxation(
     for k, positions in enumerate(frames if periods is None else np.mod(frames, periods)):
         cells = voronoi_cells(positions)
         orders[k, cells.interior] = local_psi6(positions, cells)[cells.interior]
-    found = []
+    result = []
     for lag in lags:
         products = (orders[:-lag].conj() * orders[lag:]).real
         products = products[np.isfinite(products)]
         if not len(products):
             raise InputError(f"no grain has interior cells {lag} frames apart; take shorter lags")
-        found.append(products.mean())
-    return np.array(found)
+        result.append(products.mean())
+    return np.array(result)

@@ -195,8 +195,8 @@ def per_frame(
     values = [_value(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [
-        np.asarray(one if labels is None else list(one.values()), dtype=np.float64)
-        for one in values
+        np.asarray(name if labels is None else list(name.values()), dtype=np.float64)
+        for name in values
     ]
     dims = _dimensions(arrays, name, run.scene.grains.count, labels is not None)
     data = run.dataset.isel(frame=chosen)
@@ -205,7 +205,7 @@ def per_frame(
         coordinates["label"] = list(labels)
     if "grain" in dims:
         known = ("grain", "species", "diameter")
-        coordinates |= {one: data[one] for one in known if one in data.variables}
+        coordinates |= {name: data[name] for name in known if name in data.variables}
     return xarray.DataArray(
         np.array(arrays), dims=("frame", *dims), coords=coordinates,
         attrs={} if marked is None else marked.attributes,
@@ -296,10 +296,10 @@ def find_observable(
     every = {**OBSERVABLES, **(own or {})}
     if name in every:
         return every[name]
-    found: Callable[[Frame], Value] | None = load_entry_point(GROUP, name, "observable")
-    if observable_of(found) is not None and found is not None:
-        return found
-    if found is not None:
+    result: Callable[[Frame], Value] | None = load_entry_point(GROUP, name, "observable")
+    if observable_of(result) is not None and result is not None:
+        return result
+    if result is not None:
         raise InputError(f"observable {quoted(name)} is no granular Observable")
     raise InputError(
         f"{unknown(name, tuple(every), 'observable')}; one of your own comes by --import FILE, or "

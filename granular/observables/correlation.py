@@ -86,10 +86,10 @@ def per_distance(
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = spanning(run.scene.cell.inside(chosen))
     if edges is None:
-        edges = min((default_edges(one) for one in frames), key=lambda some: float(some[-1]))
-    parts = [function(one, edges) for one in frames]
+        edges = min((default_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
+    parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
-    values = mean_per_pair(total, np.sum([one.weights for one in parts], axis=0))
+    values = mean_per_pair(total, np.sum([part.weights for part in parts], axis=0))
     middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_of(function)
     return xarray.DataArray(
         values, dims="distance", coords={"distance": ("distance", middle, {"units": "m"})},
@@ -138,14 +138,14 @@ def spanning(frames: np.ndarray) -> list[np.ndarray]:
     InputError
         If none does.
     """
-    found = []
-    for one in frames:
-        present = one[np.isfinite(one).all(axis=1)]
+    result = []
+    for frame in frames:
+        present = frame[np.isfinite(frame).all(axis=1)]
         if len(present) > 1 and (np.ptp(present, axis=0) > 0.0).all():
-            found.append(one)
-    if not found:
+            result.append(frame)
+    if not result:
         raise InputError("in no frame do the grains span a box; give frames with more grains")
-    return found
+    return result
 
 
 def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -116,14 +116,14 @@ def detect_defects(
     area = float(cells.area[cells.interior].mean())
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
     clusters = _joined(_clusters(positions, cells, angle, spacing), spacing)
-    lattice = np.array([one.lattice for one in clusters], dtype=int).reshape(-1, 2)
+    lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
     return Defects(
-        kinds=tuple(one.kind for one in clusters),
-        positions=np.array([one.position for one in clusters], dtype=float).reshape(-1, 2),
+        kinds=tuple(cluster.kind for cluster in clusters),
+        positions=np.array([cluster.position for cluster in clusters], dtype=float).reshape(-1, 2),
         lattice=lattice,
         burgers=in_space(lattice, angle, spacing),
-        charge=np.array([one.charge for one in clusters], dtype=int),
-        sizes=np.array([one.size for one in clusters], dtype=int),
+        charge=np.array([cluster.charge for cluster in clusters], dtype=int),
+        sizes=np.array([cluster.size for cluster in clusters], dtype=int),
         angle=angle,
         spacing=spacing,
     )
@@ -154,7 +154,7 @@ def _clusters(
     of_triangle = owner[triangles].max(axis=1, initial=-1)
     order = np.abs(local_psi6(positions, cells))
     disorder = np.where(cells.interior & np.isfinite(order), 1.0 - order, 0.0)
-    found = []
+    result = []
     for label in np.unique(owner[odd]):
         members = np.flatnonzero(owner == label)
         region = triangles[of_triangle == label]
@@ -165,27 +165,27 @@ def _clusters(
             if kind != BOUNDARY and norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
                 continue
             kind = DISLOCATION
-        place = positions[members].mean(axis=0)
+        position = positions[members].mean(axis=0)
         if kind == VACANCY:
-            place = _hole(positions, region)
+            position = _hole(positions, region)
         elif kind == DISLOCATION:
-            place = _core(positions, disorder, place, spacing)
-        found.append(_Cluster(kind, place, lattice, charge, len(members)))
-    return found
+            position = _core(positions, disorder, position, spacing)
+        result.append(_Cluster(kind, position, lattice, charge, len(members)))
+    return result
 
 
 def _core(
-    positions: np.ndarray, disorder: np.ndarray, place: np.ndarray, spacing: float
+    positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
     """The centre of the disorder about a point: a core moves between sites, its grains jump."""
-    begun = place
+    started = position
     for _ in range(_CENTRINGS):
-        along = np.linalg.norm(positions - place, axis=1) / (CORE * spacing)
+        along = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
         weight = np.where(along < 1.0, disorder * (1.0 - along**2) ** 2, 0.0)
         if not weight.sum() > 0.0:
-            return begun
-        place = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
-    return place if np.linalg.norm(place - begun) < spacing else begun
+            return started
+        position = np.nansum(weight[:, None] * positions, axis=0) / weight.sum()
+    return position if np.linalg.norm(position - started) < spacing else started
 
 
 def _hole(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
@@ -210,31 +210,31 @@ def _joined(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
     """Clusters with the dislocations of each grain boundary as one."""
     from scipy.cluster.hierarchy import fcluster, linkage
 
-    able = [one for one in clusters if one.lattice.any()]
-    if sum(math.sqrt(norm_squared(one.lattice)) for one in able) < LEAST_OF_BOUNDARY / 2:
+    able = [cluster for cluster in clusters if cluster.lattice.any()]
+    if sum(math.sqrt(norm_squared(defect.lattice)) for defect in able) < LEAST_OF_BOUNDARY / 2:
         return clusters
-    rest = [one for one in clusters if not one.lattice.any()]
-    places = np.array([one.position for one in able])
+    rest = [cluster for cluster in clusters if not cluster.lattice.any()]
+    positions = np.array([defect.position for defect in able])
     groups = (
-        fcluster(linkage(places, "single"), LINKED * spacing, "distance")
+        fcluster(linkage(positions, "single"), LINKED * spacing, "distance")
         if len(able) > 1
         else np.ones(1, dtype=int)
     )
     for group in np.unique(groups):
-        members = [one for one, mine in zip(able, groups, strict=True) if mine == group]
+        members = [defect for defect, mine in zip(able, groups, strict=True) if mine == group]
         rest += _boundary(members)
     return rest
 
 
 def _boundary(members: list[_Cluster]) -> list[_Cluster]:
-    lengths = [math.sqrt(norm_squared(one.lattice)) for one in members]
-    total = np.sum([one.lattice for one in members], axis=0)
-    dislocations = sum(one.size for one in members) / 2.0
+    lengths = [math.sqrt(norm_squared(member.lattice)) for member in members]
+    total = np.sum([member.lattice for member in members], axis=0)
+    dislocations = sum(member.size for member in members) / 2.0
     if dislocations < LEAST_OF_BOUNDARY or math.sqrt(norm_squared(total)) < 0.5 * max(
         sum(lengths), LEAST_OF_BOUNDARY
     ):
         return members
-    sizes = np.array([one.size for one in members])
-    middle = np.average([one.position for one in members], axis=0, weights=sizes)
-    charge = sum(one.charge for one in members)
+    sizes = np.array([member.size for member in members])
+    middle = np.average([member.position for member in members], axis=0, weights=sizes)
+    charge = sum(member.charge for member in members)
     return [_Cluster(BOUNDARY, middle, total, charge, int(sizes.sum()))]

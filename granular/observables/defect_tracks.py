@@ -120,28 +120,28 @@ def link_tracks(
         raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
     open_ones: list[_Open] = []
     closed: list[_Open] = []
-    for number, found in enumerate(frames):
-        closed += [one for one in open_ones if number - one.frames[-1] > memory + 1]
-        open_ones = [one for one in open_ones if number - one.frames[-1] <= memory + 1]
-        known = [k for k, kind in enumerate(found.kinds) if kind != PAIR]
-        taken = _assigned(open_ones, found, known, number, reach)
+    for number, defects in enumerate(frames):
+        closed += [growing for growing in open_ones if number - growing.frames[-1] > memory + 1]
+        open_ones = [growing for growing in open_ones if number - growing.frames[-1] <= memory + 1]
+        known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
+        taken = _assigned(open_ones, defects, known, number, reach)
         for k in known:
-            place = taken.get(k)
-            if place is None:
-                one = _Open(found.kinds[k], found.lattice[k], [], [], [])
-                open_ones.append(one)
+            index = taken.get(k)
+            if index is None:
+                grown = _Open(defects.kinds[k], defects.lattice[k], [], [], [])
+                open_ones.append(grown)
             else:
-                one = open_ones[place]
-            one.frames.append(number)
-            one.positions.append(found.positions[k])
-            one.burgers.append(found.burgers[k])
-    every = sorted(closed + open_ones, key=lambda one: one.frames[0])
+                grown = open_ones[index]
+            grown.frames.append(number)
+            grown.positions.append(defects.positions[k])
+            grown.burgers.append(defects.burgers[k])
+    every = sorted(closed + open_ones, key=lambda growing: growing.frames[0])
     return [
         DefectTrack(
-            one.kind, one.lattice, np.array(one.frames), np.array(one.positions),
-            np.mean(one.burgers, axis=0),
+            growing.kind, growing.lattice, np.array(growing.frames), np.array(growing.positions),
+            np.mean(growing.burgers, axis=0),
         )
-        for one in every
+        for growing in every
     ]  # fmt: skip
 
 
@@ -154,21 +154,21 @@ class _Open(NamedTuple):
 
 
 def _assigned(
-    open_ones: list[_Open], found: Defects, known: list[int], number: int, reach: float
+    open_ones: list[_Open], defects: Defects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""
     from scipy.optimize import linear_sum_assignment
 
     if not open_ones or not known:
         return {}
-    farthest = (reach * found.spacing) ** 2
+    farthest = (reach * defects.spacing) ** 2
     # Leaving a track and a defect alone costs as much as the farthest way.
     costs = np.full((len(open_ones), len(known)), 2.0 * farthest)
-    for row, one in enumerate(open_ones):
+    for row, track in enumerate(open_ones):
         for column, k in enumerate(known):
-            if one.kind == found.kinds[k] and _alike(one, found.lattice[k]):
-                square = _square_of_way(one, found.positions[k])
-                if square <= farthest * (number - one.frames[-1]):
+            if track.kind == defects.kinds[k] and _alike(track, defects.lattice[k]):
+                square = _square_of_way(track, defects.positions[k])
+                if square <= farthest * (number - track.frames[-1]):
                     costs[row, column] = min(square, 1.9 * farthest)
     rows, columns = linear_sum_assignment(costs)
     return {
@@ -178,22 +178,22 @@ def _assigned(
     }
 
 
-def _square_of_way(one: _Open, place: np.ndarray) -> float:
+def _square_of_way(item: _Open, position: np.ndarray) -> float:
     """Squared displacement; of a boundary that along its Burgers vector alone."""
-    way = place - one.positions[-1]
-    if one.kind == BOUNDARY:
-        return float((way @ one.burgers[-1]) ** 2 / (one.burgers[-1] @ one.burgers[-1]))
-    return float(way @ way)
+    displacement = position - item.positions[-1]
+    if item.kind == BOUNDARY:
+        return float((displacement @ item.burgers[-1]) ** 2 / (item.burgers[-1] @ item.burgers[-1]))
+    return float(displacement @ displacement)
 
 
-def _alike(one: _Open, lattice: np.ndarray) -> bool:
+def _alike(item: _Open, lattice: np.ndarray) -> bool:
     """True if the Burgers vectors are the same; that of a boundary may change."""
-    return one.kind != DISLOCATION or bool((one.lattice == lattice).all())
+    return item.kind != DISLOCATION or bool((item.lattice == lattice).all())
 
 
 def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
     """The tracks that were seen in at least so many frames."""
-    return [one for one in tracks if len(one.frames) >= frames]
+    return [track for track in tracks if len(track.frames) >= frames]
 
 
 def find_events(
@@ -213,19 +213,19 @@ def find_events(
     spacing : float
         [m]
     """
-    moments = [(int(one.frames[-1]) + 1, one.positions[-1], place, -1)
-               for place, one in enumerate(tracks) if one.frames[-1] + 1 < len(boxes)]  # fmt: skip
-    moments += [(int(one.frames[0]), one.positions[0], place, 1)
-                for place, one in enumerate(tracks) if one.frames[0] > 0]  # fmt: skip
-    moments.sort(key=lambda one: one[0])
+    moments = [(int(end.frames[-1]) + 1, end.positions[-1], place, -1)
+               for place, end in enumerate(tracks) if end.frames[-1] + 1 < len(boxes)]  # fmt: skip
+    moments += [(int(end.frames[0]), end.positions[0], place, 1)
+                for place, end in enumerate(tracks) if end.frames[0] > 0]  # fmt: skip
+    moments.sort(key=lambda end: end[0])
     events = []
     while moments:
         together = [moments.pop(0)]
         grown = True
         while grown:
             grown = False
-            for k, one in enumerate(moments):
-                if any(_meet(one, other, spacing) for other in together):
+            for k, end in enumerate(moments):
+                if any(_meet(end, other, spacing) for other in together):
                     together.append(moments.pop(k))
                     grown = True
                     break
@@ -236,26 +236,26 @@ def find_events(
 Moment = tuple[int, np.ndarray, int, int]
 
 
-def _meet(one: Moment, other: Moment, spacing: float) -> bool:
-    near = float(np.linalg.norm(one[1] - other[1])) < MEETING * spacing
-    return near and abs(one[0] - other[0]) <= SAME_TIME and one[2] != other[2]
+def _meet(first: Moment, other: Moment, spacing: float) -> bool:
+    near = float(np.linalg.norm(first[1] - other[1])) < MEETING * spacing
+    return near and abs(first[0] - other[0]) <= SAME_TIME and first[2] != other[2]
 
 
 def _event(
     together: list[Moment], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> DefectEvent:
-    ended = tuple(place for _, _, place, sign in together if sign < 0)
-    begun = tuple(place for _, _, place, sign in together if sign > 0)
-    missing = np.sum([sign * tracks[place].lattice for _, _, place, sign in together], axis=0)
-    places = np.array([one[1] for one in together])
-    low, high = boxes[[one[0] for one in together]].transpose(1, 0, 2)
-    depth = float(np.minimum(places - low, high - places).min())
+    ended = tuple(position for _, _, position, sign in together if sign < 0)
+    started = tuple(position for _, _, position, sign in together if sign > 0)
+    missing = np.sum([sign * tracks[position].lattice for _, _, position, sign in together], axis=0)
+    positions = np.array([event[1] for event in together])
+    low, high = boxes[[event[0] for event in together]].transpose(1, 0, 2)
+    depth = float(np.minimum(positions - low, high - positions).min())
     if depth < MEETING * spacing and missing.any():
         kind = "entry" if not ended else "leaving"
     else:
-        kind = "reaction" if ended and begun else "annihilation" if ended else "birth"
+        kind = "reaction" if ended and started else "annihilation" if ended else "birth"
     return DefectEvent(
-        kind, max(one[0] for one in together), places.mean(axis=0), ended, begun, missing
+        kind, max(event[0] for event in together), positions.mean(axis=0), ended, started, missing
     )
 
 
@@ -314,16 +314,16 @@ def defects_of_frames(frames: np.ndarray) -> list[Defects]:
         If the shape is another one, or a frame has no interior cells.
     """
     array = check_frames(frames)
-    found: list[Defects] = []
-    for one in array:
-        cells = voronoi_cells(one)
-        angle = float(np.angle(global_psi6(one, cells))) / 6.0
-        if found:
+    defects: list[Defects] = []
+    for frame in array:
+        cells = voronoi_cells(frame)
+        angle = float(np.angle(global_psi6(frame, cells))) / 6.0
+        if defects:
             # The bond order knows it up to 60 degrees: the nearest of these is the same lattice.
             turn = np.pi / 3.0
-            angle += turn * round((found[-1].angle - angle) / turn)
-        found.append(detect_defects(one, angle, cells))
-    return found
+            angle += turn * round((defects[-1].angle - angle) / turn)
+        defects.append(detect_defects(frame, angle, cells))
+    return defects
 
 
 def track_defects(
@@ -373,55 +373,55 @@ def track_defects(
     chosen = select_frames(run, start, stop)
     frames = run.scene.cell.inside(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
-    found = defects_of_frames(frames)
-    tracks = drop_short_tracks(link_tracks(found, reach, memory), least)
+    defects = defects_of_frames(frames)
+    tracks = drop_short_tracks(link_tracks(defects, reach, memory), least)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
-    spacing = float(np.mean([one.spacing for one in found]))
+    spacing = float(np.mean([entry.spacing for entry in defects]))
     events = find_events(tracks, boxes, spacing)
-    return _dataset(found, tracks, events, times, spacing)
+    return _dataset(defects, tracks, events, times, spacing)
 
 
 def _dataset(
-    found: Sequence[Defects], tracks: Sequence[DefectTrack], events: Sequence[DefectEvent],
+    defects: Sequence[Defects], tracks: Sequence[DefectTrack], events: Sequence[DefectEvent],
     times: np.ndarray, spacing: float,
 ) -> xarray.Dataset:  # fmt: skip
     import xarray
 
-    moves = [motion_of_track(one, times) for one in tracks]
+    moves = [motion_of_track(entry, times) for entry in tracks]
     paths = np.full((len(times), len(tracks), 2), np.nan)
-    for place, one in enumerate(tracks):
-        paths[one.frames, place] = one.positions
+    for point, entry in enumerate(tracks):
+        paths[entry.frames, point] = entry.positions
     of_tracks: dict[str, tuple[Any, str, str]] = {
-        "begin": ([times[one.frames[0]] for one in tracks], "s", "first seen"),
-        "end": ([times[one.frames[-1]] for one in tracks], "s", "last seen"),
-        "speed": ([one.speed for one in moves], "m/s", "speed"),
-        "glide": ([one.glide for one in moves], "m/s", "velocity along the Burgers vector"),
-        "climb": ([one.climb for one in moves], "m/s", "velocity across the Burgers vector"),
+        "begin": ([times[entry.frames[0]] for entry in tracks], "s", "first seen"),
+        "end": ([times[entry.frames[-1]] for entry in tracks], "s", "last seen"),
+        "speed": ([entry.speed for entry in moves], "m/s", "speed"),
+        "glide": ([entry.glide for entry in moves], "m/s", "velocity along the Burgers vector"),
+        "climb": ([entry.climb for entry in moves], "m/s", "velocity across the Burgers vector"),
     }
     data: dict[str, Any] = {
         name: ("track", np.array(values, dtype=float), {"units": unit, "long_name": meaning})
         for name, (values, unit, meaning) in of_tracks.items()
     }
     flat = ("track", "axis")
-    data["kind"] = ("track", _words(one.kind for one in tracks))
-    data["burgers"] = (flat, _pairs(one.burgers for one in tracks), {"units": "m"})
-    data["velocity"] = (flat, _pairs(one.velocity for one in moves), {"units": "m/s"})
+    data["kind"] = ("track", _words(entry.kind for entry in tracks))
+    data["burgers"] = (flat, _pairs(entry.burgers for entry in tracks), {"units": "m"})
+    data["velocity"] = (flat, _pairs(entry.velocity for entry in moves), {"units": "m/s"})
     data["position"] = (("frame", "track", "axis"), paths, {"units": "m"})
-    data["born"] = ("track", _words(_event_kinds(events, len(tracks), begun=True)))
-    data["ended"] = ("track", _words(_event_kinds(events, len(tracks), begun=False)))
-    angle = found[0].angle
-    missing = _pairs(in_space(one.missing, angle, spacing) for one in events)
-    data["event_kind"] = ("event", _words(one.kind for one in events))
-    data["event_time"] = ("event", np.array([times[one.frame] for one in events], dtype=float),
+    data["born"] = ("track", _words(_event_kinds(events, len(tracks), started=True)))
+    data["ended"] = ("track", _words(_event_kinds(events, len(tracks), started=False)))
+    angle = defects[0].angle
+    missing = _pairs(in_space(entry.missing, angle, spacing) for entry in events)
+    data["event_kind"] = ("event", _words(entry.kind for entry in events))
+    data["event_time"] = ("event", np.array([times[entry.frame] for entry in events], dtype=float),
                           {"units": "s"})  # fmt: skip
-    data["event_position"] = (("event", "axis"), _pairs(one.position for one in events),
+    data["event_position"] = (("event", "axis"), _pairs(entry.position for entry in events),
                               {"units": "m"})  # fmt: skip
     data["event_burgers"] = (("event", "axis"), missing, {"units": "m"})
-    counts = [[one.kinds.count(kind) for kind in KINDS] for one in found]
+    counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
     data["count"] = (("frame", "defect"), np.array(counts), {"units": "1"})
-    total = _pairs(one.burgers.sum(axis=0) for one in found)
+    total = _pairs(entry.burgers.sum(axis=0) for entry in defects)
     data["total_burgers"] = (("frame", "axis"), total, {"units": "m"})
-    inside = [not one.missing.any() for one in events if one.kind not in ("entry", "leaving")]
+    inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return xarray.Dataset(
         data,
         coords={"frame_time": ("frame", times, {"units": "s"}), "defect": list(KINDS),
@@ -438,9 +438,9 @@ def _pairs(values: Any) -> np.ndarray:
     return np.array(list(values), dtype=float).reshape(-1, 2)
 
 
-def _event_kinds(events: Sequence[DefectEvent], count: int, *, begun: bool) -> list[str]:
+def _event_kinds(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
     kinds = [""] * count
-    for one in events:
-        for place in one.begun if begun else one.ended:
-            kinds[place] = one.kind
+    for event in events:
+        for position in event.begun if started else event.ended:
+            kinds[position] = event.kind
     return kinds

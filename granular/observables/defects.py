@@ -18,8 +18,8 @@ def lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
     # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
-    place = np.round((np.arctan2(y, x) - angle) / (np.pi / 3.0)).astype(int) % 6
-    return np.where(back[:, None], -SIX[place], SIX[place])
+    index = np.round((np.arctan2(y, x) - angle) / (np.pi / 3.0)).astype(int) % 6
+    return np.where(back[:, None], -SIX[index], SIX[index])
 
 
 def in_space(vectors: np.ndarray, angle: float, spacing: float) -> np.ndarray:
@@ -74,12 +74,12 @@ def grains_in_excess(triangles: np.ndarray, positions: np.ndarray, angle: float)
     area = 0.0
     while rim:
         start = here = next(iter(rim))
-        place = np.zeros(2)
+        position = np.zeros(2)
         while here in rim:
             there = rim.pop(here)
             bond = lattice_bonds((positions[there] - positions[here])[None], angle)[0]
-            area += 0.5 * float(place[0] * bond[1] - place[1] * bond[0])
-            place, here = place + bond, there
+            area += 0.5 * float(position[0] * bond[1] - position[1] * bond[0])
+            position, here = position + bond, there
             if here == start:
                 break
     return 0.5 * len(triangles) - area
@@ -183,8 +183,8 @@ def _matched(cells: VoronoiCells) -> np.ndarray:
     fives, rows = np.unique(both[:, 0], return_inverse=True)
     sevens, columns = np.unique(both[:, 1], return_inverse=True)
     # Older releases of SciPy match with 32-bit indices only.
-    places = (rows.astype(np.int32), columns.astype(np.int32))
-    graph = csr_array((np.ones(len(both), dtype=bool), places))
+    indices = (rows.astype(np.int32), columns.astype(np.int32))
+    graph = csr_array((np.ones(len(both), dtype=bool), indices))
     partner = maximum_bipartite_matching(graph, perm_type="column")
     return np.stack([fives[partner >= 0], sevens[partner[partner >= 0]]], axis=1)
 

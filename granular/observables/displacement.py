@@ -124,14 +124,14 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
 def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Means of the second and fourth power of the displacements."""
     frames = check_frames(frames, least=2)
-    found = []
+    result = []
     for lag in check_lags(lags, len(frames)):
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
             raise InputError(f"no grain is present in two frames {lag} apart; take shorter lags")
-        found.append((squares.mean(), (squares**2).mean()))
-    second, fourth = np.array(found).T
+        result.append((squares.mean(), (squares**2).mean()))
+    second, fourth = np.array(result).T
     return second, fourth
 
 
@@ -178,8 +178,8 @@ def lindemann_parameter(
         areas.append(cells.area[cells.interior])
         for k, lag in enumerate(lags):
             if first + lag < len(frames):
-                way = frames[first + lag] - start
-                square = ((way[i] - way[j]) ** 2).sum(axis=1)
+                displacement = frames[first + lag] - start
+                square = ((displacement[i] - displacement[j]) ** 2).sum(axis=1)
                 known = np.isfinite(square)
                 total[k] += square[known].sum()
                 number[k] += np.count_nonzero(known)
@@ -261,13 +261,13 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     if every < 1:
         raise InputError(f"every {every}; take 1 frame or more")
     frames = run.dataset["position"].values
-    found = np.full(frames.shape[:2], np.nan)
+    result = np.full(frames.shape[:2], np.nan)
     for k in range(every, len(frames)):
         # To where the neighbours are, in a periodic cell; the ways between frames stay.
         home = run.scene.cell.inside(frames[k - every]) - frames[k - every]
-        found[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
+        result[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
     return xarray.DataArray(
-        found,
+        result,
         dims=("frame", "grain"),
         coords={"frame_time": run.dataset["frame_time"]},
         attrs={"units": "m^2", "long_name": "non-affine motion D2min"},

@@ -136,8 +136,8 @@ def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndar
     magnitudes = values_of_grains("magnitudes", magnitudes, magnitudes.size)
     species = values_of_grains("species", species, len(magnitudes))
     fluctuation = np.full(len(magnitudes), np.nan)
-    for one in np.unique(species):
-        chosen = (species == one) & np.isfinite(magnitudes)
+    for specy in np.unique(species):
+        chosen = (species == specy) & np.isfinite(magnitudes)
         mean = magnitudes[chosen].mean() if chosen.any() else 0.0
         if mean > 0.0:
             fluctuation[chosen] = np.abs(magnitudes[chosen] - mean) / mean

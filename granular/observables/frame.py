@@ -114,8 +114,8 @@ class Observable(NamedTuple):
 
 def observable_of(function: Any) -> Observable | None:
     """Name, unit and meaning that `observable` gave a function; None if it gave none."""
-    found = getattr(function, "observable", None)
-    return found if isinstance(found, Observable) else None
+    result = getattr(function, "observable", None)
+    return result if isinstance(result, Observable) else None
 
 
 def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
@@ -175,7 +175,7 @@ def require_piston(scene: Scene) -> None:
 
 def species_names(scene: Scene) -> list[str]:
     """Names of the species, with their index where two have the same."""
-    names = [one.name for one in scene.grains.species]
+    names = [specy.name for specy in scene.grains.species]
     return [
         name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)
     ]

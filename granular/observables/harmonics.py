@@ -95,7 +95,9 @@ def harmonic_response(
     >>> round(float(np.ravel(found.ratio)[0]), 2)
     0.5
     """
-    time, drive, response = (np.asarray(one, dtype=np.float64) for one in (time, drive, response))
+    time, drive, response = (
+        np.asarray(series, dtype=np.float64) for series in (time, drive, response)
+    )
     if time.ndim != 1 or not time.shape == drive.shape == response.shape or not len(time):
         raise InputError(
             f"time, drive and response have the shapes {time.shape}, {drive.shape}, "
@@ -176,33 +178,33 @@ def stage_response(
 
     driven = _driven_stage(run, stage)
     time, drive, response, unit = _signals(run, driven)
-    found = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
+    result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
-        "ratio": (found.ratio, unit, "amplitude of the response over that of the drive"),
-        "phase": (found.phase, "rad", "phase of the response to the drive"),
-        "ratio_error": (found.ratio_error, unit, "standard error of the ratio"),
-        "phase_error": (found.phase_error, "rad", "standard error of the phase"),
+        "ratio": (result.ratio, unit, "amplitude of the response over that of the drive"),
+        "phase": (result.phase, "rad", "phase of the response to the drive"),
+        "ratio_error": (result.ratio_error, unit, "standard error of the ratio"),
+        "phase_error": (result.phase_error, "rad", "standard error of the phase"),
     }
     return xarray.Dataset(
         {
-            name: ("harmonic", values, {"units": one, "long_name": meaning})
-            for name, (values, one, meaning) in columns.items()
+            name: ("harmonic", values, {"units": item, "long_name": meaning})
+            for name, (values, item, meaning) in columns.items()
         },
-        coords={"harmonic": found.harmonics},
+        coords={"harmonic": result.harmonics},
         attrs={
             "stage": driven.name,
-            "frequency": found.frequency,
-            "drive_amplitude": found.drive_amplitude,
-            "periods": found.periods,
+            "frequency": result.frequency,
+            "drive_amplitude": result.drive_amplitude,
+            "periods": result.periods,
         },
     )
 
 
 def _whole_periods(time: np.ndarray, frequency: float, discard: float | None) -> int:
-    span = float(time[-1] - time[0])
-    left = span - (0.5 * span if discard is None else discard)
+    duration = float(time[-1] - time[0])
+    left = duration - (0.5 * duration if discard is None else discard)
     # A period is whole with the sample that would begin the next one.
-    left += span / max(len(time) - 1, 1)
+    left += duration / max(len(time) - 1, 1)
     periods = int(left * frequency + 1e-6)
     if periods < LEAST_PERIODS:
         raise InputError(
@@ -234,9 +236,9 @@ def _fit(
     turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
     basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
-    found = np.linalg.lstsq(basis, values, rcond=None)[0]
-    drift = float(found[-1]) * frequency if drifting else 0.0
-    return _Fit(found[:number] - 1j * found[number : 2 * number], drift)
+    result = np.linalg.lstsq(basis, values, rcond=None)[0]
+    drift = float(result[-1]) * frequency if drifting else 0.0
+    return _Fit(result[:number] - 1j * result[number : 2 * number], drift)
 
 
 def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -260,11 +262,11 @@ def _period_transfers(
 
     Within one period a drift and a sine are too much alike to be fitted together.
     """
-    place = (time - time[-1]) * frequency + periods
-    which = np.clip(np.ceil(place - 1e-9).astype(int) - 1, 0, periods - 1)
+    position = (time - time[-1]) * frequency + periods
+    which = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []
-    for one in range(periods):
-        here = which == one
+    for period_number in range(periods):
+        here = which == period_number
         parts = (
             _fit(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
             for values in (drive, response)
@@ -286,9 +288,9 @@ def _driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
     from granular.protocol import Oscillate, Push
 
     driven = {
-        one.name: one
-        for one in run.scene.protocol
-        if isinstance(one, Oscillate) or (isinstance(one, Push) and one.amplitude > 0.0)
+        stage.name: stage
+        for stage in run.scene.protocol
+        if isinstance(stage, Oscillate) or (isinstance(stage, Push) and stage.amplitude > 0.0)
     }
     if name is None and len(driven) == 1:
         return next(iter(driven.values()))

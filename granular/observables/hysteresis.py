@@ -120,14 +120,14 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     height = run.dataset["piston_height"].values
     time = run.dataset["time"].values
     cycles = cycle_bounds(height)
-    parts = [slice(one.start, one.stop + 1) for one in cycles]
+    parts = [slice(cycle.start, cycle.stop + 1) for cycle in cycles]
     columns = {
         "energy": ([hysteresis_energy(height[k], force[k]) for k in parts], "J", "energy lost"),
-        "start": ([time[one.start] for one in cycles], "s", "start of the compression"),
-        "stop": ([time[one.stop] for one in cycles], "s", "end of the expansion"),
-        "lowest": ([height[one.lowest] for one in cycles], "m", "least height"),
+        "start": ([time[cycle.start] for cycle in cycles], "s", "start of the compression"),
+        "stop": ([time[cycle.stop] for cycle in cycles], "s", "end of the expansion"),
+        "lowest": ([height[cycle.lowest] for cycle in cycles], "m", "least height"),
         "highest": (
-            [min(height[one.start], height[one.stop]) for one in cycles],
+            [min(height[cycle.start], height[cycle.stop]) for cycle in cycles],
             "m",
             "height up to which the loop is counted",
         ),
@@ -145,9 +145,9 @@ def _integral_below(height: np.ndarray, force: np.ndarray, top: float) -> float:
     """Integral of F dh over the parts of the path at or below the height ``top``."""
     start, step = height[:-1], np.diff(height)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = (top - start) / step
+        fraction = (top - start) / step
     # Each piece of the path counts from share a to share b of its length.
-    crossing = np.clip(np.where(step == 0.0, 0.0, share), 0.0, 1.0)
+    crossing = np.clip(np.where(step == 0.0, 0.0, fraction), 0.0, 1.0)
     a = np.where(step < 0.0, crossing, 0.0)
     b = np.where(step > 0.0, crossing, 1.0)
     middle = 0.5 * (a + b)

@@ -49,7 +49,7 @@ class Interactions(NamedTuple):
 
 def foreign_effects(scene: Scene) -> tuple[str, ...]:
     """Effects of a scene whose part in the forces between grains is not known here."""
-    return tuple(one.key for one in scene.effects.all if one.key not in (*KNOWN, *SILENT))
+    return tuple(effect.key for effect in scene.effects.all if effect.key not in (*KNOWN, *SILENT))
 
 
 def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
@@ -68,12 +68,12 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     """
     positions, here, system = _prepare(scene, positions)
     scales = system.scales
-    places = positions[here] / scales.length
+    points = positions[here] / scales.length
     moments = moments_of(scene)[here]
     contact = _law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = _nearest(places[some, None] - places[None], scene, scales.length)
+        branch = _nearest(points[some, None] - points[None], scene, scales.length)
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
@@ -179,12 +179,12 @@ def _of_wall(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np
 
     if not isinstance(law, wall_slab.SlabWall):
         force = _callable(type(law).force)
-        return np.array([force(law, one) for one in w], dtype=float), np.zeros(len(w))
+        return np.array([force(law, width) for width in w], dtype=float), np.zeros(len(w))
     normal, tangential = np.zeros((2, len(w)))
     for start, end in zip(law.starts, law.ends, strict=True):
-        for k, (one, place) in enumerate(zip(w, along, strict=True)):
-            normal[k] += wall_slab.normal_force(one, place - start, end - place)
-            tangential[k] += wall_slab.tangential_force(one, place - start, end - place)
+        for k, (width, position) in enumerate(zip(w, along, strict=True)):
+            normal[k] += wall_slab.normal_force(width, position - start, end - position)
+            tangential[k] += wall_slab.tangential_force(width, position - start, end - position)
     return normal, tangential
 
 

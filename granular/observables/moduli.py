@@ -267,7 +267,9 @@ def _weight(r: np.ndarray, reach: float) -> np.ndarray:
     """From 1 to 0 at the reach, smoothly: shells of a lattice enter and leave without a jump."""
     along = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
-        rise, fall = (np.where(one > 0.0, np.exp(-1.0 / one), 0.0) for one in (along, 1.0 - along))
+        rise, fall = (
+            np.where(part > 0.0, np.exp(-1.0 / part), 0.0) for part in (along, 1.0 - along)
+        )
     return np.asarray(fall / (rise + fall))
 
 
@@ -285,8 +287,8 @@ def _sums(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Energy of each inner grain, forces after each strain and their matrix, all over C."""
     count = len(inner)
-    place = np.full(len(positions), -1)
-    place[inner] = np.arange(count)
+    position = np.full(len(positions), -1)
+    position[inner] = np.arange(count)
     matrix = np.zeros((count, 2, count, 2))
     forces = np.zeros((count, 2, len(STRAINS)))
     energies = np.zeros(count)
@@ -303,8 +305,8 @@ def _sums(
             15.0 * along[:, :, None] * along[:, None, :] - 3.0 * np.eye(2)
         )
         matrix[k, :, k, :] += blocks.sum(axis=0)
-        known = place[others] >= 0
-        matrix[k, :, place[others[known]], :] -= blocks[known]
+        known = position[others] >= 0
+        matrix[k, :, position[others[known]], :] -= blocks[known]
         for mode, strain in enumerate(STRAINS):
             forces[k, :, mode] = np.einsum("jab,jb->a", blocks, branch @ strain)
     size = 2 * count

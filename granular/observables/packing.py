@@ -203,8 +203,8 @@ def _profile_by_depth(
     # Strips in the cell are the first ones; heights increase from the last of them up.
     edges = bounds[: np.count_nonzero(inside) + 1][::-1]
     diameters = run.dataset["diameter"].values
-    found = area_fraction_profile(positions, diameters, run.scene.cell.width, edges)
-    profile[: len(found)] = found[::-1]
+    result = area_fraction_profile(positions, diameters, run.scene.cell.width, edges)
+    profile[: len(result)] = result[::-1]
     return profile
 
 

@@ -187,40 +187,40 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
     InputError
         If the shape is another one, or a frame has no interior cells.
     """
-    found = defects_of_frames(frames)
-    tracks = link_tracks(found)
+    defects = defects_of_frames(frames)
+    tracks = link_tracks(defects)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
-    spacing = float(np.mean([one.spacing for one in found]))
+    spacing = float(np.mean([entry.spacing for entry in defects]))
     events = find_events(tracks, boxes, spacing)
-    cells = [voronoi_cells(one) for one in frames]
-    area = np.array([one.area[inner(one)].sum() for one in cells])
+    cells = [voronoi_cells(entry) for entry in frames]
+    area = np.array([entry.area[inner(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
-    for one in tracks:
-        _add_moves(moves, one, frames, spacing)
+    for entry in tracks:
+        _add_moves(moves, entry, frames, spacing)
     for event in events:
         if not event.missing.any():
             jumps[event.frame] += _jump(event, tracks)
         elif event.kind in ("entry", "leaving"):
             known = frames[event.frame][inner(cells[event.frame])]
             box = np.stack([known.min(axis=0), known.max(axis=0)])
-            burgers = in_space(event.missing, found[event.frame].angle, spacing)
+            burgers = in_space(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _jump(event, tracks)
             rim[event.frame] += swept(burgers, -displacement_to_edge(event.position, burgers, box))
-    inside = [not one.missing.any() for one in events if one.kind not in ("entry", "leaving")]
+    inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return Slip(
         np.cumsum(moves / area[:, None, None], axis=0),
         np.cumsum(jumps / area[:, None, None], axis=0),
         np.cumsum(rim / area[:, None, None], axis=0),
-        tuple(found), tuple(tracks), float(np.mean(inside)) if inside else np.nan,
+        tuple(defects), tuple(tracks), float(np.mean(inside)) if inside else np.nan,
     )  # fmt: skip
 
 
-def swept(burgers: np.ndarray, way: np.ndarray) -> np.ndarray:
+def swept(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     """b_i (z x d)_j (2, 2) [m^2] of a displacement d."""
-    return np.outer(burgers, [-way[1], way[0]])
+    return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
-def displacement_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
+def displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Shortest displacement (2,) along the Burgers vector to an edge of the box; 0 from outside.
 
     Parameters
@@ -229,39 +229,39 @@ def displacement_to_edge(place: np.ndarray, burgers: np.ndarray, box: np.ndarray
     box : float (2, 2)
         Lowest and highest x and y.
     """
-    if (place <= box[0]).any() or (place >= box[1]).any():
+    if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
     along = burgers / np.linalg.norm(burgers)
     with np.errstate(divide="ignore"):
-        ways = ((box - place) / along).ravel()
-    return np.asarray(along * ways[np.argmin(np.abs(ways))])
+        displacements = ((box - position) / along).ravel()
+    return np.asarray(along * displacements[np.argmin(np.abs(displacements))])
 
 
 def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
-        place = track.positions[k - 1]
-        near = np.linalg.norm(frames[before] - place, axis=1) < CORE * spacing
+        position = track.positions[k - 1]
+        near = np.linalg.norm(frames[before] - position, axis=1) < CORE * spacing
         carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
-        moves[after] += swept(track.burgers, track.positions[k] - place - carried)
+        moves[after] += swept(track.burgers, track.positions[k] - position - carried)
 
 
 def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
     """Sum of `swept`, as if ended tracks had gone to the event, and new ones had come from it."""
     total = np.zeros((2, 2))
-    for place in event.ended:
-        one = tracks[place]
-        total += swept(one.burgers, event.position - one.positions[-1])
-    for place in event.begun:
-        one = tracks[place]
-        total += swept(one.burgers, one.positions[0] - event.position)
+    for point in event.ended:
+        track = tracks[point]
+        total += swept(track.burgers, event.position - track.positions[-1])
+    for point in event.begun:
+        track = tracks[point]
+        total += swept(track.burgers, track.positions[0] - event.position)
     return total
 
 
 def elastic_strain(frames: np.ndarray) -> np.ndarray:
     """(1/2) log M of the inner bonds of frames (f, n, 2), less that of the first (f, 2, 2)."""
-    found = np.array([_log_texture(one, voronoi_cells(one)) for one in frames])
-    return np.asarray(found - found[0])
+    result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in frames])
+    return np.asarray(result - result[0])
 
 
 def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
@@ -273,6 +273,6 @@ def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 def inner(cells: VoronoiCells) -> np.ndarray:
     """Grains (n,) whose cell and whose neighbours' cells are interior: where defects are known."""
-    found = cells.interior.copy()
-    found[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
-    return found
+    result = cells.interior.copy()
+    result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
+    return result

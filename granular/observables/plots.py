@@ -108,7 +108,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
     classes, colours = np.clip(cells.sides, 4, 8) - 4, tuple(SIDES.values())
     ax.add_collection(
         PolyCollection(
-            [1e3 * one for one in polygons.values()],
+            [1e3 * polygon for polygon in polygons.values()],
             facecolors=[colours[classes[i]] for i in polygons], edgecolors="white", linewidths=0.6,
         )
     )  # fmt: skip
@@ -126,19 +126,21 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
     return _as_map(ax)
 
 
-def plot_dislocations(found: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
+def plot_dislocations(
+    dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None
+) -> Axes:
     """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector."""
     ax = axes_or_new(ax, 7.2, 4.2)
-    places = 1e3 * np.asarray(positions)
-    ax.plot(*places.T, ".", color=GREY, markersize=3.0)
+    points = 1e3 * np.asarray(positions)
+    ax.plot(*points.T, ".", color=GREY, markersize=3.0)
     for column, (colour, marker, label) in enumerate(
         [(COLOURS[0], "p", "five neighbours"), (COLOURS[1], "o", "seven neighbours")]
     ):
-        chosen = places[found.pairs[:, column]]
+        chosen = points[dislocations.pairs[:, column]]
         ax.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
-    if len(found.pairs):
+    if len(dislocations.pairs):
         ax.quiver(
-            *(1e3 * found.positions).T, *(1e3 * found.burgers).T,
+            *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T,
             angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
         )  # fmt: skip
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
@@ -224,9 +226,19 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
     ax = axes_or_new(ax)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
     for k in range(frames.sizes["frame"]):
-        one = frames.isel(frame=k)
-        label = f"{float(one['frame_time']):.3g} s" if "frame_time" in one.coords else None
-        ax.plot(1e3 * one["depth"], one, STYLES[k % len(STYLES)], marker=".", label=label)
+        profile_of_frame = frames.isel(frame=k)
+        label = (
+            f"{float(profile_of_frame['frame_time']):.3g} s"
+            if "frame_time" in profile_of_frame.coords
+            else None
+        )
+        ax.plot(
+            1e3 * profile_of_frame["depth"],
+            profile_of_frame,
+            STYLES[k % len(STYLES)],
+            marker=".",
+            label=label,
+        )
     ax.set(xlabel="depth below the piston [mm]", ylabel="local area fraction")
     ax.legend(title="time")
     return ax
@@ -243,10 +255,11 @@ def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None
 def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = None) -> Axes:
     """Probability density of the force on the grains, by species [D, Fig. 4.21]."""
     ax = axes_or_new(ax)
-    for k, (name, one) in enumerate(histograms.items()):
+    for k, (name, histogram) in enumerate(histograms.items()):
         ax.stairs(
-            one.density, one.edges, fill=True, alpha=0.35, color=COLOURS[k % len(COLOURS)],
-            label=f"{plain_label(name)}: {one.counts.sum()} grains",
+            histogram.density, histogram.edges, fill=True, alpha=0.35,
+            color=COLOURS[k % len(COLOURS)],
+            label=f"{plain_label(name)}: {histogram.counts.sum()} grains",
         )  # fmt: skip
     ax.set(xlabel="compressive force on the grain [N]", ylabel="probability density [1/N]")
     ax.legend()
@@ -262,14 +275,14 @@ def plot_forces(
     force (n, 2) is NaN have none.
     """
     ax = axes_or_new(ax, 7.2, 4.2)
-    places, forces = 1e3 * np.asarray(positions), np.asarray(forces, dtype=np.float64)
+    points, forces = 1e3 * np.asarray(positions), np.asarray(forces, dtype=np.float64)
     sizes = np.linalg.norm(forces, axis=1)
-    ax.plot(*places.T, ".", color=GREY, markersize=2.0)
+    ax.plot(*points.T, ".", color=GREY, markersize=2.0)
     for k in np.unique(species):
         chosen = (np.asarray(species) == k) & np.isfinite(sizes)
         if chosen.any() and sizes[chosen].max() > 0.0:
             ax.quiver(
-                *places[chosen].T, *(forces[chosen] / sizes[chosen].max()).T,
+                *points[chosen].T, *(forces[chosen] / sizes[chosen].max()).T,
                 color=COLOURS[int(k) % len(COLOURS)], angles="xy", width=0.0025, scale=25.0,
             )  # fmt: skip
     return _as_map(ax)
@@ -306,10 +319,10 @@ def plot_biexponential(
 def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
     """Amplitude ratio of each harmonic over the drive's frequency, with errors."""
     ax = axes_or_new(ax)
-    frequencies = [one.attrs["frequency"] for one in responses]
+    frequencies = [response.attrs["frequency"] for response in responses]
     for k, harmonic in enumerate(responses[0]["harmonic"].values):
         ratio, error = (
-            [float(one[name].sel(harmonic=harmonic)) for one in responses]
+            [float(response[name].sel(harmonic=harmonic)) for response in responses]
             for name in ("ratio", "ratio_error")
         )
         ax.errorbar(

@@ -61,8 +61,8 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
     x, y = x[known], y[known]
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Correlation(np.nan, np.nan, count)
-    found = pearsonr(x, y)
-    return Correlation(float(found.statistic), float(found.pvalue), count)
+    result = pearsonr(x, y)
+    return Correlation(float(result.statistic), float(result.pvalue), count)
 
 
 class AxialOrder(NamedTuple):
@@ -170,10 +170,10 @@ def dip_test(values: np.ndarray) -> DipTest:
     count = len(known)
     if count < LEAST_VALUES:
         raise InputError(f"{count} values; the dip test needs at least {LEAST_VALUES}")
-    found = dip(known)
+    result = dip(known)
     drawn = min(count, LARGEST_DRAWN)
     null = _uniform_dips(drawn) * np.sqrt(drawn / count)
-    return DipTest(found, float((1 + (null >= found).sum()) / (1 + len(null))))
+    return DipTest(result, float((1 + (null >= result).sum()) / (1 + len(null))))
 
 
 def dip(values: np.ndarray) -> float:
@@ -188,7 +188,7 @@ def dip(values: np.ndarray) -> float:
     jumps = heights / len(values)
     upper = np.cumsum(jumps)
     lower = upper - jumps
-    start, stop, found = 0, len(x) - 1, 1.0 / len(values)
+    start, stop, result = 0, len(x) - 1, 1.0 / len(values)
     while True:
         part = slice(start, stop + 1)
         minorant, touching = _convex_minorant(x[part], lower[part])
@@ -202,13 +202,13 @@ def dip(values: np.ndarray) -> float:
             left = touching[gaps.argmax()]
             right = touched[touched >= left][0]
         gap = max(gaps.max(), others.max())
-        if gap <= found:
-            return 0.5 * found
+        if gap <= result:
+            return 0.5 * result
         beside = np.abs(upper[part] - minorant)[: left + 1].max()
         beyond = np.abs(majorant - lower[part])[right:].max()
-        found = max(found, beside, beyond)
-        if (left, right) == (0, stop - start) or gap <= found:
-            return 0.5 * found
+        result = max(result, beside, beyond)
+        if (left, right) == (0, stop - start) or gap <= result:
+            return 0.5 * result
         start, stop = start + left, start + right
 
 
@@ -334,5 +334,5 @@ def _known(values: np.ndarray) -> np.ndarray:
 
 def _counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Number of values in each bin; the last bin holds its upper edge too."""
-    places = np.searchsorted(ordered, edges[1:-1], side="left")
-    return np.diff(np.concatenate([[0], places, [len(ordered)]]))
+    bounds = np.searchsorted(ordered, edges[1:-1], side="left")
+    return np.diff(np.concatenate([[0], bounds, [len(ordered)]]))

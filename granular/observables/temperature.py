@@ -112,13 +112,13 @@ def configurational_temperature(
         heights: list[float | None] = [None] * len(array)
     else:
         heights = np.broadcast_to(piston_height, len(array)).tolist()
-    each = list(zip(array, heights, strict=True))
+    states = list(zip(array, heights, strict=True))
     if forces is not None:
-        bend = sum(laplacian_of(scene, *one) for one in each)
+        bend = sum(laplacian_of(scene, *state) for state in states)
         return float(np.nansum(np.square(forces))) / bend
     _check(scene, KNOWN)
     square = bend = 0.0
-    for positions, height in each:
+    for positions, height in states:
         pairs, laplacian = _of_pairs(scene, positions)
         walls, more = _of_walls(scene, positions, height)
         square += float(np.nansum((pairs + walls) ** 2))
@@ -137,7 +137,7 @@ def laplacian_of(scene: Scene, positions: np.ndarray, piston_height: float | Non
 
 
 def _check(scene: Scene, known: tuple[str, ...]) -> None:
-    other = [one.key for one in scene.effects.all if one.key not in known]
+    other = [effect.key for effect in scene.effects.all if effect.key not in known]
     if other or scene.effects.dipole is None:
         raise InputError(
             f"effects.{other[0] if other else 'dipole'}: only dipoles and walls are known here; "
@@ -168,13 +168,15 @@ def _of_walls(
     """Forces, and minus their divergence by differences."""
 
     def pushed(by: np.ndarray) -> np.ndarray:
-        found = wall_interactions(scene, positions + by, height)
+        result = wall_interactions(scene, positions + by, height)
         total = np.zeros_like(positions)
-        total[found.grains] = found.forces.sum(axis=1)
+        total[result.grains] = result.forces.sum(axis=1)
         return total
 
     step = _STEP * scene.grains.species[0].diameter
     divergence = 0.0
-    for axis, way in enumerate(step * np.eye(2)):
-        divergence += float((pushed(way) - pushed(-way))[:, axis].sum()) / (2.0 * step)
+    for axis, displacement in enumerate(step * np.eye(2)):
+        divergence += float((pushed(displacement) - pushed(-displacement))[:, axis].sum()) / (
+            2.0 * step
+        )
     return pushed(np.zeros(2)), -divergence

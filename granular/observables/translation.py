@@ -49,7 +49,9 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
         raise InputError(f"wave vectors have the shape {vectors.shape}; (k, 2) is wanted")
     if not len(points):
         raise InputError("no grain is present; give a frame with grains")
-    return np.array([abs(np.exp(1j * (points @ one)).sum()) ** 2 for one in vectors]) / len(points)
+    return np.array([abs(np.exp(1j * (points @ vector)).sum()) ** 2 for vector in vectors]) / len(
+        points
+    )
 
 
 def lattice_vector(positions: np.ndarray) -> np.ndarray:
@@ -70,23 +72,23 @@ def lattice_vector(positions: np.ndarray) -> np.ndarray:
     length = 2.0 * math.pi * math.sqrt(2.0 / (math.sqrt(3.0) * area))
     points = np.asarray(positions, dtype=np.float64)[cells.interior]
     best = _peak_on_a_mesh(points, length)
-    span = math.pi / float(np.linalg.norm(np.ptp(points, axis=0)))
+    duration = math.pi / float(np.linalg.norm(np.ptp(points, axis=0)))
     for _ in range(_NARROWINGS):
-        steps = np.linspace(-span, span, 5)
+        steps = np.linspace(-duration, duration, 5)
         about = best + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         best = about[np.argmax(structure_factor(points, about))]
-        span *= 0.5
+        duration *= 0.5
     return np.asarray(best)
 
 
 def _peak_on_a_mesh(points: np.ndarray, length: float) -> np.ndarray:
     """About where S(q) is greatest, from grains that are counted in the meshes of a grid."""
     mesh = 2.0 * math.pi / length / _MESHES
-    places = np.floor((points - points.min(axis=0)) / mesh).astype(int)
+    indices = np.floor((points - points.min(axis=0)) / mesh).astype(int)
     # Room of the same size beside the bed: a peak is then at least two points wide.
-    shape = 2 * (places.max(axis=0) + 1)
+    shape = 2 * (indices.max(axis=0) + 1)
     counts = np.zeros(shape)
-    np.add.at(counts, tuple(places.T), 1.0)
+    np.add.at(counts, tuple(indices.T), 1.0)
     power = np.abs(np.fft.rfft2(counts)) ** 2
     qx = 2.0 * math.pi * np.fft.fftfreq(shape[0], mesh)[:, None]
     qy = 2.0 * math.pi * np.fft.rfftfreq(shape[1], mesh)[None, :]

@@ -256,9 +256,9 @@ def _sum_at(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     )
 
 
-def _spread(values: np.ndarray, places: np.ndarray, count: int, absent: object) -> np.ndarray:
+def _spread(values: np.ndarray, positions: np.ndarray, count: int, absent: object) -> np.ndarray:
     spread = np.full(count, absent, dtype=values.dtype)
-    spread[places] = values
+    spread[positions] = values
     return spread
 
 

@@ -63,12 +63,12 @@ def cells_room(count: int) -> Cells:
     )
 
 
-def close_pairs_room(count: int, places: int, kind: type = np.int64) -> ClosePairs:
+def close_pairs_room(count: int, capacity: int, kind: type = np.int64) -> ClosePairs:
     """Room for so many pairs of that many grains, or for all of them if these are less."""
-    places = max(1, min(count * (count - 1) // 2, places))
+    capacity = max(1, min(count * (count - 1) // 2, capacity))
     return ClosePairs(
-        first=np.zeros(places, dtype=kind),
-        second=np.zeros(places, dtype=kind),
+        first=np.zeros(capacity, dtype=kind),
+        second=np.zeros(capacity, dtype=kind),
         filled=np.zeros(1, dtype=np.int64),
         cells=cells_room(count),
     )
@@ -123,17 +123,17 @@ def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) 
 
 @compiled
 def _look_into(
-    cells: Cells, x: Array, y: Array, i: int, cell: int, reach: float, found: int
+    cells: Cells, x: Array, y: Array, i: int, cell: int, reach: float, result: int
 ) -> int:
-    for place in range(cells.begins[cell], cells.begins[cell + 1]):
-        j = cells.order[place]
+    for index in range(cells.begins[cell], cells.begins[cell + 1]):
+        j = cells.order[index]
         if cell == cells.cell[i] and j <= i:
             continue
         dx, dy = x[i] - x[j], y[i] - y[j]
         if dx * dx + dy * dy < reach * reach:
-            cells.partners[found] = j
-            found += 1
-    return found
+            cells.partners[result] = j
+            result += 1
+    return result
 
 
 @compiled
@@ -144,13 +144,13 @@ def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int
     """
     columns, rows = cells.shape[0], cells.shape[1]
     column, row = cells.cell[i] % columns, cells.cell[i] // columns
-    found = _look_into(cells, x, y, i, cells.cell[i], reach, 0)
+    result = _look_into(cells, x, y, i, cells.cell[i], reach, 0)
     if column + 1 < columns:
-        found = _look_into(cells, x, y, i, cells.cell[i] + 1, reach, found)
+        result = _look_into(cells, x, y, i, cells.cell[i] + 1, reach, result)
     if row + 1 < rows:
         for beside in range(max(column - 1, 0), min(column + 2, columns)):
-            found = _look_into(cells, x, y, i, (row + 1) * columns + beside, reach, found)
-    return found
+            result = _look_into(cells, x, y, i, (row + 1) * columns + beside, reach, result)
+    return result
 
 
 @compiled

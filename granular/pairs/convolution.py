@@ -30,46 +30,46 @@ is left of the distances."""
 
 
 def _add_along(
-    code: Code, source: ir.Value, places: list[ir.Value], table: ir.Value, reach: ir.Value
+    code: Code, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
     """Sums over both sides of points along their lines: for each point, one for each term."""
     b = code.builder
-    sums = [_sums(code, TERMS) for _ in places]
+    sums = [_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
         both = [
             b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart)))
-            for at in places
+            for at in indices
         ]
         for term in range(TERMS):
-            share = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
+            fraction = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
             for values, totals in zip(both, sums, strict=True):
-                b.store(code.fused(values, share, b.load(totals[term])), totals[term])
-    return [[b.load(one) for one in totals] for totals in sums]
+                b.store(code.fused(values, fraction, b.load(totals[term])), totals[term])
+    return [[b.load(total) for total in totals] for totals in sums]
 
 
 def _copy_round(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
     """Copy what was met along lines to where they stand again, before the first and behind all."""
     b = code.builder
     block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
-    zero, one = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
-    whole = b.mul(lines, reach)
+    zero, unity = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
+    total = b.mul(lines, reach)
     behind = b.add(reach, ir.Constant(INDEX, BESIDE))
-    with cgutils.for_range_slice(b, zero, b.add(reach, behind), one, INDEX) as (copy, _):
+    with cgutils.for_range_slice(b, zero, b.add(reach, behind), unity, INDEX) as (copy, _):
         before = b.icmp_signed("<", copy, reach)
         here = b.select(before, copy, b.add(copy, lines))
-        from_line = b.urem(b.sub(b.add(here, whole), reach), lines)
+        from_line = b.urem(b.sub(b.add(here, total), reach), lines)
         there = b.mul(b.add(from_line, reach), block)
-        with cgutils.for_range_slice(b, zero, block, width, INDEX) as (place, _):
-            value = code.load(rows, b.add(there, place))
-            code.store(value, rows, b.add(b.mul(here, block), place))
+        with cgutils.for_range_slice(b, zero, block, width, INDEX) as (position, _):
+            value = code.load(rows, b.add(there, position))
+            code.store(value, rows, b.add(b.mul(here, block), position))
 
 
 def _sums(code: Code, many: int) -> list[Any]:
     sums = [code.variable(constant(0.0)) for _ in range(many)]
-    for one in sums:
-        code.builder.store(constant(0.0), one)
+    for sum_pointer in sums:
+        code.builder.store(constant(0.0), sum_pointer)
     return sums
 
 
@@ -93,11 +93,11 @@ def _add_tile(
     ]
     above = [code.load(rows, b.add(up, ir.Constant(INDEX, line * block))) for line in range(many)]
     for by in range(distances):
-        place = b.mul(b.add(apart, ir.Constant(INDEX, by)), ir.Constant(INDEX, TERMS))
-        share = code.splat(code.scalar(table, place))
+        index = b.mul(b.add(apart, ir.Constant(INDEX, by)), ir.Constant(INDEX, TERMS))
+        fraction = code.splat(code.scalar(table, index))
         for line, total in enumerate(sums):
             both = b.fadd(below[line + distances - 1 - by], above[line + by])
-            b.store(code.fused(both, share, b.load(total)), total)
+            b.store(code.fused(both, fraction, b.load(total)), total)
 
 
 def _add_across(
@@ -106,21 +106,21 @@ def _add_across(
     """Sums over both sides of `_LINES` points across the lines, and over the terms."""
     b = code.builder
     block = ir.Constant(INDEX, TERMS * WIDTH)
-    zero, one, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))
-    found = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
-    with cgutils.for_range_slice(b, zero, many, one, INDEX) as (term, _):
+    zero, unity, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))
+    result = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
+    with cgutils.for_range_slice(b, zero, many, unity, INDEX) as (term, _):
         begin = b.add(b.mul(line, block), b.mul(term, ir.Constant(INDEX, WIDTH)))
-        shares, sums, done = b.gep(table, [term]), _sums(code, _LINES), zero
+        fractions, sums, done = b.gep(table, [term]), _sums(code, _LINES), zero
         for distances in _DISTANCES:
             step = ir.Constant(INDEX, distances)
             end = b.sub(reach, b.urem(b.sub(reach, done), step))
             with cgutils.for_range_slice(b, done, end, step, INDEX) as (apart, _):
-                _add_tile(code, rows, begin, shares, apart, distances, sums)
+                _add_tile(code, rows, begin, fractions, apart, distances, sums)
             done = end
-        for place, total in zip(found, sums, strict=True):
-            b.store(b.load(total), b.gep(place, [term]))
+        for position, total in zip(result, sums, strict=True):
+            b.store(b.load(total), b.gep(position, [term]))
     terms = [ir.Constant(INDEX, term) for term in range(TERMS)]
-    values = [[b.load(b.gep(place, [term])) for place in found] for term in terms]
+    values = [[b.load(b.gep(index, [term])) for index in result] for term in terms]
     while len(values) > 1:
         values = [
             [b.fadd(*pair) for pair in zip(first, second, strict=True)]
@@ -149,14 +149,16 @@ def _convolve_columns(
         at, stride, lines, first, scale = values[5:10]
         shape = context.make_array(signature.args[2])(context, b, values[2]).shape
         reach = b.extract_value(shape, 0)
-        zero, one = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
+        zero, unity = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
         block = ir.Constant(INDEX, TERMS * WIDTH)
-        last = b.sub(lines, one)
+        last = b.sub(lines, unity)
         with cgutils.for_range_slice(b, zero, lines, ir.Constant(INDEX, 2), INDEX) as (line, _):
-            behind = b.add(line, one)
+            behind = b.add(line, unity)
             two = [line, b.select(b.icmp_signed("<", behind, lines), behind, last)]
-            places = [b.add(at, b.mul(here, stride)) for here in two]
-            for here, sums in zip(two, _add_along(code, source, places, along, reach), strict=True):
+            indices = [b.add(at, b.mul(here, stride)) for here in two]
+            for here, sums in zip(
+                two, _add_along(code, source, indices, along, reach), strict=True
+            ):
                 begin = b.mul(b.add(here, reach), block)
                 for term, value in enumerate(sums):
                     code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
@@ -169,9 +171,9 @@ def _convolve_columns(
             for behind, value in enumerate(values):
                 here = b.add(line, ir.Constant(INDEX, behind))
                 with b.if_then(b.icmp_signed("<", here, lines)):
-                    place = b.add(at, b.mul(here, stride))
-                    before = b.select(first, constant(0.0), code.load(out, place))
-                    code.store(b.fadd(before, b.fmul(value, factor)), out, place)
+                    index = b.add(at, b.mul(here, stride))
+                    before = b.select(first, constant(0.0), code.load(out, index))
+                    code.store(b.fadd(before, b.fmul(value, factor)), out, index)
         return context.get_dummy_value()
 
     return signature, generate
@@ -197,17 +199,17 @@ def _plain_convolve(
     lines: int, scale: float, around: Array | None,
 ) -> None:  # fmt: skip
     reach = along.shape[1]
-    places = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
-    out[places] = 0.0
+    indices = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
+    out[indices] = 0.0
     for here in range(1 - reach, reach):
         for there in range(1 - reach, reach):
-            share = (along[:, abs(here)] * across[:, abs(there)]).sum()
-            share *= (2.0 if here == 0 else 1.0) * (2.0 if there == 0 else 1.0)
+            fraction = (along[:, abs(here)] * across[:, abs(there)]).sum()
+            fraction *= (2.0 if here == 0 else 1.0) * (2.0 if there == 0 else 1.0)
             chosen = np.arange(lines)
             if around is None:
                 chosen = np.arange(max(0, -there), min(lines, lines - there))
-            others = places[(chosen + there) % lines]
-            out[places[chosen]] += scale * share * source[others + here]
+            others = indices[(chosen + there) % lines]
+            out[indices[chosen]] += scale * fraction * source[others + here]
 
 
 convolve = _plain_convolve if config.DISABLE_JIT else _convolve

@@ -33,8 +33,8 @@ def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code, (array, row, first, end) = Code(context, builder), values
         pointer = code.data(signature.args[0], array, row)
-        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (place, _):
-            code.store(constant(0.0), pointer, place)
+        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (position, _):
+            code.store(constant(0.0), pointer, position)
         return context.get_dummy_value()
 
     return signature, generate
@@ -49,9 +49,9 @@ def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) 
         code, (array, row, other, first, end) = Code(context, builder), values
         total = code.data(signature.args[0], array, row)
         more = code.data(signature.args[0], array, other)
-        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (place, _):
-            value = builder.fadd(code.load(total, place), code.load(more, place))
-            code.store(value, total, place)
+        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (position, _):
+            value = builder.fadd(code.load(total, position), code.load(more, position))
+            code.store(value, total, position)
         return context.get_dummy_value()
 
     return signature, generate

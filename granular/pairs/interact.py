@@ -54,12 +54,14 @@ def present(values: Sums) -> list[Any]:
 
 def eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
-    return Grains(*(None if one is None else code.load(one, j) for one in pointers))
+    return Grains(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
 
 
 def one_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
-    return Grains(*(None if one is None else code.splat(code.scalar(one, i)) for one in pointers))
+    return Grains(
+        *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
+    )
 
 
 class Smooth(NamedTuple):
@@ -90,16 +92,16 @@ class Images(NamedTuple):
 
     def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
         """Displacement to the nearest image."""
-        b, found = code.builder, []
-        for way, side, per in (
+        b, result = code.builder, []
+        for displacement, side, per in (
             (dx, self.width, self.per_width),
             (dy, self.height, self.per_height),
         ):
-            turns = code.rounded(b.fmul(way, per))
-            found.append(b.fsub(way, b.fmul(turns, side)))
+            turns = code.rounded(b.fmul(displacement, per))
+            result.append(b.fsub(displacement, b.fmul(turns, side)))
         # Padding grains have no images.
         padding = b.fcmp_unordered(">", b.fmul(dx, dx), constant(_AWAY))
-        return b.select(padding, dx, found[0]), found[1]
+        return b.select(padding, dx, result[0]), result[1]
 
 
 class Extremes:
@@ -201,4 +203,4 @@ def interact(
 
 
 def added(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
-    return [code.builder.fadd(one, more) for one, more in zip(totals, values, strict=True)]
+    return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

@@ -149,15 +149,15 @@ class Code:
 
     def totals(self, vectors: list[ir.Value]) -> ir.Value:
         """The sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
-        places = [0]
+        indices = [0]
         for half in (4, 2, 1):
             if len(vectors) > 1:
                 pairs = zip(vectors[::2], vectors[1::2], strict=True)
                 vectors = [self._folded(first, second, half) for first, second in pairs]
-                places = [*places, *(place + half for place in places)]
+                indices = [*indices, *(position + half for position in indices)]
             else:
                 vectors = [self._folded(vectors[0], vectors[0], half)]
-        return self.shuffled(vectors[0], vectors[0], places)
+        return self.shuffled(vectors[0], vectors[0], indices)
 
     def total(self, vector: ir.Value) -> ir.Value:
         """Sum of the lanes, as a tree."""
@@ -165,9 +165,11 @@ class Code:
 
     def add_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
         """Add a vector of any length to the entries from ``index`` on."""
-        place = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
-        total = self.builder.fadd(self.builder.load(place, align=8), vector)
-        self.builder.store(total, place, align=8)
+        position = self.builder.bitcast(
+            self.builder.gep(pointer, [index]), vector.type.as_pointer()
+        )
+        total = self.builder.fadd(self.builder.load(position, align=8), vector)
+        self.builder.store(total, position, align=8)
 
     def largest(self, vector: ir.Value) -> ir.Value:
         for half in (4, 2, 1):

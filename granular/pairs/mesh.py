@@ -84,9 +84,9 @@ def _interpolating(samples: Samples) -> Samples:
     """Divide a square table, symmetric about its middle, by the splines of both grains."""
     wave = 2.0 * np.pi * np.fft.fftfreq(len(samples))
     spline = (2.0 + np.cos(wave)) / 3.0
-    share = 1.0 / np.outer(spline, spline) ** 2
+    fraction = 1.0 / np.outer(spline, spline) ** 2
     spectrum = np.fft.fft2(np.fft.ifftshift(samples))
-    return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * share).real))
+    return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * fraction).real))
 
 
 def _middle(samples: Samples, reach: int) -> Samples:
@@ -254,5 +254,5 @@ def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
 @compiled
 def _fits(mesh: Mesh, level: int) -> bool:
     window, stride = mesh.windows[level], mesh.strides[level]
-    room = mesh.begins[level + 1] - mesh.begins[level]
-    return window[ACROSS] <= stride - 2 * mesh.margin and window[UP] * stride <= room
+    workspace = mesh.begins[level + 1] - mesh.begins[level]
+    return window[ACROSS] <= stride - 2 * mesh.margin and window[UP] * stride <= workspace

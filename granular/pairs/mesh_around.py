@@ -55,7 +55,7 @@ def points_around(width: float, height: float, spacing: float) -> list[tuple[int
     """Points along both sides [D], level by level, no farther apart than ``spacing`` at first."""
     wanted = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
-    across, up = (max(FEWEST, math.ceil(one / 2 ** (levels - 1))) for one in wanted)
+    across, up = (max(FEWEST, math.ceil(quantity / 2 ** (levels - 1))) for quantity in wanted)
     return [(across * 2**k, up * 2**k) for k in reversed(range(levels))]
 
 
@@ -83,9 +83,9 @@ def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: flo
         for n in range(-most[1], most[1] + 1):
             if m or n:
                 k = math.hypot(m * waves[0], n * waves[1])
-                share = 2.0 * sharp * math.exp(-((k / (2.0 * sharp)) ** 2))
-                share -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
-                series += share * np.cos(m * waves[0] * dx + n * waves[1] * dy)
+                fraction = 2.0 * sharp * math.exp(-((k / (2.0 * sharp)) ** 2))
+                fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
+                series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
     return total + 2.0 * math.sqrt(math.pi) / (width * height) * series
 
 
@@ -237,7 +237,7 @@ def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[fl
 def restrict_around(mesh: Mesh, level: int) -> None:
     """Sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    whole, half, rest = SHARES
+    total, half, rest = SHARES
     lines, start, stride = (
         mesh.windows[level - 1, UP],
         first_point(mesh, level - 1),
@@ -253,11 +253,11 @@ def restrict_around(mesh: Mesh, level: int) -> None:
         higher = start + (2 * up + 2) % lines * stride
         for p in range(stride):
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
-            row[p] = whole * source[middle + p] + half * near + rest * far
+            row[p] = total * source[middle + p] + half * near + rest * far
         for column in range(across):
             at = margin + 2 * column
             near, far = row[at - 1] + row[at + 1], row[at - 2] + row[at + 2]
-            source[own + up * own_stride + column] = whole * row[at] + half * near + rest * far
+            source[own + up * own_stride + column] = total * row[at] + half * near + rest * far
     copy_round(mesh, source, level)
 
 
@@ -265,7 +265,7 @@ def restrict_around(mesh: Mesh, level: int) -> None:
 def prolong_around(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    whole, half, rest = SHARES
+    total, half, rest = SHARES
     copy_round(mesh, potential, level)
     coarse, stride = first_point(mesh, level) - margin, mesh.strides[level]
     fine, fine_stride = first_point(mesh, level - 1), mesh.strides[level - 1]
@@ -274,7 +274,7 @@ def prolong_around(mesh: Mesh, level: int) -> None:
         middle = coarse + line // 2 * stride
         below, above = middle - stride, middle + stride
         odd = line % 2 == 1
-        own, beside, behind = (half, 0.0, half) if odd else (whole, rest, rest)
+        own, beside, behind = (half, 0.0, half) if odd else (total, rest, rest)
         for p in range(stride):
             row[p] = (
                 own * potential[middle + p]
@@ -283,7 +283,7 @@ def prolong_around(mesh: Mesh, level: int) -> None:
             )
         for column in range(mesh.windows[level, ACROSS]):
             at, out = margin + column, fine + line * fine_stride + 2 * column
-            potential[out] += whole * row[at] + rest * (row[at - 1] + row[at + 1])
+            potential[out] += total * row[at] + rest * (row[at - 1] + row[at + 1])
             potential[out + 1] += half * (row[at] + row[at + 1])
 
 

@@ -38,19 +38,19 @@ def _spread_part(
     parts = len(mesh.shares)
     first, end = part * grains // parts, (part + 1) * grains // parts
     _reach_lines(mesh, y, order, first, end, part)
-    window, share, stride = mesh.windows[0], mesh.shares[part], mesh.strides[0]
+    window, fraction, stride = mesh.windows[0], mesh.shares[part], mesh.strides[0]
     fineness = 1.0 / mesh.spacing
     corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * stride
     many = (end - first + _STRANDS - 1) // _STRANDS
     for k in range(_STRANDS * many):
-        place = first + k % _STRANDS * many + k // _STRANDS
-        if place < end:
-            i = order[place]
+        index = first + k % _STRANDS * many + k // _STRANDS
+        if index < end:
+            i = order[index]
             u, v = x[i] * fineness, y[i] * fineness
             column, line = math.floor(u), math.floor(v)
             at = corner + int(line) * stride + int(column)
             amount = 1.0 if amounts is None else amounts[i]
-            put_spline(share, at, stride, u - column, v - line, amount)
+            put_spline(fraction, at, stride, u - column, v - line, amount)
 
 
 @compiled
@@ -63,8 +63,8 @@ def _join_part(mesh: Mesh, part: int) -> None:
         for other in range(len(mesh.shares)):
             if mesh.reached[other, 0] <= line < mesh.reached[other, 1]:
                 more = mesh.shares[other, line * stride : (line + 1) * stride]
-                for place in range(total.size):
-                    total[place] += more[place]
+                for index in range(total.size):
+                    total[index] += more[index]
 
 
 @compiled(parallel=True)

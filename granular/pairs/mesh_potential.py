@@ -33,7 +33,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
     """Sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    whole, half, rest = SHARES
+    total, half, rest = SHARES
     first = np.uintp(2 * coarse[LEFT] - fine[LEFT] + margin)
     lines, start, stride = fine[UP], mesh.begins[level - 1], mesh.strides[level - 1]
     outside, own_start, own_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
@@ -48,7 +48,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
         for point in range(stride):
             p = np.uintp(point)
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
-            row[p] = whole * source[middle + p] + half * near + rest * far
+            row[p] = total * source[middle + p] + half * near + rest * far
         begin = np.uintp(own_start + up * own_stride)
         for point in range(own_stride):
             source[begin + np.uintp(point)] = 0.0
@@ -56,7 +56,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
         for column in range(across):
             at = first + _TWO * np.uintp(column)
             near, far = row[at - _ONE] + row[at + _ONE], row[at - _TWO] + row[at + _TWO]
-            source[begin + np.uintp(column)] = whole * row[at] + half * near + rest * far
+            source[begin + np.uintp(column)] = total * row[at] + half * near + rest * far
 
 
 @compiled
@@ -64,7 +64,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    whole, half, rest = SHARES
+    total, half, rest = SHARES
     odd = fine[LEFT] % 2
     first = np.uintp(fine[LEFT] // 2 - coarse[LEFT] + margin)
     lines, start, stride = coarse[UP], mesh.begins[level], mesh.strides[level]
@@ -77,7 +77,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
         middle = _line_begin(at_line, lines, start, stride, outside)
         below = _line_begin(at_line - 1, lines, start, stride, outside)
         above = _line_begin(at_line + 1, lines, start, stride, outside)
-        own, beside = (half, 0.0) if line % 2 == 1 else (whole, rest)
+        own, beside = (half, 0.0) if line % 2 == 1 else (total, rest)
         next_one = half if line % 2 == 1 else rest
         for point in range(stride):
             p = np.uintp(point)
@@ -90,7 +90,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
         begin = np.uintp(fine_start + up * fine_stride + margin - odd)
         for pair in range(pairs):
             at, out = first + np.uintp(pair), begin + _TWO * np.uintp(pair)
-            potential[out] += whole * row[at] + rest * (row[at - _ONE] + row[at + _ONE])
+            potential[out] += total * row[at] + rest * (row[at - _ONE] + row[at + _ONE])
             potential[out + _ONE] += half * (row[at] + row[at + _ONE])
 
 

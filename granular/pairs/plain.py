@@ -103,9 +103,9 @@ def plain_cut_sum(
                 pairs = np.array([q[i] * q[j], q[j], q[i]])
                 far = 0.0 if smooth is None else float(far_fifth(np.array(r * r), radius))
                 ratio = pairs[0] * (pair_force(r) / r - STRENGTH * far)
-                for place, sign in ((i, 1.0), (j, -1.0)):
-                    fx[place] += sign * ratio * dx
-                    fy[place] += sign * ratio * dy
+                for position, sign in ((i, 1.0), (j, -1.0)):
+                    fx[position] += sign * ratio * dx
+                    fy[position] += sign * ratio * dy
                 fifth = pair_force(r) / (STRENGTH * r)
                 cube = pair_energy(r) / ENERGY
                 rest = pair_energy(radius) / ENERGY

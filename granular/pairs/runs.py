@@ -64,14 +64,16 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
         code.store(reaction, pointer, j)
 
 
-def _shifted(code: Code, sweep: _Sweep, shifts: Any, place: ir.Value) -> _Sweep:
+def _shifted(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
     """The rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
     b = code.builder
-    across = code.splat(code.scalar(shifts, place))
-    up = code.splat(code.scalar(shifts, b.add(place, ir.Constant(INDEX, 1))))
-    grains = [one._replace(x=b.fsub(one.x, across), y=b.fsub(one.y, up)) for one in sweep.grains]
+    across = code.splat(code.scalar(shifts, index))
+    up = code.splat(code.scalar(shifts, b.add(index, ir.Constant(INDEX, 1))))
+    grains = [
+        grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in sweep.grains
+    ]
     return sweep._replace(grains=grains)
 
 
@@ -82,13 +84,13 @@ def _sweep_group(
     second = b.add(first, ir.Constant(INDEX, 1))
     _meet_eight(code, sweep, second, own=True)
     number = RUNS if shifts is None else RUNS * IMAGES
-    many, one = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
+    many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # two places for each run, two rows
     zero = ir.Constant(INDEX, 0)
-    with cgutils.for_range_slice(b, zero, many, one, INDEX) as (run, _):
-        place = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
-        start, stop = code.scalar(runs, place), code.scalar(runs, b.add(place, one))
-        sweep = _shifted(code, all_rows, shifts, place)
+    with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
+        index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
+        start, stop = code.scalar(runs, index), code.scalar(runs, b.add(index, item))
+        sweep = _shifted(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _meet_eight(code, sweep, j, own=False)
     for which, pointer in enumerate(present(all_rows.arrays.sums)):
@@ -163,12 +165,12 @@ def sweep_runs(
         away = code.data(signature.args[15], values[15])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
-            places = [builder.add(row, ir.Constant(INDEX, one)) for one in range(ROWS)]
+            indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
             count = len(present(arrays.sums))
             sweep = _Sweep(
                 arrays,
-                [one_grain(code, arrays, place) for place in places],
-                [[code.variable(constant(0.0)) for _ in range(count)] for _ in places],
+                [one_grain(code, arrays, position) for position in indices],
+                [[code.variable(constant(0.0)) for _ in range(count)] for _ in indices],
                 Extremes(code, arrays.extremes),
                 cut,
             )

@@ -30,13 +30,13 @@ _POLYNOMIALS = (
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
-def _splines(code: Code, way: ir.Value) -> ir.Value:
+def _splines(code: Code, displacement: ir.Value) -> ir.Value:
     """Values of the four splines, and of their slopes."""
-    u = code.splat(way)
-    found: Any = vector_constant(_POLYNOMIALS[-1])
+    u = code.splat(displacement)
+    result: Any = vector_constant(_POLYNOMIALS[-1])
     for coefficients in reversed(_POLYNOMIALS[:-1]):
-        found = code.fused(found, u, vector_constant(coefficients))
-    return found
+        result = code.fused(result, u, vector_constant(coefficients))
+    return result
 
 
 def _line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
@@ -65,10 +65,10 @@ def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount:
         along = code.shuffled(across, across, list(range(POINTS)))
         ups = builder.fmul(_splines(code, v), code.splat(amount))
         for line in range(POINTS):
-            share = code.shuffled(ups, ups, [line] * POINTS)
-            place = _line(code, pointer, at)
-            total = builder.fadd(builder.load(place, align=8), builder.fmul(along, share))
-            builder.store(total, place, align=8)
+            fraction = code.shuffled(ups, ups, [line] * POINTS)
+            index = _line(code, pointer, at)
+            total = builder.fadd(builder.load(index, align=8), builder.fmul(along, fraction))
+            builder.store(total, index, align=8)
             at = builder.add(at, stride)
         return context.get_dummy_value()
 
@@ -90,16 +90,18 @@ def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any
             points = builder.load(_line(code, pointer, at), align=8)
             both = code.shuffled(points, points, [*range(POINTS), *range(POINTS)])
             # The spline of the line in the first four lanes, its slope in the others.
-            share = code.shuffled(up, up, [line] * POINTS + [line + POINTS] * POINTS)
-            total = builder.fmul(both, share) if total is None else code.fused(both, share, total)
+            fraction = code.shuffled(up, up, [line] * POINTS + [line + POINTS] * POINTS)
+            total = (
+                builder.fmul(both, fraction) if total is None else code.fused(both, fraction, total)
+            )
             at = builder.add(at, stride)
         half = [*range(POINTS), *range(POINTS)]
         splines = code.shuffled(along, along, half)
         slopes = code.shuffled(along, along, [lane + POINTS for lane in half])
         by_value = _folded(code, builder.fmul(total, splines))
         by_slope = _folded(code, builder.fmul(total, slopes))
-        found = [code.lane(by_value, 0), code.lane(by_slope, 0), code.lane(by_value, POINTS)]
-        return context.make_tuple(builder, signature.return_type, found)
+        result = [code.lane(by_value, 0), code.lane(by_slope, 0), code.lane(by_value, POINTS)]
+        return context.make_tuple(builder, signature.return_type, result)
 
     return signature, generate
 
@@ -116,17 +118,17 @@ def _spline_sums(
     return _sums(values, at, stride, u, v)
 
 
-def _plain_splines(way: float) -> np.ndarray:
+def _plain_splines(displacement: float) -> np.ndarray:
     """Values of the splines, and of their slopes, float64 (2, 4)."""
-    found = np.polynomial.polynomial.polyval(way, np.array(_POLYNOMIALS))
-    return np.asarray(found).reshape(2, POINTS)
+    result = np.polynomial.polynomial.polyval(displacement, np.array(_POLYNOMIALS))
+    return np.asarray(result).reshape(2, POINTS)
 
 
 def _plain_put_spline(
     values: Array, at: int, stride: int, u: float, v: float, amount: float
 ) -> None:
-    places = at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)
-    values[places] += amount * np.outer(_plain_splines(v)[0], _plain_splines(u)[0])
+    indices = at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)
+    values[indices] += amount * np.outer(_plain_splines(v)[0], _plain_splines(u)[0])
 
 
 def _plain_spline_sums(

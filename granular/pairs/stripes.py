@@ -116,17 +116,17 @@ def stripes_room(
     around = periods is not None
     runs = RUNS * IMAGES if around else RUNS
     most = _most_stripes(size)
-    places = padded(size + 2 * WIDTH * most) + 2 * WIDTH
+    length = padded(size + 2 * WIDTH * most) + 2 * WIDTH
     parts = PARTS if size >= PARTED_FROM else 1
     return Stripes(
-        x=np.zeros(places),
-        y=np.zeros(places),
-        moments=np.zeros(places) if moments else None,
-        weight=np.zeros(places) if loaded else None,
-        fx=np.zeros((parts, places)),
-        fy=np.zeros((parts, places)),
-        stiffness=np.zeros((parts, places)),
-        load=np.zeros((parts, places)) if loaded else None,
+        x=np.zeros(length),
+        y=np.zeros(length),
+        moments=np.zeros(length) if moments else None,
+        weight=np.zeros(length) if loaded else None,
+        fx=np.zeros((parts, length)),
+        fy=np.zeros((parts, length)),
+        stiffness=np.zeros((parts, length)),
+        load=np.zeros((parts, length)) if loaded else None,
         rows=np.zeros(parts + 1, dtype=np.int64),
         firsts=np.zeros(parts + 1, dtype=np.int64),
         lows=np.zeros(parts, dtype=np.int64),
@@ -135,8 +135,8 @@ def stripes_room(
         order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
         begins=np.zeros(most + 2, dtype=np.int64),
-        runs=np.zeros((places // ROWS, runs, 2), dtype=np.int64),
-        shifts=np.zeros((places // ROWS, runs, 2)) if around else None,
+        runs=np.zeros((length // ROWS, runs, 2), dtype=np.int64),
+        shifts=np.zeros((length // ROWS, runs, 2)) if around else None,
         homes=np.zeros((2, size)) if around else None,
         periods=np.array(periods) if around else None,
         built=np.zeros((2, size)),
@@ -208,9 +208,9 @@ def sort_around(stripes: Stripes, grains: int, reach: float) -> int:
     inside = np.empty((2, grains))
     for axis in range(2):
         for i in range(grains):
-            place = stripes.built[axis, i]
-            homes[axis, i] = periods[axis] * np.floor(place / periods[axis])
-            inside[axis, i] = place - homes[axis, i]
+            index = stripes.built[axis, i]
+            homes[axis, i] = periods[axis] * np.floor(index / periods[axis])
+            inside[axis, i] = index - homes[axis, i]
     most = min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE)
     number = min(int(periods[1] * (RUNS - 1) / reach), most)
     _sort_into(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)

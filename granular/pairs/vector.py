@@ -47,12 +47,12 @@ def _ends(code: Code, kind: Any, nearest: Any) -> _Ends:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _Ends(None, None)
-    b, one = code.builder, ir.Constant(ir.DoubleType(), 1.0)
+    b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
     pointer = code.data(kind, nearest)
     width, height, radius = (code.scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
     square = b.fmul(radius, radius)
     rest = b.fdiv(ir.Constant(square.type, 1.0 / SCALE), b.fmul(square, radius))
-    sides = (width, height, b.fdiv(one, width), b.fdiv(one, height))
+    sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
     cut = Cut(code.splat(square), code.splat(rest))
     return _Ends(cut, Images(*(code.splat(side) for side in sides)))
 
@@ -63,8 +63,8 @@ def _sweep(
 ) -> None:  # fmt: skip
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
-    places = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
-    grains = [one_grain(code, arrays, place) for place in places]
+    indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
+    grains = [one_grain(code, arrays, position) for position in indices]
     pointers = present(arrays.sums)
     totals = [[code.variable(constant(0.0)) for _ in pointers] for _ in range(rows)]
     extremes = Extremes(code, arrays.extremes)
@@ -91,7 +91,7 @@ def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> No
     totals = [code.load(pointer, first) for pointer in pointers]
     extremes = Extremes(code, arrays.extremes)
     for by in range(1, WIDTH // 2 + 1):
-        partners = Grains(*(None if one is None else code.turned(one, by) for one in grains))
+        partners = Grains(*(None if grain is None else code.turned(grain, by) for grain in grains))
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = interact(code, grains, partners, arrays.sums, extremes, lanes, *ends)

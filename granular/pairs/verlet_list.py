@@ -55,8 +55,8 @@ class VerletList(NamedTuple):
 
 def verlet_list_room(size: int, radius: float) -> VerletList:
     """Room for the pairs of that many grains (padded) within a radius [D]."""
-    places = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
-    return VerletList(close_pairs_room(size, places, np.int32), np.zeros((2, size)), np.zeros(3))
+    capacity = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
+    return VerletList(close_pairs_room(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3))
 
 
 @compiled

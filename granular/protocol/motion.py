@@ -89,10 +89,10 @@ def _path(
 def _descent(motion: Motion, time: float) -> tuple[float, float]:
     """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
-    whole = math.expm1(k)
+    total = math.expm1(k)
     part = math.expm1(k * time / motion.span)
-    speed = -motion.reach * k / motion.span * (part + 1.0) / whole
-    return motion.start - motion.reach * part / whole, speed
+    speed = -motion.reach * k / motion.span * (part + 1.0) / total
+    return motion.start - motion.reach * part / total, speed
 
 
 @compiled

@@ -62,8 +62,8 @@ class Move(Stage):
         return abs(self.to - height) / self.speed
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        span = self.span(height)
-        velocity = (self.to - height) / span if span else 0.0
+        duration = self.span(height)
+        velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 

@@ -104,7 +104,7 @@ class Timed(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return tabled(motion) if any(one.tabled for one in protocol) else motion
+    return tabled(motion) if any(stage.tabled for stage in protocol) else motion
 
 
 CLOSE = 1e-11
@@ -128,10 +128,10 @@ class Course(Parametric, Stage):
 
         def at(times: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                found = [
+                result = [
                     np.broadcast_to(of(times, *start, *given), times.shape) for of in (value, slope)
                 ]
-            return np.array(found, dtype=np.float64)
+            return np.array(result, dtype=np.float64)
 
         count = LEAST_KNOTS
         while True:

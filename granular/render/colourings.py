@@ -98,13 +98,13 @@ def _everyone(view: View) -> np.ndarray:
 
 
 def _compression(view: View) -> np.ndarray:
-    found = compressive_forces(view.scene, _everyone(view), view.frame.height)
-    return found[view.frame.grains]
+    result = compressive_forces(view.scene, _everyone(view), view.frame.height)
+    return result[view.frame.grains]
 
 
 def _pressure(view: View) -> np.ndarray:
-    found = grain_pressures(view.scene, _everyone(view), view.frame.height)
-    return found[view.frame.grains]
+    result = grain_pressures(view.scene, _everyone(view), view.frame.height)
+    return result[view.frame.grains]
 
 
 COLOURINGS: Mapping[str, Colouring] = {
@@ -173,5 +173,5 @@ def classes(name: str, scene: Scene) -> dict[str, str]:
         return SIDES
     if name != "species":
         return {}
-    names = [f"{one.name}, {1e3 * one.diameter:g} mm" for one in scene.grains.species]
+    names = [f"{specy.name}, {1e3 * specy.diameter:g} mm" for specy in scene.grains.species]
     return {name: SPECIES[k % len(SPECIES)] for k, name in enumerate(names)}

@@ -85,25 +85,25 @@ def _bend(before: BedFrame, after: BedFrame) -> float:
 def _between(
     before: BedFrame, after: BedFrame, time: float, heights: _Heights, cell: Cell
 ) -> BedFrame:
-    span = after.time - before.time
-    share = min(max((time - before.time) / span, 0.0), 1.0) if span > 0.0 else 0.0
-    if share in (0.0, 1.0):
-        frame = after if share else before
+    duration = after.time - before.time
+    fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
+    if fraction in (0.0, 1.0):
+        frame = after if fraction else before
         return frame._replace(time=time) if not heights.known else _lifted(frame, time, heights)
     grains, first, second = _shared(before, after)
 
     def evenly(name: str) -> np.ndarray:
         ends = getattr(before, name)[first], getattr(after, name)[second]
-        return (1.0 - share) * ends[0] + share * ends[1]
+        return (1.0 - fraction) * ends[0] + fraction * ends[1]
 
     start = before.position[first]
     end = start + cell.nearest(after.position[second] - start)
-    leaving, arriving = span * before.velocity[first], span * after.velocity[second]
-    rest = 1.0 - share
+    leaving, arriving = duration * before.velocity[first], duration * after.velocity[second]
+    rest = 1.0 - fraction
     position = (
-        rest * rest * (1.0 + 2.0 * share) * start
-        + share * share * (3.0 - 2.0 * share) * end
-        + share * rest * (rest * leaving - share * arriving)
+        rest * rest * (1.0 + 2.0 * fraction) * start
+        + fraction * fraction * (3.0 - 2.0 * fraction) * end
+        + fraction * rest * (rest * leaving - fraction * arriving)
     )
     frame = BedFrame(
         before.number, time, before.height, grains, cell.inside(position),

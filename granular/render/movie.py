@@ -106,8 +106,8 @@ def movie(
         times = movie_times(times, speed, fps)
     top = highest(run, bed_frames(run, numbers))
     limits = colour_limits(run, colour, bed_frames(run, numbers))
-    span = float(times[0]), float(times[-1])
-    picture = BedPicture(run, colour, limits, top, span, width / DPI - LEFT - RIGHT)
+    duration = float(times[0]), float(times[-1])
+    picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
     beds = bed_frames(run, numbers, bar) if speed is None else bed_at(run, numbers, times, bar)
     with deferred_stop() as stop:
@@ -138,7 +138,7 @@ def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
             f"stage {stage!r} lasts {chosen.end - chosen.start:g} s and has no frame; lower "
             "output.frames, or leave the stage out"
         )
-    return [int(one) for one in inside]
+    return [int(effect) for effect in inside]
 
 
 def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:

@@ -73,9 +73,9 @@ def new_page(
 
 def axes_below(figure: Figure, bed: Axes) -> Axes:
     """Axes in the space that a page has left free below the bed."""
-    place = bed.get_position()
+    position = bed.get_position()
     tall = figure.get_figheight()
-    return figure.add_axes((place.x0, BOTTOM / tall, place.width, (CURVE - 0.55) / tall))
+    return figure.add_axes((position.x0, BOTTOM / tall, position.width, (CURVE - 0.55) / tall))
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
@@ -93,8 +93,8 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     for side, edge in (("left", -thickness), ("right", width)):
         wall = None if walls is None else getattr(walls, side)
         if wall is None:
-            place = max(0.0, min(edge, width))
-            axes.plot([place, place], [0.0, height], ":", color=WALL, linewidth=1.0, zorder=0)
+            position = max(0.0, min(edge, width))
+            axes.plot([position, position], [0.0, height], ":", color=WALL, linewidth=1.0, zorder=0)
             continue
         length = height if wall.length is None else min(height, 1e3 * wall.length)
         axes.add_patch(Rectangle((edge, 0.0), thickness, length, color=WALL, linewidth=0.0))
@@ -173,7 +173,7 @@ class BedPicture:
         colour: str,
         limits: tuple[float, float],
         top: float,
-        span: tuple[float, float] | None = None,
+        duration: tuple[float, float] | None = None,
         widest: float = WIDEST,
     ) -> None:
         import matplotlib as mpl
@@ -185,13 +185,13 @@ class BedPicture:
         self._times = run.dataset["time"].values
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
-            curve = span is not None and "piston_height" in run.dataset
+            curve = duration is not None and "piston_height" in run.dataset
             self.figure, self._axes, side = new_page(
                 run.scene, top, CURVE if curve else 0.0, widest
             )
             self._curve = None
-            if span is not None and curve:
-                self._curve = PistonCurve(run, *span, axes_below(self.figure, self._axes))
+            if duration is not None and curve:
+                self._curve = PistonCurve(run, *duration, axes_below(self.figure, self._axes))
             draw_walls(self._axes, run.scene, top)
             self._draw_moving_parts()
             if self._classes:
@@ -250,12 +250,12 @@ class BedPicture:
         ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
         side.axis("off")
         tall = side.get_position().height * self.figure.get_figheight()
-        share = min(1.0, LONGEST_BAR / tall)
+        fraction = min(1.0, LONGEST_BAR / tall)
         bar = self.figure.colorbar(
             scale,
-            cax=side.inset_axes((0.0, 0.5 - share / 2.0, 0.11, share)),
+            cax=side.inset_axes((0.0, 0.5 - fraction / 2.0, 0.11, fraction)),
             extend=ends.get((low, high), "neither"),
-            extendfrac=0.1 / (share * tall),
+            extendfrac=0.1 / (fraction * tall),
         )
         bar.set_label(self.colour.label)
         bar.outline.set_linewidth(0.6)
@@ -303,16 +303,16 @@ class BedPicture:
         known = np.isfinite(values)
         colours = np.tile(to_rgba(ABSENT), (len(values), 1))
         if self._classes:
-            palette = np.array([to_rgba(one) for one in self._classes.values()])
+            palette = np.array([to_rgba(colour) for colour in self._classes.values()])
             colours[known] = palette[values[known].astype(int)]
         else:
             colours[known] = self._scale.to_rgba(values[known])
         return colours
 
     def _stage(self, time: float) -> str:
-        for one in self.run.stages:
-            if one.start <= time <= one.end and one.end > one.start:
-                return f"   {one.name}"
+        for stage in self.run.stages:
+            if stage.start <= time <= stage.end and stage.end > stage.start:
+                return f"   {stage.name}"
         return ""
 
     def _state(self, frame: BedFrame) -> str:
@@ -333,15 +333,17 @@ def view_of(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
     """Ends of the colours over some frames; (0, 1) where nothing has a value."""
-    one = colouring(colour)
-    if not one.map:
+    colouring_used = colouring(colour)
+    if not colouring_used.map:
         return 0.0, 1.0
-    found = [one.values(view_of(run, one.needs_cells, frame)) for frame in frames]
-    values = np.concatenate(found) if found else np.empty(0)
+    result = [
+        colouring_used.values(view_of(run, colouring_used.needs_cells, frame)) for frame in frames
+    ]
+    values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, ENDS) if len(values) else (0.0, 1.0)
-    low = low if one.lower is None else one.lower
-    high = high if one.upper is None else one.upper
+    low = low if colouring_used.lower is None else colouring_used.lower
+    high = high if colouring_used.upper is None else colouring_used.upper
     return (float(low), float(high)) if high > low else (float(low), float(low) + 1.0)
 
 

@@ -57,12 +57,12 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
     """
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     count, attached = len(host.bodies), np.broadcast_to(attached, omega.shape)
-    found = np.empty((len(omega), count), dtype=np.complex128)
+    result = np.empty((len(omega), count), dtype=np.complex128)
     excited = count - 1 if host.excited is None else host.excited
-    for place, rate in enumerate(omega):
+    for position, rate in enumerate(omega):
         held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
         matrix = _chained(held) - np.diag([rate**2 * body.mass for body in host.bodies])
-        matrix[-1, -1] += attached[place]
+        matrix[-1, -1] += attached[position]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
         if drive is not None and drive.of_base:
@@ -70,11 +70,11 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
             if shake is None:
                 shake = -(rate**2) * (drive.displacement or 0.0)
             force -= shake * np.array([body.mass for body in host.bodies])
-            force[-1] += shake * attached[place] / rate**2
+            force[-1] += shake * attached[position] / rate**2
         elif drive is not None:
             force[excited] = drive.force or 0.0
-        found[place] = np.linalg.solve(matrix, force)
-    return found
+        result[position] = np.linalg.solve(matrix, force)
+    return result
 
 
 def slowest_decay(host: Host) -> float:
@@ -92,12 +92,12 @@ def slowest_decay(host: Host) -> float:
 def _chained(held: Sequence[complex]) -> np.ndarray:
     """Forces on bodies of a chain over their displacements (n, n), each held by the one before."""
     matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
-    for k, one in enumerate(held):
-        matrix[k, k] += one
+    for k, coefficient in enumerate(held):
+        matrix[k, k] += coefficient
         if k:
-            matrix[k - 1, k - 1] += one
-            matrix[k, k - 1] -= one
-            matrix[k - 1, k] -= one
+            matrix[k - 1, k - 1] += coefficient
+            matrix[k, k - 1] -= coefficient
+            matrix[k - 1, k] -= coefficient
     return matrix
 
 
@@ -125,20 +125,20 @@ def compare_linear(
     spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = hanging_mass(frequencies, mass, spring, dashpot)
     hosts = [at_amplitude(host, key, size) for size in sizes]
-    alone = np.array([np.abs(linear_response(one, frequencies)[:, -1]) for one in hosts])
-    ideal = np.array([np.abs(linear_response(one, frequencies, tuned)[:, -1]) for one in hosts])
-    found = {
+    alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
+    ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
+    result = {
         "alone": ("m", "amplitude without the damper", alone),
         "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
     }
     if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.of_base):
-        return found
+        return result
     # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
     body = host.bodies[-1]
     own = body.stiffness - omega**2 * body.mass + 1j * omega * body.damping
     added = np.array(sizes)[:, None] / swing - own
     power = 0.5 * 1j * omega * added * np.abs(swing) ** 2  # complex: what is taken, and swings
-    return found | {
+    return result | {
         "effective_mass": (
             "kg",
             "mass that the damper adds to the host",

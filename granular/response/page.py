@@ -56,15 +56,17 @@ class PageComparison:
     notes: Sequence[str] = ()
 
 
-def response_page(found: Response, beside: PageComparison | None = None, missing: str = "") -> Page:
+def response_page(
+    response: Response, beside: PageComparison | None = None, missing: str = ""
+) -> Page:
     """The report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
-    page = Page(f"The response of scene {found.scene.name!r}", response_words(found))
-    _curves(page, found, beside)
-    _peaks(page, found)
-    add_steadiness(page, found)
+    page = Page(f"The response of scene {response.scene.name!r}", response_words(response))
+    _curves(page, response, beside)
+    _peaks(page, response)
+    add_steadiness(page, response)
     if beside is not None:
         page.section(beside.title)
         page.table(beside.header, beside.rows)
@@ -73,20 +75,20 @@ def response_page(found: Response, beside: PageComparison | None = None, missing
             page.note(words)
     elif missing:
         page.note(missing)
-    add_damper(page, found)
-    add_energy(page, found)
-    _settings(page, found)
+    add_damper(page, response)
+    add_energy(page, response)
+    _settings(page, response)
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     made = versions(("matplotlib", "scipy", "xarray"))
     page.footer(f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in made.items()))
     return page
 
 
-def response_words(found: Response) -> str:
+def response_words(response: Response) -> str:
     """The answer in one sentence, at the greatest amplitude."""
-    row = max(found.peaks(), key=lambda one: one["amplitude"])
+    row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
-        f"{amplitude_words(found, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
+        f"{amplitude_words(response, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
         f"{row['frequency']:.3g} Hz"
     )
     if "alone" not in row:
@@ -97,26 +99,26 @@ def response_words(found: Response) -> str:
     )
 
 
-def _curves(page: Page, found: Response, beside: PageComparison | None) -> None:
+def _curves(page: Page, response: Response, beside: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
-        found.plot(axes)
+        response.plot(axes)
         axes.get_legend().remove()
         plain_numbers(axes.yaxis)
-        count = found.dataset.sizes["amplitude"]
+        count = response.dataset.sizes["amplitude"]
         own = axes.get_lines()[:count]
         for k, line in enumerate(own):
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
-            if found.dataset.sizes["frequency"] < _DENSE:
+            if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
-        names = _beside_lines(axes, found, beside)
+        names = _beside_lines(axes, response, beside)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend([*handles, *names.values()], [*words, *names], loc="outside upper left",
                        ncols=1 if len(words) + len(names) < 4 else 2)  # fmt: skip
-        page.figure(drawing, _caption(found, beside))
+        page.figure(drawing, _caption(response, beside))
 
 
 def _beside_lines(
-    axes: Axes, found: Response, beside: PageComparison | None
+    axes: Axes, response: Response, beside: PageComparison | None
 ) -> Mapping[str, object]:
     """Draw the curves to compare; return a line of each name for the legend."""
     from matplotlib.lines import Line2D
@@ -124,7 +126,7 @@ def _beside_lines(
     handles: dict[str, object] = {}
     if beside is None:
         return handles
-    sizes = found.dataset.amplitude.values.tolist()
+    sizes = response.dataset.amplitude.values.tolist()
     for (name, curves), look in zip(beside.curves.items(), _DASHES, strict=False):
         for size, curve in curves.items():
             colour = COLOURS[sizes.index(size) % len(COLOURS)]
@@ -133,21 +135,21 @@ def _beside_lines(
     return handles
 
 
-def _caption(found: Response, beside: PageComparison | None) -> str:
+def _caption(response: Response, beside: PageComparison | None) -> str:
     words = "Displacement of the machine"
-    if found.scene.effects.host is not None and not found.scene.effects.host.bodies:
+    if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
-    if "alone" in found.dataset:
+    if "alone" in response.dataset:
         words += ", with the damper, without it, and with Den Hartog's tuned mass in its place"
     if beside is not None:
         words += f"; in the colour of each amplitude: {', '.join(beside.curves)}"
     return f"{words}."
 
 
-def _peaks(page: Page, found: Response) -> None:
+def _peaks(page: Page, response: Response) -> None:
     page.section("The peaks")
-    rows = found.peaks()
-    head = [labels(found)[0], "at [Hz]", "peak [mm]"]
+    rows = response.peaks()
+    head = [labels(response)[0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
@@ -163,7 +165,7 @@ def _peaks(page: Page, found: Response) -> None:
             "damper's weight, on a spring and a dashpot of the best size. Both are exact, and "
             "taken between the lowest and the highest frequency above."
         )
-        curve = found.linear_curves(rows[-1]["amplitude"])["alone"]
+        curve = response.linear_curves(rows[-1]["amplitude"])["alone"]
         if int(curve.argmax()) in (0, len(curve) - 1):
             page.note(
                 "The machine alone swings most outside of these frequencies: how many times the "
@@ -171,12 +173,12 @@ def _peaks(page: Page, found: Response) -> None:
             )
 
 
-def add_steadiness(page: Page, found: Response) -> None:
+def add_steadiness(page: Page, response: Response) -> None:
     """Notes on swings that are not steady, and on a sweep that was too fast, where they are."""
-    data = found.dataset
-    pace = pace_of_sweep(found)
+    data = response.dataset
+    pace = pace_of_sweep(response)
     if pace is not None and pace > PACE:
-        wanted = found.settings["duration"] * pace / (0.5 * PACE)
+        wanted = response.settings["duration"] * pace / (0.5 * PACE)
         page.note(
             f"The sweep was too fast for the peak: its frequency changes {pace:.2g} times as fast "
             f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
@@ -187,28 +189,28 @@ def add_steadiness(page: Page, found: Response) -> None:
     worst = data.unsteady.where(data.unsteady == data.unsteady.max(), drop=True)
     if float(worst.max()) > UNSTEADY:
         page.note(
-            f"Not all swings are steady. {amplitude_words(found, float(worst.amplitude[0]))}, at "
-            f"{float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
+            f"Not all swings are steady. {amplitude_words(response, float(worst.amplitude[0]))}, "
+            f"at {float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
             f"by {100.0 * float(worst.max()):.2g} % while it is taken. Where that matters, "
             "let the sines act for longer (--duration)."
         )
 
 
-def _settings(page: Page, found: Response) -> None:
+def _settings(page: Page, response: Response) -> None:
     page.section("Settings")
-    rows = [("time step", str(found.settings.get("dt", "not told")))]
-    sweep, lasts = found.settings.get("sweep"), found.settings.get("duration")
+    rows = [("time step", str(response.settings.get("dt", "not told")))]
+    sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
         rows.append(("one sweep", f"{sweep[0]:g} to {sweep[1]:g} Hz in {lasts:g} s"))
-        pace = pace_of_sweep(found)
+        pace = pace_of_sweep(response)
         rows.append(("its pace at the peak", "not known" if pace is None else number(pace, 2)))
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
-    rows.append(("frequencies", str(found.dataset.sizes["frequency"])))
+    rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     page.table(("setting", "value"), rows)
-    if shown_rows(found) < found.dataset.sizes["frequency"]:
+    if shown_rows(response) < response.dataset.sizes["frequency"]:
         page.text("The tables show some of the frequencies; response.csv holds all.")
-    page.preformatted(found.scene.to_toml())
+    page.preformatted(response.scene.to_toml())
 
 
 def _mm(metres: float) -> str:
@@ -228,12 +230,12 @@ LOSSES = {
 }
 
 
-def add_damper(page: Page, found: Response) -> None:
+def add_damper(page: Page, response: Response) -> None:
     """Add what the damper is to the machine, over frequency and over the machine's displacement."""
     page.section("The swings, and what the damper is to the machine")
-    data = found.dataset
+    data = response.dataset
     if "added_damping" in data:
-        _equivalents(page, found)
+        _equivalents(page, response)
         page.text(
             "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
             "the same displacement. The added stiffness is the added mass, times -omega². The loss "
@@ -241,20 +243,20 @@ def add_damper(page: Page, found: Response) -> None:
             "next to nothing swings, it is large and says little."
         )
     for size in data.amplitude.values.tolist():
-        _swings(page, found, size)
+        _swings(page, response, size)
     words = "Piston is the amplitude of the piston over the cell"
     if "unsteady" in data:
         words += "; unsteady says by how much the machine's amplitude changes while it is taken"
     page.text(f"{words}.")
 
 
-def _equivalents(page: Page, found: Response) -> None:
+def _equivalents(page: Page, response: Response) -> None:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
-        for k, size in enumerate(found.dataset.amplitude.values.tolist()):
-            part = found.dataset.sel(amplitude=size)
+        for k, size in enumerate(response.dataset.amplitude.values.tolist()):
+            part = response.dataset.sel(amplitude=size)
             swing, colour = 1e3 * part.displacement, COLOURS[k % len(COLOURS)]
             look = {"color": colour, "linestyle": "none", "marker": MARKS[k % len(MARKS)]}
-            both[0].plot(swing, part.added_damping, label=amplitude_words(found, size), **look)
+            both[0].plot(swing, part.added_damping, label=amplitude_words(response, size), **look)
             both[1].plot(swing, 1e-3 * part.added_stiffness, **look)
         both[0].set_ylabel("added damping [kg/s]")
         both[1].set_ylabel("stiffness [kN/m]")
@@ -268,8 +270,8 @@ def _equivalents(page: Page, found: Response) -> None:
         )
 
 
-def _swings(page: Page, found: Response, size: float) -> None:
-    part, diameter = shown_part(found, size), found.scene.grains.species[0].diameter
+def _swings(page: Page, response: Response, size: float) -> None:
+    part, diameter = shown_part(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
         "mm": (part.displacement, 1e3, 3),
@@ -284,7 +286,7 @@ def _swings(page: Page, found: Response, size: float) -> None:
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
-    page.text(f"{amplitude_words(found, size)}:")
+    page.text(f"{amplitude_words(response, size)}:")
     page.table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
@@ -292,25 +294,28 @@ def _figure(value: float, digits: int) -> str:
     """A number for a table; without an exponent where it can be."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
         return number(value, digits)
-    places = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
-    return f"{value:.{places}f}"
+    decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:.{decimals}f}"
 
 
-def add_energy(page: Page, found: Response) -> None:
+def add_energy(page: Page, response: Response) -> None:
     """Add where the energy of a period goes, at each amplitude."""
-    if "work_a_period" not in found.dataset:
+    if "work_a_period" not in response.dataset:
         return
     page.section("Where the energy of a period goes")
-    for size in found.dataset.amplitude.values.tolist():
-        part = shown_part(found, size)
+    for size in response.dataset.amplitude.values.tolist():
+        part = shown_part(response, size)
         losses = losses_of(part)
         columns = {"work": part.work_a_period.values, **losses}
         head = ["Hz", *(f"{name} [mJ]" for name in columns)]
         rows = [
-            [_figure(float(f), 4), *(_figure(1e3 * float(one[k]), 3) for one in columns.values())]
+            [
+                _figure(float(f), 4),
+                *(_figure(1e3 * float(column[k]), 3) for column in columns.values()),
+            ]
             for k, f in enumerate(part.frequency.values)
         ]
-        page.text(f"{amplitude_words(found, size)}:")
+        page.text(f"{amplitude_words(response, size)}:")
         page.table(head, rows)
     page.text(
         "Work is what shakes the machine does in a period, the others are where it goes. Affine "
@@ -322,15 +327,15 @@ def add_energy(page: Page, found: Response) -> None:
 
 def losses_of(part: xarray.Dataset) -> dict[str, np.ndarray]:
     """Energies (f,) that are lost in a period [J], by their names, without those that are 0."""
-    values = {str(name): one.values for name, one in part.data_vars.items()}
+    values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
     known = {name: values[key] for key, name in LOSSES.items() if key in values}
-    told = {*LOSSES, "drag_loss_a_period", "work_a_period"}
-    for key, one in values.items():  # of effects of a user's own
-        if key.endswith("_loss_a_period") and key not in told:
-            known[key.removesuffix("_loss_a_period").replace("_", " ")] = one
-    return {name: one for name, one in known.items() if np.any(one != 0.0)}
+    shown = {*LOSSES, "drag_loss_a_period", "work_a_period"}
+    for key, column in values.items():  # of effects of a user's own
+        if key.endswith("_loss_a_period") and key not in shown:
+            known[key.removesuffix("_loss_a_period").replace("_", " ")] = column
+    return {name: column for name, column in known.items() if np.any(column != 0.0)}
 
 
 MOST_ROWS = 25
@@ -341,31 +346,31 @@ _NAMES = {
 }
 
 
-def labels(found: Response) -> tuple[str, float]:
+def labels(response: Response) -> tuple[str, float]:
     """Head of the column of amplitudes, and what they are multiplied by for it."""
-    head, _, scale = _NAMES[str(found.dataset.amplitude.attrs["long_name"])]
+    head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return head, scale
 
 
-def amplitude_words(found: Response, size: float) -> str:
+def amplitude_words(response: Response, size: float) -> str:
     """An amplitude, as a sentence begins with it."""
-    _, words, scale = _NAMES[str(found.dataset.amplitude.attrs["long_name"])]
+    _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * size)
 
 
-def shown_rows(found: Response) -> int:
+def shown_rows(response: Response) -> int:
     """Number of frequencies that the tables show."""
-    return min(found.dataset.sizes["frequency"], MOST_ROWS)
+    return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
-def shown_part(found: Response, size: float) -> xarray.Dataset:
+def shown_part(response: Response, size: float) -> xarray.Dataset:
     """The response at an amplitude, at the frequencies that tables show; its peak is one of them.
 
     On ``frequency``.
     """
-    part = found.dataset.sel(amplitude=size)
+    part = response.dataset.sel(amplitude=size)
     count = part.sizes["frequency"]
-    places = np.unique(np.linspace(0, count - 1, shown_rows(found)).round().astype(int))
+    indices = np.unique(np.linspace(0, count - 1, shown_rows(response)).round().astype(int))
     peak = int(part.displacement.values.argmax())
-    places[int(np.abs(places - peak).argmin())] = peak
-    return part.isel(frequency=places)
+    indices[int(np.abs(indices - peak).argmin())] = peak
+    return part.isel(frequency=indices)

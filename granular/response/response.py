@@ -69,19 +69,19 @@ class Response:
 
     def peaks(self) -> list[dict[str, float]]:
         """For each amplitude: where and how high the peak is, alone, and with the tuned mass."""
-        found = []
-        for one in self.dataset.amplitude.values:
-            part = self.dataset.sel(amplitude=one)
-            row = {"amplitude": float(one)}
+        result = []
+        for value in self.dataset.amplitude.values:
+            part = self.dataset.sel(amplitude=value)
+            row = {"amplitude": float(value)}
             row["frequency"] = float(part.frequency[int(part.displacement.values.argmax())])
             row["peak"] = float(part.displacement.max())
             if "alone" in part:
-                curves = self.linear_curves(float(one))
+                curves = self.linear_curves(float(value))
                 row |= {key: float(curves[key].max()) for key in ("alone", "ideal")}
                 row["reduction"] = row["alone"] / row["peak"]
                 row["over_ideal"] = row["peak"] / row["ideal"]
-            found.append(row)
-        return found
+            result.append(row)
+        return result
 
     def linear_curves(self, size: float) -> dict[str, np.ndarray]:
         """Closely spaced ``frequency`` [Hz], and what is left ``alone`` and with ``ideal`` [m]."""
@@ -110,9 +110,9 @@ class Response:
 
         ax = axes_or_new(ax)
         data, unit = self.dataset, self.dataset.amplitude.attrs["units"]
-        for k, one in enumerate(data.amplitude.values):
-            part = data.sel(amplitude=one)
-            label = f"with the damper, {one:g} {unit}"
+        for k, value in enumerate(data.amplitude.values):
+            part = data.sel(amplitude=value)
+            label = f"with the damper, {value:g} {unit}"
             ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_look(k))
         if "alone" in data:
             curves = self.linear_curves(float(data.amplitude[-1]))
@@ -180,11 +180,11 @@ def frequency_response(
         t_end=host.excitation.start + duration, dt=dt, out=out, workers=workers,
         progress=progress, title="response",
     )  # fmt: skip
-    wrong = [one["error"] for one in made.outcomes if one["error"] is not None]
+    wrong = [outcome["error"] for outcome in made.outcomes if outcome["error"] is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
-    found = _dataset(scene, host, key, sizes, frequencies, made.outcomes)
-    return Response(scene, found, {"dt": dt, "duration": duration})
+    result = _dataset(scene, host, key, sizes, frequencies, made.outcomes)
+    return Response(scene, result, {"dt": dt, "duration": duration})
 
 
 def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
@@ -209,14 +209,14 @@ def _dataset(
     outcomes: Sequence[Any],
 ) -> xarray.Dataset:  # fmt: skip
     shape = (len(sizes), len(frequencies))
-    figures = [one["figures"] for one in outcomes]
+    figures = [outcome["figures"] for outcome in outcomes]
 
     def field(name: str) -> np.ndarray:
-        return np.array([one[name] for one in figures]).reshape(shape)
+        return np.array([figure[name] for figure in figures]).reshape(shape)
 
     swing = field("real") + 1j * field("imaginary")
     stroke = field("stroke_real") + 1j * field("stroke_imaginary")
-    found: dict[str, tuple[str, str, np.ndarray]] = {
+    result: dict[str, tuple[str, str, np.ndarray]] = {
         "displacement": ("m", "amplitude of the last body", np.abs(swing)),
         "phase": ("rad", "phase of the last body behind the drive", -np.angle(swing)),
         "greatest": ("m", "half the range of the last body", field("greatest")),
@@ -226,23 +226,23 @@ def _dataset(
     for name in figures[0]:
         if name.endswith("_a_period"):
             what = name.removesuffix("_a_period").replace("_", " ")
-            found[name] = ("J", f"{what} in a period", field(name))
+            result[name] = ("J", f"{what} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        found |= compare_linear(scene, host, key, sizes, frequencies, swing)
+        result |= compare_linear(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.of_base:
         shake = np.array(sizes)[:, None] * (
             np.ones_like(omega) if key == "acceleration" else -(omega**2)
         )
-        whole = swing - shake / omega**2
-        ratio = np.abs(whole) / np.abs(shake / omega**2)
-        found["transmissibility"] = ("1", "amplitude over that of the base", ratio)
-    return response_dataset(key, sizes, frequencies, found)
+        total = swing - shake / omega**2
+        ratio = np.abs(total) / np.abs(shake / omega**2)
+        result["transmissibility"] = ("1", "amplitude over that of the base", ratio)
+    return response_dataset(key, sizes, frequencies, result)
 
 
 def response_dataset(
     key: str, sizes: Sequence[float], frequencies: Sequence[float],
-    found: Mapping[str, tuple[str, str, np.ndarray]],
+    mapping: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:  # fmt: skip
     """A response's dataset, of fields (amplitude, frequency) with units and meanings."""
     import xarray
@@ -252,7 +252,7 @@ def response_dataset(
     return xarray.Dataset(
         {
             name: (dims, values, {"units": unit, "long_name": what})
-            for name, (unit, what, values) in found.items()
+            for name, (unit, what, values) in mapping.items()
         },
         coords={
             "amplitude": ("amplitude", list(sizes), {"units": units, "long_name": key}),
@@ -265,7 +265,7 @@ FILE = "response.json"
 MOST_BYTES = 64 * 2**20
 
 
-def save_response(found: Response, directory: str | Path) -> Path:
+def save_response(response: Response, directory: str | Path) -> Path:
     """Write a response to ``response.json`` in a directory; the path of the file.
 
     Its numbers keep every bit.
@@ -278,9 +278,9 @@ def save_response(found: Response, directory: str | Path) -> Path:
     path = Path(directory) / FILE
     make_directory(path.parent)
     plain = {
-        "scene": found.scene.to_plain(),
-        "settings": dict(found.settings),
-        "dataset": found.dataset.to_dict(),
+        "scene": response.scene.to_plain(),
+        "settings": dict(response.settings),
+        "dataset": response.dataset.to_dict(),
     }
     write_text(path, json.dumps(plain) + "\n")
     return path
@@ -314,10 +314,10 @@ def _response_of(plain: Any, path: Path) -> Response:
 
     try:
         data = xarray.Dataset.from_dict(plain["dataset"])
-        found = Response(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
+        response = Response(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
         fields = [data["displacement"], data["amplitude"], data["frequency"]]
         sound = data["displacement"].dims == ("amplitude", "frequency") and all(
-            np.issubdtype(one.dtype, np.number) and one.size for one in fields
+            np.issubdtype(field.dtype, np.number) and field.size for field in fields
         )
         sound = sound and {"units", "long_name"} <= set(data["amplitude"].attrs)
     except InputError as error:
@@ -326,7 +326,7 @@ def _response_of(plain: Any, path: Path) -> Response:
         raise _damaged(path, f"{type(error).__name__} {error}") from None
     if not sound:
         raise _damaged(path, "it has no amplitudes over frequencies")
-    return found
+    return response
 
 
 def _damaged(path: Path, why: str) -> InputError:

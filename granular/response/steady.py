@@ -55,7 +55,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))
     body = data.host_displacement.values[inside] if host.bodies else height
-    swing, stroke = (complex_amplitude(drive, one, frequency) for one in (body, height))
+    swing, stroke = (complex_amplitude(drive, series, frequency) for series in (body, height))
     middle = len(drive) // 2
     halves = [
         abs(complex_amplitude(drive[part], body[part], frequency))
@@ -122,12 +122,12 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     if "piston_height" in data:
         seen["stroke"] = data.piston_height.values
     frequencies, swings = swept_amplitudes(time, list(seen.values()), (low, high, length), points)
-    found = {
-        name: ("frequency", np.abs(one), {"units": "m"})
-        for name, one in zip(seen, swings, strict=True)
+    result = {
+        name: ("frequency", np.abs(swing), {"units": "m"})
+        for name, swing in zip(seen, swings, strict=True)
     }
-    found["phase"] = ("frequency", -np.angle(swings[0]), {"units": "rad"})
-    return xarray.Dataset(found, coords={"frequency": ("frequency", frequencies, {"units": "Hz"})})
+    result["phase"] = ("frequency", -np.angle(swings[0]), {"units": "rad"})
+    return xarray.Dataset(result, coords={"frequency": ("frequency", frequencies, {"units": "Hz"})})
 
 
 def swept_amplitudes(
@@ -163,7 +163,7 @@ def swept_amplitudes(
             [np.sin(phase[near]), np.cos(phase[near]), np.ones(near.sum()), time[near] - moment],
             axis=1,
         )
-        for swing, one in zip(swings, values, strict=True):
-            (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, one[near], rcond=None)
+        for swing, value in zip(swings, values, strict=True):
+            (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, value[near], rcond=None)
             swing[k] = complex(sine, cosine)
     return frequencies, swings

@@ -105,38 +105,38 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
     key = next(name for name in AMPLITUDES if getattr(drive, name) is not None)
     frequencies, sizes = data.frequency.values.tolist(), [float(getattr(drive, key))]
     swing = (data.displacement * np.exp(-1j * data.phase)).values[None]
-    found = {
+    result = {
         "displacement": ("m", "amplitude of the last body", data.displacement.values[None]),
         "phase": ("rad", "phase of the last body behind the drive", data.phase.values[None]),
     }
     if "stroke" in data:
         what = "amplitude of the piston over the cell"
-        found["stroke"] = ("m", what, data.stroke.values[None])
-    found |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
+        result["stroke"] = ("m", what, data.stroke.values[None])
+    result |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
     settings = {
         "dt": run.settings()["dt"],
         "duration": drive.duration,
         "sweep": [drive.frequency, drive.to],
     }
-    return Response(run.scene, response_dataset(key, sizes, frequencies, found), settings)
+    return Response(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
-def pace_of_sweep(found: Response) -> float | None:
+def pace_of_sweep(response: Response) -> float | None:
     """Pace at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at
     the peak; None where these are not known (a shaken base, several bodies) or do not damp.
     """
-    host, data = found.scene.effects.host, found.dataset
-    if host is None or "sweep" not in found.settings or "added_damping" not in data:
+    host, data = response.scene.effects.host, response.dataset
+    if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
     part = data.isel(amplitude=0)
-    place = int(part.displacement.values.argmax())
-    low, high = found.settings["sweep"]
-    change = float(part.frequency[place]) * math.log(high / low) / found.settings["duration"]
+    index = int(part.displacement.values.argmax())
+    low, high = response.settings["sweep"]
+    change = float(part.frequency[index]) * math.log(high / low) / response.settings["duration"]
     body = host.bodies[-1]
-    mass = body.mass + float(part.effective_mass[place])
-    delta = (body.damping + float(part.added_damping[place])) / (2.0 * mass)
+    mass = body.mass + float(part.effective_mass[index])
+    delta = (body.damping + float(part.added_damping[index])) / (2.0 * mass)
     return None if delta <= 0.0 else math.tau * change / delta**2
 
 
@@ -294,8 +294,8 @@ def _simulated(
 ) -> Trajectory:
     from granular.run.simulation import simulate
 
-    kept: dict[str, Any] = {} if out is None else {"out": Path(out) / RUN, "resume": True}
-    return simulate(scene, dt=dt, t_end=t_end, progress=progress, **kept)
+    saved: dict[str, Any] = {} if out is None else {"out": Path(out) / RUN, "resume": True}
+    return simulate(scene, dt=dt, t_end=t_end, progress=progress, **saved)
 
 
 def settling_time(run: Trajectory, share: float = 0.1) -> float:

@@ -57,7 +57,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     InputError
         If it is none, or the table has no such quantity.
     """
-    names = sorted({name for one in table() for name in one.floors})
+    names = sorted({name for entry in table() for name in entry.floors})
     match = _ASKED.fullmatch(text) if isinstance(text, str) else None
     try:
         value = float(match["value"]) if match else math.nan
@@ -82,22 +82,22 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
         If the text is none, or neither the table nor the scatter of starts allows the promise.
     """
     tolerance, quantity = parse_accuracy(text)
-    prices = prices_of(scene, quantity)
-    if prices is None:
+    costs = prices_of(scene, quantity)
+    if costs is None:
         raise InputError(
             f"accuracy = {quoted(text)}: the table of prices holds no scene like {scene.name!r} "
             "with this quantity; measure it: python -m validation cheapest"
         )
-    floor = prices.floor(quantity, scene.grains.count)
+    floor = costs.floor(quantity, scene.grains.count)
     if tolerance < FLOORS * floor:
         raise InputError(
             f"accuracy = {quoted(text)}: random starts scatter by {floor:.2g}, so no single run "
             f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
             f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
         )
-    cheapest = min(_candidates(scene, prices, quantity, tolerance), default=None)
+    cheapest = min(_candidates(scene, costs, quantity, tolerance), default=None)
     if cheapest is None:
-        least = min(one.bounds[quantity] for one in prices.rungs)
+        least = min(entry.bounds[quantity] for entry in costs.rungs)
         raise InputError(
             f"accuracy = {quoted(text)}: the least error that the table of prices holds is "
             f"{MARGIN * least:.2g}, with its margin; ask for that, or measure: python -m "
@@ -108,52 +108,53 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
     scatter = f", starts scatter by {floor:.1g}" if floor else ""
     words = (
         f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
-        f"{bound:.1g}{scatter} ({prices.name}, {prices.starts} starts, {prices.date})"
+        f"{bound:.1g}{scatter} ({costs.name}, {costs.starts} starts, {costs.date})"
     )
     return ChosenSettings(summed, dt, method, words)
 
 
 def _candidates(
-    scene: Scene, prices: Prices, quantity: str, tolerance: float
+    scene: Scene, costs: Prices, quantity: str, tolerance: float
 ) -> Iterator[tuple[float, str, str, float]]:
     """Price, step, method and bound of each method that reaches the tolerance."""
-    for method in dict.fromkeys(one.method for one in prices.rungs):
-        rungs = sorted(
-            (one for one in prices.rungs if one.method == method), key=lambda one: one.fraction
+    for method in dict.fromkeys(entry.method for entry in costs.rungs):
+        entries = sorted(
+            (entry for entry in costs.rungs if entry.method == method),
+            key=lambda entry: entry.fraction,
         )
-        fraction = _fraction(rungs, quantity, tolerance / MARGIN)
+        fraction = _fraction(entries, quantity, tolerance / MARGIN)
         if fraction is None:
             continue
         dt = _step(scene, fraction)
         if not is_allowed(scene, dt, method):
             continue
-        near = min(rungs, key=lambda one: abs(math.log(one.fraction / fraction)))
+        near = min(entries, key=lambda entry: abs(math.log(entry.fraction / fraction)))
         order = method_named(method).order
         scale = (fraction / near.fraction) ** order
         bound = near.bounds[quantity] * (scale if quantity in near.clear else max(1.0, scale))
         yield near.seconds * near.fraction / fraction, dt, method, bound
 
 
-def _fraction(rungs: list[Rung], quantity: str, tolerance: float) -> float | None:
+def _fraction(entries: list[Rung], quantity: str, tolerance: float) -> float | None:
     """The longest step times highest frequency that keeps a tolerance; None where none does.
 
     Between two steps of the table, and below its shortest, by the method's order; beyond its
     longest never.
     """
-    held = [one for one in rungs if one.bounds[quantity] <= tolerance]
-    order = method_named(rungs[0].method).order
+    held = [entry for entry in entries if entry.bounds[quantity] <= tolerance]
+    order = method_named(entries[0].method).order
     if not held:
-        finest = rungs[0]
+        finest = entries[0]
         shorter = (tolerance / finest.bounds[quantity]) ** (1.0 / order)
         clear = quantity in finest.clear and shorter * FARTHEST >= 1.0
         return shorter * finest.fraction if clear else None
     best = held[-1]
-    if best is rungs[-1] or not best.bounds[quantity] > 0.0:
+    if best is entries[-1] or not best.bounds[quantity] > 0.0:
         return best.fraction
-    if quantity not in rungs[rungs.index(best) + 1].clear:
+    if quantity not in entries[entries.index(best) + 1].clear:
         return best.fraction  # what the next one errs is scatter, and follows no order
     longer = (tolerance / best.bounds[quantity]) ** (1.0 / order)
-    return min(best.fraction * longer, rungs[rungs.index(best) + 1].fraction)
+    return min(best.fraction * longer, entries[entries.index(best) + 1].fraction)
 
 
 def _step(scene: Scene, fraction: float) -> str:

@@ -187,13 +187,13 @@ class GrowingArray:
             If its last chunk is missing or not what the run wrote.
         """
         self.array = array
-        whole, self._filled = divmod(length, array.depth)
+        total, self._filled = divmod(length, array.depth)
         self._chunk = array.unwritten()
         self._finished: list[str] = []
         if manifest is not None and self._chunk.size:
-            self._finished = manifest.chunks.get(array.name, [])[:whole]
+            self._finished = manifest.chunks.get(array.name, [])[:total]
             if self._filled:
-                self._chunk[: self._filled] = array.read(whole, manifest)[: self._filled]
+                self._chunk[: self._filled] = array.read(total, manifest)[: self._filled]
 
     def append(self, values: np.ndarray) -> None:
         """Write values behind those that are there."""

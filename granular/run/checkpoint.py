@@ -53,11 +53,11 @@ class Manifest:
     chunks: dict[str, list[str]]
 
 
-def write_checkpoint(path: Path, kept: Mapping[str, Any], manifest: Manifest) -> None:
+def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest) -> None:
     """Replace the checkpoint of a run directory atomically."""
     plain = json.dumps(dataclasses.asdict(manifest)).encode()
     archive = io.BytesIO()
-    np.savez(archive, **{**kept, MANIFEST: np.array(plain)})
+    np.savez(archive, **{**mapping, MANIFEST: np.array(plain)})
     with zipfile.ZipFile(archive, "a") as file:
         file.comment = bytes(_SEAL)
     content = archive.getvalue()[:-_SEAL]
@@ -80,8 +80,8 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
         raise StoreError(f"{file} is damaged (its digest differs); {REMEDY}")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            kept = {name: archive[name] for name in archive.files}
-        return kept, Manifest(**json.loads(kept.pop(MANIFEST).item()))
+            saved = {name: archive[name] for name in archive.files}
+        return saved, Manifest(**json.loads(saved.pop(MANIFEST).item()))
     except ValueError as error:
         raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
     except (KeyError, TypeError):

@@ -118,7 +118,7 @@ def _remove_remains(target: Path) -> None:
         if not name.fullmatch(part.name):
             continue
         with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
-            held = lock(part) if {one.name for one in part.iterdir()} <= KNOWN else None
+            held = lock(part) if {path.name for path in part.iterdir()} <= KNOWN else None
             if held is not None:
                 shutil.rmtree(part, ignore_errors=True)
                 unlock(held)

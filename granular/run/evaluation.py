@@ -79,7 +79,7 @@ def evaluate(
     """
     system = natural_system(scene)
     scales, constants = system.scales, system.constants
-    place = _field("positions", positions, constants.grains)
+    coordinates = _field("positions", positions, constants.grains)
     speed = _field("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
@@ -88,7 +88,7 @@ def evaluate(
     except (TypeError, ValueError):
         raise InputError(f"piston_height = {quoted(piston_height)}; give a height [m]") from None
     state = new_state(
-        place / scales.length,
+        coordinates / scales.length,
         speed / scales.velocity,
         piston_height / scales.length,
         constants.acting,

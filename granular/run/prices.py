@@ -93,13 +93,19 @@ def kind_of(scene: Scene) -> str:
 def table() -> tuple[Prices, ...]:
     """The scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
-    return tuple(_scene(one, plain["made"]["date"]) for one in plain["scenes"])
+    return tuple(_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
 
 
 def _scene(plain: Mapping[str, Any], date: str) -> Prices:
-    rungs = tuple(Rung(**one) for one in plain["rungs"])
+    entries = tuple(Rung(**rung_values) for rung_values in plain["rungs"])
     return Prices(
-        plain["name"], plain["kind"], plain["grains"], plain["starts"], plain["floors"], rungs, date
+        plain["name"],
+        plain["kind"],
+        plain["grains"],
+        plain["starts"],
+        plain["floors"],
+        entries,
+        date,
     )
 
 
@@ -111,16 +117,16 @@ def prices_of(scene: Scene, quantity: str) -> Prices | None:
     kind = kind_of(scene)
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
 
-    def apart(one: Prices) -> float:
-        return abs(math.log(one.grains / max(scene.grains.count, 1)))
+    def apart(item: Prices) -> float:
+        return abs(math.log(item.grains / max(scene.grains.count, 1)))
 
-    def unlike(one: Prices) -> tuple[bool, float]:
-        return ("rest height" in one.floors) is not rests, apart(one)
+    def unlike(item: Prices) -> tuple[bool, float]:
+        return ("rest height" in item.floors) is not rests, apart(item)
 
     near = [
-        one
-        for one in table()
-        if one.kind == kind and quantity in one.floors and apart(one) <= math.log(ALIKE)
+        entry
+        for entry in table()
+        if entry.kind == kind and quantity in entry.floors and apart(entry) <= math.log(ALIKE)
     ]
     return min(near, key=unlike, default=None)
 
@@ -135,23 +141,23 @@ def price_text(run: Trajectory) -> str:
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
     quantity = _main(run)
-    prices = None if quantity is None else prices_of(run.scene, quantity)
+    costs = None if quantity is None else prices_of(run.scene, quantity)
     seen = settings.get("step_times_highest_frequency", 0.0)
-    rung = None if prices is None else _nearest(prices, run.method.name, seen)
-    if quantity is None or prices is None or rung is None:
+    entry = None if costs is None else _nearest(costs, run.method.name, seen)
+    if quantity is None or costs is None or entry is None:
         error = settings["ledger_residual"]
         return (
             f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, "
             f"{error / 2.0**order:.1g}"
         )
-    bound, scatter = rung.bounds[quantity], prices.floor(quantity, run.scene.grains.count)
+    bound, scatter = entry.bounds[quantity], costs.floor(quantity, run.scene.grains.count)
     scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
-    if quantity not in rung.clear:
+    if quantity not in entry.clear:
         return (
             f"price: {seconds:.3g} s; {quantity} to {bound:.1g} or better by the step{scattered}; "
             f"{finer}, and no better where the starts decide"
         )
-    error = bound * (seen / rung.frequency) ** order
+    error = bound * (seen / entry.frequency) ** order
     return (
         f"price: {seconds:.3g} s; {quantity} to {error:.1g} by the step{scattered}; {finer}, "
         f"{error / 2.0**order:.1g}"
@@ -162,15 +168,16 @@ def _main(run: Trajectory) -> str | None:
     """Quantity that a run is first looked at for."""
     if run.scene.piston is None:
         return None
-    rested = any(one.reason == "rest" for one in run.stages)
+    rested = any(stage.reason == "rest" for stage in run.stages)
     return "rest height" if rested else "piston force"
 
 
-def _nearest(prices: Prices, method: str, seen: float) -> Rung | None:
+def _nearest(costs: Prices, method: str, seen: float) -> Rung | None:
     """The rung of a method next to a step, of those at least as long; the longest without."""
-    rungs = sorted(
-        (one for one in prices.rungs if one.method == method), key=lambda one: one.frequency
+    entries = sorted(
+        (entry for entry in costs.rungs if entry.method == method),
+        key=lambda entry: entry.frequency,
     )
-    if not rungs or not 0.0 < seen <= 2.0 * rungs[-1].frequency:
+    if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
         return None
-    return next((one for one in rungs if one.frequency >= seen), rungs[-1])
+    return next((entry for entry in entries if entry.frequency >= seen), entries[-1])

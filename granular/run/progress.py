@@ -89,11 +89,11 @@ class ProgressBar:
         now = time.perf_counter()
         if self._first is None:
             self._first = now, run.steps
-        begun, made = self._first
-        if self._told or now - begun < JUDGED or run.steps == made:
+        started, made = self._first
+        if self._told or now - started < JUDGED or run.steps == made:
             return
         self._told = True
-        words = outlook(steps_ahead(run), (run.steps - made) / (now - begun))
+        words = outlook(steps_ahead(run), (run.steps - made) / (now - started))
         if words is not None:
             say(f"{run.scene.name}: {words}")
 
@@ -160,8 +160,8 @@ def steps_ahead(run: Run) -> float:
     if run.finished or not progress.begun:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
-    spans = [stage.span(progress.height) or 0.0 for stage in later]
-    end = min(progress.start + run.total + math.fsum(spans) / run.system.scales.time, run.t_end)
+    durations = [stage.span(progress.height) or 0.0 for stage in later]
+    end = min(progress.start + run.total + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # such a stage is lengthened up to it
     return max(0.0, end - run.time) / run.pace.h
@@ -173,5 +173,5 @@ def outlook(steps: float, rate: float) -> str | None:
     if seconds < LONG:
         return None
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0))
-    unit, size = next(one for one in sizes if seconds >= one[1])
+    unit, size = next(size for size in sizes if seconds >= size[1])
     return f"up to {steps:.2g} steps, {seconds / size:.2g} {unit} at {rate:.2g} steps a second"

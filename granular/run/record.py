@@ -401,7 +401,7 @@ def _numbers(name: str, values: Any) -> np.ndarray:
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
             raise TypeError
         if given.dtype.kind == "O" and not all(
-            isinstance(one, Real | Decimal) for one in given.flat
+            isinstance(number, Real | Decimal) for number in given.flat
         ):
             raise TypeError
         return np.array(given, dtype=np.float64)

@@ -59,7 +59,9 @@ class Recorder:
 
     def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
         field = np.full((self.count, len(components)), np.nan)
-        field[state.label[:present]] = np.stack([one[:present] for one in components], axis=1)
+        field[state.label[:present]] = np.stack(
+            [component[:present] for component in components], axis=1
+        )
         return field
 
     def counts(self) -> tuple[int, int]:
@@ -67,22 +69,25 @@ class Recorder:
         return sum(map(len, self.rows)), len(self.frames)
 
     def clear(self) -> None:
-        for one in (self.rows, self.stages, self.frames):
-            one.clear()
+        for buffer in (self.rows, self.stages, self.frames):
+            buffer.clear()
 
     def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
         """Every variable of the scene with its values in SI."""
         rows, stages = self.table()
         columns = columns_of(scene)
-        for one in (TIME, *scalar_variables(scene)):
-            yield one, si_column(one, rows, columns, scales)
+        for variable in (TIME, *scalar_variables(scene)):
+            yield variable, si_column(variable, rows, columns, scales)
         yield STAGE, stages
-        for one in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
-            yield one, self.stacked(one.name, one.dims) * getattr(scales, one.scale)
+        for variable in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
+            yield (
+                variable,
+                self.stacked(variable.name, variable.dims) * getattr(scales, variable.scale),
+            )
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
-        own = sum(len(one.records) for one in self.effects)
+        own = sum(len(effect.records) for effect in self.effects)
         empty = np.empty((0, width(len(self.effects)) + own))
         return (
             np.concatenate([empty, *self.rows]),

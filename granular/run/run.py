@@ -136,22 +136,22 @@ class Run(RunState):
     def _run(self, window: Window, pace: Pace, watch: Watch) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
         rows = np.empty((window.ticks // pace.every + 2, self._columns))
-        status, done, kept = advance(
+        status, done, saved = advance(
             window, pace, self.plan, self.state, self.constants, self.motion,
             self.measurement, watch, rows,
         )  # fmt: skip
         self.progress.ticks += done
         if status == OUTSIDE:
-            self._keep(rows[:kept])
+            self._keep(rows[:saved])
             raise self.misplaced(self.shorter)
-        return status, done, rows[: kept + 1]
+        return status, done, rows[: saved + 1]
 
     def _call(self, ticks: int) -> None:
         progress, pace = self.progress, self.pace
         window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         status, done, rows = self._run(window, pace, self.stop_criteria())
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - started
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
             self.threads.hear(done * pace.steps, seconds)

@@ -123,7 +123,7 @@ class RunState:
         self.motion = Motion()
         self._entered = columns.width(len(system.effects))
         """Columns that the energy ledger reads."""
-        self._columns = self._entered + sum(len(one.records) for one in system.effects)
+        self._columns = self._entered + sum(len(effect.records) for effect in system.effects)
         self._row = np.zeros(self._columns)
 
     @property
@@ -134,12 +134,12 @@ class RunState:
     def total(self) -> float:
         """Length of the present stage [tau]; infinite where only ``t_end`` ends it."""
         stage = self.stage
-        span = stage.span(self.progress.height)
+        duration = stage.span(self.progress.height)
         last = self.progress.stage == len(self.scene.protocol) - 1
         timed = isinstance(stage, Timed) and stage.until is None
-        if span is None or (last and timed and math.isfinite(self.t_end)):
+        if duration is None or (last and timed and math.isfinite(self.t_end)):
             return math.inf
-        return span / self.system.scales.time
+        return duration / self.system.scales.time
 
     @property
     def time(self) -> float:
@@ -224,7 +224,7 @@ class RunState:
         one that resolves all swings has not led the grains astray.
         """
         acting = self.scene.effects.all
-        own = [one.key for one in acting if any(part.sources for part in one.parts)]
+        own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
         if not own or self.progress.pace is None:
             return self.shorter
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
@@ -274,7 +274,7 @@ class RunState:
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
         speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
-        speed += sum(one.greatest_speed(scales) for one in self.system.effects)
+        speed += sum(effect.greatest_speed(scales) for effect in self.system.effects)
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
             output.scalars / scales.time,
@@ -299,10 +299,13 @@ class RunState:
     def _resolved_frequency(self, frequency: float) -> float:
         """The frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
-        rate = max((one.decay_rate(scales) for one in effects), default=0.0)
+        rate = max((effect.decay_rate(scales) for effect in effects), default=0.0)
         record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.fraction / record)
-        drives = [drive_frequency(self.motion), *(one.drive_frequency(scales) for one in effects)]
+        drives = [
+            drive_frequency(self.motion),
+            *(effect.drive_frequency(scales) for effect in effects),
+        ]
         resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
         if self.step.automatic:
             steps = record * resolved / self.step.fraction

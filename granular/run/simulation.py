@@ -219,8 +219,8 @@ def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset
 
     return xarray.Dataset(
         {
-            one.name: (one.dims, values, one.attributes())
-            for one, values in recorder.in_si(scene, system.scales)
+            variable.name: (variable.dims, values, variable.attributes())
+            for variable, values in recorder.in_si(scene, system.scales)
         }
     )
 
@@ -308,7 +308,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
             stacklevel=3,
         )
     closest = settings.get("closest_distance", math.inf)
-    least = min(one.diameter for one in trajectory.scene.grains.species)
+    least = min(specy.diameter for specy in trajectory.scene.grains.species)
     if closest < least:
         warnings.warn(
             f"two grains came as close as {closest:.3g} m, less than a diameter ({least:.3g} m), "

@@ -21,16 +21,16 @@ from granular.shared.errors import StoreError
 
 def snapshot(run: RunState) -> dict[str, Any]:
     """All that is needed to go on from here, as arrays."""
-    kept = kept_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
+    saved = kept_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
         "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
         "grains": run.constants.grains,
     }
-    return kept | {"memory": np.array(json.dumps(memory))}
+    return saved | {"memory": np.array(json.dumps(memory))}
 
 
-def restore(run: RunState, kept: dict[str, np.ndarray]) -> None:
+def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
     """Go back to a snapshot.
 
     Raises
@@ -39,15 +39,15 @@ def restore(run: RunState, kept: dict[str, np.ndarray]) -> None:
         If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
     """
     state = run.state
-    missing = set(kept_arrays(state)) - set(kept)
+    missing = set(kept_arrays(state)) - set(saved)
     if missing:
         raise StoreError(
             f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a "
             "new directory"
         )
-    put_arrays(state, kept)
-    run.band[:], run.seen[:] = kept["band"], kept["seen"]
-    memory = json.loads(str(kept["memory"]))
+    put_arrays(state, saved)
+    run.band[:], run.seen[:] = saved["band"], saved["seen"]
+    memory = json.loads(str(saved["memory"]))
     run.progress = Progress(**memory["progress"])
     run.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
     for values in grain_constants(run.constants):
@@ -59,7 +59,7 @@ def restore(run: RunState, kept: dict[str, np.ndarray]) -> None:
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
     run.look(PLACE)
-    put_arrays(state, kept)
+    put_arrays(state, saved)
     _check_end(run)
 
 
@@ -89,29 +89,29 @@ def _check_end(run: RunState) -> None:
 def _kept(state: State) -> dict[str, np.ndarray]:
     """The arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
-    kept = {name: getattr(state, name) for name in names}
-    for index, room in enumerate(state.rooms):
-        if hasattr(room, "kept"):
-            kept[f"room_{index}"] = room.kept
+    saved = {name: getattr(state, name) for name in names}
+    for index, workspace in enumerate(state.rooms):
+        if hasattr(workspace, "kept"):
+            saved[f"room_{index}"] = workspace.kept
     far = state.far_forces
     if far is not None and far.held is not None:
-        kept["far_held"] = far.held
+        saved["far_held"] = far.held
     if far is not None and far.met is not None:
-        kept["far_moment"] = far.moment
-    return kept
+        saved["far_moment"] = far.moment
+    return saved
 
 
 def kept_arrays(state: State) -> dict[str, Any]:
     """Copies of the arrays that a state cannot be made again from."""
-    kept = {name: array.copy() for name, array in _kept(state).items()}
-    return kept | kept_lists(state.stripes or state.verlet_list)
+    saved = {name: array.copy() for name, array in _kept(state).items()}
+    return saved | kept_lists(state.stripes or state.verlet_list)
 
 
-def put_arrays(state: State, kept: dict[str, np.ndarray]) -> None:
+def put_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
     for name, array in _kept(state).items():
-        array[:] = kept[name]
-    put_lists(state.stripes or state.verlet_list, kept)
+        array[:] = saved[name]
+    put_lists(state.stripes or state.verlet_list, saved)
 
 
 def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
@@ -121,8 +121,8 @@ def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
-def put_lists(lists: Stripes | VerletList | None, kept: dict[str, np.ndarray]) -> None:
+def put_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
     """Let the lists be made again at the positions that a checkpoint holds."""
-    if lists is not None and "near_built" in kept:
-        lists.built[:], lists.memory[:] = kept["near_built"], kept["near_memory"]
+    if lists is not None and "near_built" in saved:
+        lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]
         lists.memory[LISTED] = 0.0

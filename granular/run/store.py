@@ -140,7 +140,7 @@ class Store:
         self._metadata.write(self.path, self._lengths())
         recorder.clear()
 
-    def commit(self, kept: Mapping[str, Any]) -> None:
+    def commit(self, mapping: Mapping[str, Any]) -> None:
         """Replace the checkpoint: all that was written is complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
-        write_checkpoint(self.path, kept, Manifest(self._files, self._lengths(), chunks))
+        write_checkpoint(self.path, mapping, Manifest(self._files, self._lengths(), chunks))

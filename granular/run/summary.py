@@ -31,7 +31,7 @@ def scene_figures(scene: Scene) -> dict[str, Any]:
         "force_unit": scales.force,
         "time_unit": scales.time,
         "counts": dict(
-            zip((one.name for one in scene.grains.species), scene.grains.counts(), strict=True)
+            zip((specy.name for specy in scene.grains.species), scene.grains.counts(), strict=True)
         ),
     }
     height = scene.cell.height if scene.piston is None else scene.piston.height
@@ -55,11 +55,11 @@ def scene_text(scene: Scene) -> str:
     scene bed
     """
     scales = Scales.of(scene.grains)
-    counts, shares = scene.grains.counts(), scene.grains.shares()
+    counts, fractions = scene.grains.counts(), scene.grains.shares()
     lines = [f"scene {scene.name}"]
-    for one, count, share in zip(scene.grains.species, counts, shares, strict=True):
-        mixed = "" if len(counts) == 1 else f", a share of {share:.4g}"
-        lines.append(f"  {count} grains {one.name!r} of {1e3 * one.diameter:g} mm{mixed}")
+    for specy, count, fraction in zip(scene.grains.species, counts, fractions, strict=True):
+        mixed = "" if len(counts) == 1 else f", a share of {fraction:.4g}"
+        lines.append(f"  {count} grains {specy.name!r} of {1e3 * specy.diameter:g} mm{mixed}")
     lines.append(
         f"  natural units: D = {1e3 * scales.length:g} mm, m = {1e3 * scales.mass:.5g} g, "
         f"F* = {scales.force:.5g} N, tau = {1e3 * scales.time:.5g} ms"
@@ -80,7 +80,9 @@ def scene_text(scene: Scene) -> str:
             + f", packing fraction {packing_fraction(scene, height):.4f}"
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
-    lines += [f"    {one.key}: {said}" for one in scene.effects.all if (said := words_of(one))]
+    lines += [
+        f"    {effect.key}: {said}" for effect in scene.effects.all if (said := words_of(effect))
+    ]
     for stage in scene.protocol:
         said = words_of(stage, without=("name",))
         lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {said}")
@@ -97,7 +99,7 @@ def run_figures(run: Trajectory) -> dict[str, Any]:
         "scene": run.scene.name,
         "complete": run.complete,
         "time": float(np.asarray(data["time"])[-1]),
-        "stages": [vars(one) for one in run.stages],
+        "stages": [vars(stage) for stage in run.stages],
         **last,
         **run.settings(),
         "out": None if run.path is None else str(run.path),
@@ -108,11 +110,15 @@ def run_text(run: Trajectory) -> str:
     """A run for people to read."""
     figures, scales = run_figures(run), Scales.of(run.scene.grains)
     lines = []
-    for one in run.stages:
+    for stage in run.stages:
         height = ""
         if run.scene.piston is not None:
-            height = f", piston at {1e3 * one.height:.4f} mm ({one.height / scales.length:.4f} D)"
-        lines.append(f"{one.name}: {one.start:.4g} to {one.end:.4g} s ({one.reason}){height}")
+            height = (
+                f", piston at {1e3 * stage.height:.4f} mm ({stage.height / scales.length:.4f} D)"
+            )
+        lines.append(
+            f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}"
+        )
     compiled = run.settings().get("compile_seconds", 0.0)
     beside = f" and {compiled:.2g} s of compiling" if compiled >= _TOLD else ""
     lines.append(

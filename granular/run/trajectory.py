@@ -82,7 +82,9 @@ class Trajectory:
 
     def __repr__(self) -> str:
         sizes = self.dataset.sizes
-        stages = ", ".join(f"{one.name} to {one.end:.4g} s ({one.reason})" for one in self.stages)
+        stages = ", ".join(
+            f"{stage.name} to {stage.end:.4g} s ({stage.reason})" for stage in self.stages
+        )
         records, frames, grains = (sizes[name] for name in ("time", "frame", "grain"))
         return (
             f"Trajectory of scene {self.scene.name!r}, {'complete' if self.complete else 'cut'}\n"
@@ -114,8 +116,8 @@ class Trajectory:
         name = "piston_height" if "piston_height" in self.dataset else "kinetic_energy"
         unit, factor = ("mm", 1e3) if name == "piston_height" else ("J", 1.0)
         ax.plot(self.dataset["time"], factor * self.dataset[name])
-        for one in self.stages[1:]:
-            ax.axvline(one.start, color="0.6", linewidth=0.8, linestyle=":")
+        for stage in self.stages[1:]:
+            ax.axvline(stage.start, color="0.6", linewidth=0.8, linestyle=":")
         ax.set(xlabel="time [s]", ylabel=f"{name.replace('_', ' ')} [{unit}]")
         return ax
 
@@ -131,7 +133,9 @@ class Trajectory:
         """
         from granular.run.view import view_of
 
-        return view_of(self.scene, self.dataset, [(one.name, one.start) for one in self.stages])
+        return view_of(
+            self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages]
+        )
 
     def stage(self, name: str) -> StageResult:
         """The result of a stage by its name.
@@ -141,10 +145,10 @@ class Trajectory:
         RecordError
             If the run has no such stage.
         """
-        for one in self.stages:
-            if one.name == name:
-                return one
-        raise RecordError(unknown(name, tuple(one.name for one in self.stages), "stage"))
+        for stage in self.stages:
+            if stage.name == name:
+                return stage
+        raise RecordError(unknown(name, tuple(stage.name for stage in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
         """The piston's motion, with what drives it as further columns.
@@ -189,12 +193,12 @@ class Trajectory:
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
         columns = {} if shaking is None else base_motion(shaking, time)
         if any(isinstance(protocol[index], Push) for index in np.unique(indices).astype(int)):
-            starts = [one.start for one in self.stages]
+            starts = [stage.start for stage in self.stages]
             columns["outer_force"] = outer_force(protocol, starts, indices, time)
         return columns
 
     def _index(self, name: str) -> int:
-        return [one.name for one in self.scene.protocol].index(name)
+        return [stage.name for stage in self.scene.protocol].index(name)
 
     def _records_of(self, name: str) -> slice:
         """The records of a stage, from the one at its start (which ends the stage before)."""
@@ -269,7 +273,7 @@ def finished(
         "stages": json.dumps(outcome["stages"]),
         "complete": int(outcome["complete"]),
     }
-    stages = tuple(StageResult(**one) for one in outcome["stages"])
+    stages = tuple(StageResult(**stage) for stage in outcome["stages"])
     return Trajectory(scene, data, stages, outcome["complete"], path)
 
 
@@ -341,9 +345,9 @@ def outer_force(
         Since the start of the run [s].
     """
     force = np.zeros(len(time))
-    for index, (one, start) in enumerate(zip(protocol, starts, strict=False)):
-        if isinstance(one, Push):
+    for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
+        if isinstance(segment, Push):
             inside = stage == index
-            phase = 2.0 * math.pi * one.frequency * (time[inside] - start)
-            force[inside] = one.mean + one.amplitude * np.sin(phase)
+            phase = 2.0 * math.pi * segment.frequency * (time[inside] - start)
+            force[inside] = segment.mean + segment.amplitude * np.sin(phase)
     return force

@@ -86,21 +86,25 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += _PISTON
     if effects.walls is not None:
         walls = effects.walls
-        chosen += [one for one, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)]
+        chosen += [
+            variable for variable, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)
+        ]
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _summed((energy_column(index), one.energy_record) for index, one in laws[::-1])
+    chosen += _summed(
+        (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
+    )
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _summed((loss_column(index), one.loss_record) for index, one in laws)
+    chosen += _summed((loss_column(index), variable.loss_record) for index, variable in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
-    own = [record for one in effects.laws for record in one.records]
+    own = [record for variable in effects.laws for record in variable.records]
     chosen += [_variable(record, own_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
-    chosen += [one for one in _STATE if one.column != "closest" or effects.dipole]
+    chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
     return tuple(chosen)
 
 
@@ -120,7 +124,7 @@ def _variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) ->
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     """The grain fields of each frame that a scene has."""
     brought = (record for effect in scene.effects.laws for record in effect.grain_records)
-    return (*GRAIN_FIELDS, *(_variable(one, "", ("frame", "grain")) for one in brought))
+    return (*GRAIN_FIELDS, *(_variable(column, "", ("frame", "grain")) for column in brought))
 
 
 def run_variables(scene: Scene) -> tuple[Variable, ...]:
@@ -132,13 +136,13 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
 def columns_of(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
     laws = scene.effects.laws
-    return all_columns(len(laws), sum(len(one.records) for one in laws))
+    return all_columns(len(laws), sum(len(law.records) for law in laws))
 
 
 def si_column(
     variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
 ) -> np.ndarray:
     """A variable's values in SI from records in natural units, with those columns."""
-    first, *others = (rows[:, columns.index(one)] for one in variable.column.split(" + "))
+    first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)
     return values * getattr(scales, variable.scale) if variable.scale else values

@@ -65,8 +65,8 @@ def _top(scene: Scene, data: xarray.Dataset) -> float:
     """Height that holds piston and grains [m]."""
     if scene.cell.height is not None:
         return scene.cell.height
-    places = data["position"].values[..., 1]
-    top = float(np.nanmax(places, initial=0.0)) + scene.grains.diameters().max(initial=0.0)
+    heights = data["position"].values[..., 1]
+    top = float(np.nanmax(heights, initial=0.0)) + scene.grains.diameters().max(initial=0.0)
     if "frame_height" in data and scene.piston is not None:
         top = max(top, float(data["frame_height"].values.max()))
     return top

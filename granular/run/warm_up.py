@@ -35,9 +35,9 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
     seconds = {}
     for scene in scenes or scene_names():
         chosen = load_scene(scene) if isinstance(scene, str) else scene
-        begun = time.perf_counter()
+        started = time.perf_counter()
         _compile(chosen)
-        seconds[chosen.name] = time.perf_counter() - begun
+        seconds[chosen.name] = time.perf_counter() - started
     return seconds
 
 

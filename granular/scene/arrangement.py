@@ -120,7 +120,7 @@ def _grid(
     columns, rows = shape(count, width, height)
     edge = 0 if periodic else 1
     mesh = np.array([width / (columns + edge), height / (rows + edge)])
-    widest = max(one.diameter for one in grains.species)
+    widest = max(specy.diameter for specy in grains.species)
     apart = mesh.min()
     if periodic:
         apart = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
@@ -130,13 +130,13 @@ def _grid(
             f"{plan.jitter:g} grains of {widest:.4g} m could overlap; use fewer grains, less "
             "jitter, or more room"
         )
-    place = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1)
+    index = np.stack([np.arange(count) % columns, np.arange(count) // columns], axis=1)
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
     angle = random.uniform(0.0, 2.0 * math.pi, count)
     if periodic:
-        place = place + np.stack([0.25 + 0.5 * (place[:, 1] % 2), np.full(count, 0.5)], axis=1)
-    positions = (place + edge + offset) * mesh
+        index = index + np.stack([0.25 + 0.5 * (index[:, 1] % 2), np.full(count, 0.5)], axis=1)
+    positions = (index + edge + offset) * mesh
     velocities = plan.speed * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return positions, velocities
 
@@ -163,8 +163,8 @@ def check_positions(
     if len(positions) > 1 and not overlapping:
         tree = cKDTree(positions, boxsize=cell.periods)
         pairs = tree.query_pairs(2.0 * float(radius.max()), output_type="ndarray")
-        way = cell.nearest(positions[pairs[:, 0]] - positions[pairs[:, 1]])
-        gap = np.linalg.norm(way, axis=1)
+        displacement = cell.nearest(positions[pairs[:, 0]] - positions[pairs[:, 1]])
+        gap = np.linalg.norm(displacement, axis=1)
         overlap = radius[pairs].sum(axis=1) - gap
         if len(overlap) and overlap.max() > 0.0:
             i, j = pairs[int(overlap.argmax())]

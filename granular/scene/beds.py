@@ -42,7 +42,7 @@ def final_height(reference: float, species: Sequence[Species]) -> float:
     [1 + R (p - 1)] H_r [D, eq. 4.23].
     """
     first = species[0].diameter
-    return reference * math.fsum(one.share * (one.diameter / first) ** 2 for one in species)
+    return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
 def _compression(
@@ -190,7 +190,7 @@ def bidisperse(
         Species(name="small", diameter=aspect * big, share=ratio),
     ]
     heights = BIDISPERSE_START, final_height(_reference_height(big), species)
-    mixture = {"grains.species": [one.to_plain() for one in species], "grains.mixing": mixing}
+    mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}
     return _compressed(
         f"bidisperse-{aspect:g}-{ratio:g}", BIDISPERSE_COUNT, BIDISPERSE_WIDTH, heights, speed,
         relaxation, seed, **mixture,

@@ -73,8 +73,8 @@ def study_schema() -> Schema:
 def _section(section: type[Section]) -> Schema:
     """A section as an object."""
     if section is Effects:
-        known = {name: found for name in names() if (found := find(name)) is not None}
-        return _object({name: _effect(one) for name, one in known.items()}, [], section)
+        known = {name: result for name in names() if (result := find(name)) is not None}
+        return _object({name: _effect(effect) for name, effect in known.items()}, [], section)
     if issubclass(section, Wall):
         plain = _of_fields(section)
         plain["additionalProperties"] = True  # parameters of a law of one's own
@@ -86,13 +86,13 @@ def _section(section: type[Section]) -> Schema:
 def _effect(effect: type[Section]) -> Schema:
     """An effect: its section, true where no key must be given, or none."""
     if issubclass(effect, Listed):
-        (fields,) = (one for one in dataclasses.fields(effect) if one.name == "fields")
+        (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section(fields.metadata["kind"].section)
         return {"anyOf": [{"type": "array", "items": item}, item, {"const": "none"}]}
-    found = _section(effect)
-    if not found.get("required"):
-        found = {"anyOf": [found, {"const": True}, {"const": "none"}]}
-    return found
+    result = _section(effect)
+    if not result.get("required"):
+        result = {"anyOf": [result, {"const": True}, {"const": "none"}]}
+    return result
 
 
 def _of_fields(section: type[Section]) -> Schema:
@@ -116,10 +116,10 @@ def _of_fields(section: type[Section]) -> Schema:
 
 
 def _object(properties: Schema, required: list[str], section: type[Section]) -> Schema:
-    found: Schema = {"type": "object", "properties": properties, "required": required,
+    result: Schema = {"type": "object", "properties": properties, "required": required,
                      "additionalProperties": issubclass(section, Parametric)}  # fmt: skip
     first = (section.__doc__ or "").strip().split("\n\n")[0]
-    return found | ({"description": " ".join(first.split())} if first else {})
+    return result | ({"description": " ".join(first.split())} if first else {})
 
 
 @functools.singledispatch
@@ -157,8 +157,8 @@ def _(kind: Text) -> Schema:
 
 @_kind.register
 def _(kind: Points) -> Schema:
-    place = _kind(Quantity(unit=kind.unit))
-    return {"type": "array", "items": {"type": "array", "items": place, "minItems": 2,
+    item_schema = _kind(Quantity(unit=kind.unit))
+    return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2,
                                        "maxItems": 2}}  # fmt: skip
 
 
@@ -180,19 +180,19 @@ def _(kind: Many) -> Schema:
         return {"type": "array", "items": _section(kind.section), "minItems": kind.least}
     choices = []
     for name, section in kind.kinds.items():
-        one = _section(section)
-        one["properties"] = {"kind": {"const": name}, **one["properties"]}
-        one["required"] = ["kind", *one["required"]]
-        choices.append(one)
+        point_schema = _section(section)
+        point_schema["properties"] = {"kind": {"const": name}, **point_schema["properties"]}
+        point_schema["required"] = ["kind", *point_schema["required"]]
+        choices.append(point_schema)
     return {"type": "array", "items": {"oneOf": choices}, "minItems": kind.least}
 
 
 def _words(section: type[Section]) -> dict[str, str]:
     """Descriptions of the keys, from the docstrings of a section and its bases."""
-    found: dict[str, str] = {}
-    for one in section.__mro__:
-        for match in _ATTRIBUTE.finditer((one.__dict__.get("__doc__") or "") + "\n"):
+    result: dict[str, str] = {}
+    for ancestor in section.__mro__:
+        for match in _ATTRIBUTE.finditer((ancestor.__dict__.get("__doc__") or "") + "\n"):
             words = " ".join(match["words"].split())
             for name in match["names"].split(", "):
-                found.setdefault(name, words)
-    return found
+                result.setdefault(name, words)
+    return result

@@ -62,7 +62,7 @@ class Effects(Section):
         return hash(tuple(sorted(self._given)))
 
     def __repr__(self) -> str:
-        return f"Effects({', '.join(f'{name}={one!r}' for name, one in self._given.items())})"
+        return f"Effects({', '.join(f'{name}={effect!r}' for name, effect in self._given.items())})"
 
     @property
     def all(self) -> tuple[Effect, ...]:
@@ -72,7 +72,7 @@ class Effects(Section):
     @property
     def laws(self) -> tuple[Effect, ...]:
         """Effects that act but for the dipole, in the order in which the loop takes them."""
-        parts = [one for effect in self.all if effect.key != "dipole" for one in effect.parts]
+        parts = [part for effect in self.all if effect.key != "dipole" for part in effect.parts]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
@@ -106,15 +106,15 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
         if effect is None:
             raise FieldError(f"{unknown(name, names(), 'effect')} {IMPORT}")
         known[name] = effect
-    found = {}
+    result = {}
     for name in sorted(plain):
         try:
             section = One(True, section=known[name]).read(plain[name], diameter)
         except FieldError as error:
             raise error.within(name) from None
         if section is not None:
-            found[name] = section
-    return found
+            result[name] = section
+    return result
 
 
 class Scene(Section):
@@ -133,8 +133,8 @@ class Scene(Section):
     @property
     def literature(self) -> tuple[str, ...]:
         """Texts that name the papers behind its effects; see `granular.cite`."""
-        parts = [one for effect in self.effects.all for one in (effect, *effect.parts)]
-        return tuple(words_of_module(type(one)) for one in parts)
+        parts = [part for effect in self.effects.all for part in (effect, *effect.parts)]
+        return tuple(words_of_module(type(part)) for part in parts)
 
     def validate(self) -> None:
         self._check_piston()
@@ -214,8 +214,8 @@ class Scene(Section):
 
     def _check_periodic(self) -> None:
         """A periodic cell has no walls, no piston, and effects that know of images alone."""
-        room = self._room
-        if room is None:
+        workspace = self._room
+        if workspace is None:
             return
         if self.piston is not None:
             raise FieldError("a cell with periodic sides has none; leave it away", "piston")
@@ -226,7 +226,7 @@ class Scene(Section):
                     "'closed'", "effects", effect.key,
                 )  # fmt: skip
         try:
-            self.pairs.check_room(self.grains.count, room, self.grains.species[0].diameter)
+            self.pairs.check_room(self.grains.count, workspace, self.grains.species[0].diameter)
         except FieldError as error:
             raise error.within("pairs") from None
 
@@ -246,12 +246,12 @@ class Scene(Section):
     def _check_walls(self) -> None:
         walls = self.effects.walls
         top = walls is not None and walls.top is not None
-        for place, stage in enumerate(self.protocol):
+        for position, stage in enumerate(self.protocol):
             if not top and self.grains.count and (stage.needs_mass or stage.limits_force):
                 raise FieldError(
                     "the piston must be a wall that grains push (effects.walls.top)",
                     "protocol",
-                    stage.name or str(place),
+                    stage.name or str(position),
                 )
 
     def _check_piston(self) -> None:
@@ -310,8 +310,8 @@ class Scene(Section):
 
     def __repr__(self) -> str:
         grains = " + ".join(
-            f"{count} of {1e3 * one.diameter:.6g} mm"
-            for one, count in zip(self.grains.species, self.grains.counts(), strict=True)
+            f"{count} of {1e3 * specy.diameter:.6g} mm"
+            for specy, count in zip(self.grains.species, self.grains.counts(), strict=True)
         )
         piston = ""
         if self.piston is not None:
@@ -319,7 +319,7 @@ class Scene(Section):
             piston = f", piston at {1e3 * self.piston.height:.6g} mm{mass}"
         if self.cell.height is not None:
             piston = f", {1e3 * self.cell.height:.6g} mm high, periodic"
-        effects = ", ".join(one.key for one in self.effects.all)
+        effects = ", ".join(effect.key for effect in self.effects.all)
         return (
             f"Scene {self.name!r}: {grains}, cell {1e3 * self.cell.width:.6g} mm wide{piston}\n"
             f"  effects: {effects or 'none'}\n"
@@ -386,14 +386,14 @@ def _put(plain: Any, path: list[str], value: Any) -> None:
             names = [str(item.get("name")) if isinstance(item, dict) else "" for item in plain]
             if key not in names and not (key.isdecimal() and int(key) < len(plain)):
                 raise FieldError(unknown(key, tuple(names), "item"), *path[:depth], key)
-            place: Any = names.index(key) if key in names else int(key)
+            position: Any = names.index(key) if key in names else int(key)
         else:
-            place = key
+            position = key
             if not last and plain.get(key) in (None, "none", True):
                 plain[key] = {}
         if last:
-            plain[place] = value
+            plain[position] = value
         else:
-            plain = plain[place]
+            plain = plain[position]
             if not isinstance(plain, dict | list):
                 raise FieldError(f"has no parts; remove '.{path[depth + 1]}'", *path[: depth + 1])

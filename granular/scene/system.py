@@ -101,13 +101,13 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
 def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> Acting:
     grains, effects = scene.grains, scene.effects.laws
     setting = _setting(scene, scales, species)
-    weights = [found for one in effects if (found := one.load_weight(setting)) is not None]
+    weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
     far = _far_field(scene, scales, summed, method)
     periods = _periods(scene, scales)
-    room = None if periods is None else min(periods)
-    radius = scene.pairs.radius(summed, scales.length, room) if far is None else far.radius
+    workspace = None if periods is None else min(periods)
+    radius = scene.pairs.radius(summed, scales.length, workspace) if far is None else far.radius
     nearest = cut = None
     if summed == "direct" and periods is not None:
         assert radius is not None
@@ -138,9 +138,9 @@ def _periods(scene: Scene, scales: Scales) -> tuple[float, float] | None:
 
 def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
     effects = scene.effects.laws
-    places = {effect.key: place for place, effect in enumerate(effects)}
+    indices = {effect.key: place for place, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
-    return Setting(scene.grains, scene.cell, scales, species, acting, places, scene.piston)
+    return Setting(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
 
 
 @contextlib.contextmanager

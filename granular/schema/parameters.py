@@ -23,13 +23,13 @@ class Values(Kind):
     """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
-        found = {}
+        result = {}
         for name, given in dict(value).items():
             try:
-                found[name] = _in_si(given, diameter)
+                result[name] = _in_si(given, diameter)
             except SceneError as error:
                 raise FieldError(str(error), name) from None
-        return tuple(sorted(found.items()))
+        return tuple(sorted(result.items()))
 
 
 def _in_si(given: Any, diameter: float | None) -> str:
@@ -106,6 +106,8 @@ class Parametric(Section):
             if name not in written:
                 raise FieldError(f"the {self.written} has no {quoted(name)}; take it out", name)
         dimensions = {name: self.parameter(name)[1] for name in given}
-        found = dimension_of(tree, dict(self.variables) | dimensions)
-        if found != tuple(map(Fraction, unit_size(self.unit)[1])):
-            raise InputError(f"it is in {unit_text(found)}, not in {self.unit}; check the units")
+        dimension = dimension_of(tree, dict(self.variables) | dimensions)
+        if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):
+            raise InputError(
+                f"it is in {unit_text(dimension)}, not in {self.unit}; check the units"
+            )

@@ -73,7 +73,7 @@ class Grains(Section):
     mixing: str = choice("interspersed", "every-kth", default="interspersed")
 
     def validate(self) -> None:
-        total = sum(one.share for one in self.species)
+        total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
         if self.spread == 0.0:
@@ -104,13 +104,13 @@ class Grains(Section):
         if self.mixing == "every-kth":
             return _every_kth(self.count, self.species[1].share)
         counts = self._rounded_counts()
-        places = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
+        indices = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
         owner = np.repeat(np.arange(len(counts)), counts)
-        return owner[np.argsort(np.concatenate(places), kind="stable")]
+        return owner[np.argsort(np.concatenate(indices), kind="stable")]
 
     def _rounded_counts(self) -> tuple[int, ...]:
         """Shares of ``count``, by largest remainder."""
-        exact = [self.count * one.share for one in self.species]
+        exact = [self.count * specy.share for specy in self.species]
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
         for k in order[: self.count - sum(counts)]:
@@ -119,18 +119,18 @@ class Grains(Section):
 
     def diameters(self) -> np.ndarray:
         """Diameter of each grain (n,) [m]."""
-        return np.array([one.diameter for one in self.species])[self.assignment()]
+        return np.array([specy.diameter for specy in self.species])[self.assignment()]
 
     def of_species(self, name: str) -> np.ndarray:
         """``thickness``, ``density`` or ``remanence`` of each species (s,) in SI."""
-        own = [getattr(one, name) for one in self.species]
+        own = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in own])
 
     def masses(self) -> np.ndarray:
         """Mass of each grain (n,) [kg]."""
         sheet = np.pi / 4.0 * self.of_species("density") * self.of_species("thickness")
-        each = self.assignment()
-        return np.asarray(sheet[each] * self.diameters() ** 2)
+        value = self.assignment()
+        return np.asarray(sheet[value] * self.diameters() ** 2)
 
     def mass_ratios(self) -> np.ndarray:
         """Mass of a grain of each species (s,) over that of the first."""
@@ -141,7 +141,7 @@ class Grains(Section):
         return self._ratios("remanence")
 
     def _ratios(self, name: str) -> np.ndarray:
-        diameter = np.array([one.diameter for one in self.species])
+        diameter = np.array([specy.diameter for specy in self.species])
         thickness, strength = self.of_species("thickness"), self.of_species(name)
         areas = (diameter / diameter[0]) ** 2
         return np.asarray(areas * (thickness / thickness[0]) * (strength / strength[0]))
@@ -157,13 +157,13 @@ class Grains(Section):
 def _every_kth(count: int, share: float) -> np.ndarray:
     """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
     rare = Fraction(repr(share)).limit_denominator(10**6)
-    common, found = 0, 1
+    common, result = 0, 1
     if rare > Fraction(1, 2):
-        rare, common, found = 1 - rare, 1, 0
+        rare, common, result = 1 - rare, 1, 0
     species = np.full(count, common)
     if rare > 0:
         every = int(1 / rare)
-        species[every - 1 :: every] = found
+        species[every - 1 :: every] = result
     return species
 
 
@@ -202,11 +202,11 @@ class Cell(Section):
         # A place just below 0 is rounded to the other side itself.
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
-    def nearest(self, ways: np.ndarray) -> np.ndarray:
+    def nearest(self, displacements: np.ndarray) -> np.ndarray:
         """Displacements (..., 2) [m] of the nearest images; as given in a closed cell."""
         if self.periods is None:
-            return ways
-        return np.asarray(ways - self.periods * np.round(ways / self.periods))
+            return displacements
+        return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
 
     def validate(self) -> None:
         if self.sides == "periodic" and self.height is None:

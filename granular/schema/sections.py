@@ -167,7 +167,7 @@ class Points(Kind):
     unit: str = "m"
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
-        one = Quantity(unit=self.unit)
+        quantity = Quantity(unit=self.unit)
         try:
             rows = [tuple(row) for row in value]
         except TypeError:
@@ -175,7 +175,7 @@ class Points(Kind):
         for index, row in enumerate(rows):
             if len(row) != 2 or isinstance(value[index], str):
                 raise FieldError("must be a pair [x, y]", str(index))
-        return tuple((one.parse(x, diameter), one.parse(y, diameter)) for x, y in rows)
+        return tuple((quantity.parse(x, diameter), quantity.parse(y, diameter)) for x, y in rows)
 
     def to_plain(self, value: Any) -> Any:
         return [list(row) for row in value]
@@ -190,13 +190,13 @@ class Numbers(Kind):
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise FieldError("must be a list of numbers")
-        found = []
+        result = []
         for index, item in enumerate(value):
             try:
-                found.append(self.each.parse(item, diameter))
+                result.append(self.each.parse(item, diameter))
             except FieldError as error:
                 raise error.within(str(index)) from None
-        return tuple(found)
+        return tuple(result)
 
     def to_plain(self, value: Any) -> Any:
         return list(value)

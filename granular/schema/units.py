@@ -79,9 +79,9 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     0.001
     """
     size, total = 1.0, [0, 0, 0, 0]
-    for place, text in enumerate(unit.replace("·", " ").split("/")):
+    for position, text in enumerate(unit.replace("·", " ").split("/")):
         part = text.strip()
-        if place and part.startswith("(") and part.endswith(")"):  # as in 1/(m s)
+        if position and part.startswith("(") and part.endswith(")"):  # as in 1/(m s)
             part = part[1:-1].strip()
         if not part:
             raise SceneError(f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'")
@@ -92,7 +92,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
                     f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'"
                 )
             base, dimension = _symbol(match[1], diameter)
-            power = _power(match[2], unit) * (-1 if place else 1)
+            power = _power(match[2], unit) * (-1 if position else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _LEAST_SIZE <= size <= _MOST_SIZE:

@@ -79,11 +79,11 @@ def bibliography() -> dict[str, str]:
 @functools.cache
 def by_doi() -> dict[str, str]:
     """Keys of the entries by their DOIs."""
-    found = {}
+    result = {}
     for key, entry in bibliography().items():
         if match := re.search(r"doi = \{(.+)\},\n", entry):
-            found[match[1]] = key
-    return found
+            result[match[1]] = key
+    return result
 
 
 def words_of_module(of: type) -> str:

@@ -49,18 +49,18 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
         except OSError as error:
             raise _unwritable(path, error) from None
         return
-    place = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(path))
     # Two that write the same file at once, also from two machines or as two threads, must not write
     # into each other's part.
     own = f"{os.getpid()}-{secrets.token_hex(4)}"
-    part = place.with_name(f".{place.stem}.{own}.part{place.suffix}")
+    part = target.with_name(f".{target.stem}.{own}.part{target.suffix}")
     try:
         part.touch()
     except OSError as error:
         raise _unwritable(path, error) from None
     try:
         yield part
-        os.replace(part, place)
+        os.replace(part, target)
     except OSError as error:
         raise _unwritable(path, error) from None
     finally:

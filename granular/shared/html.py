@@ -82,8 +82,8 @@ def _least_width(drawing: Figure) -> float:
     """Least width of a figure whose smallest letters can be read [pixels]."""
     from matplotlib.text import Text
 
-    texts = [one for one in drawing.findobj(Text) if isinstance(one, Text) and one.get_text()]
-    smallest = min((float(one.get_fontsize()) for one in texts), default=math.inf)
+    texts = [text for text in drawing.findobj(Text) if isinstance(text, Text) and text.get_text()]
+    smallest = min((float(text.get_fontsize()) for text in texts), default=math.inf)
     return LEAST_LETTERS * 72.0 * drawing.get_figwidth() / smallest
 
 

@@ -27,10 +27,10 @@ GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
 
 
-def line_look(place: int) -> dict[str, Any]:
+def line_look(index: int) -> dict[str, Any]:
     """Colour and style of the line with that index among up to 32: no two are alike."""
-    turn, colour = divmod(place, len(COLOURS))
-    return {"color": COLOURS[colour], "linestyle": STYLES[(place + turn) % len(STYLES)]}
+    turn, colour = divmod(index, len(COLOURS))
+    return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}
 
 
 def plain_label(words: object) -> str:
@@ -104,5 +104,5 @@ def new_axes(rows: int = 1, **options: Any) -> Any:
         from matplotlib import pyplot
 
         make = pyplot.figure
-    with figure(rows, make=make, **options) as (_, found):
-        return found
+    with figure(rows, make=make, **options) as (_, result):
+        return result

@@ -15,14 +15,14 @@ def versions(more: Sequence[str] = ()) -> dict[str, str]:
     import importlib.metadata
     import platform
 
-    found = {
+    result = {
         "python": platform.python_version(),
         "machine": platform.machine(),
         "granular-damper": __version__,
     }
     for name in ("numpy", "numba", *more):  # numba may be missing where nothing is simulated
         try:
-            found[name] = importlib.metadata.version(name)
+            result[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return found
+    return result

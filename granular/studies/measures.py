@@ -28,7 +28,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
     They come in the same order whether the run is in memory or on disk.
     """
     data = run.dataset
-    names = [one.name for one in scalar_variables(run.scene)]
+    names = [scalar_variable.name for scalar_variable in scalar_variables(run.scene)]
     figures = {name: float(data[name][-1]) for name in names}
     for stage in run.stages:
         figures[f"{stage.name}.end"] = stage.end
@@ -63,10 +63,10 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
         return last_values
     if own is not None and name in own:
         return own[name]
-    found: Measure | None = load_entry_point(GROUP, name, "measure")
-    if callable(found):
-        return found
-    if found is not None:
+    result: Measure | None = load_entry_point(GROUP, name, "measure")
+    if callable(result):
+        return result
+    if result is not None:
         raise InputError(f"measure {quoted(name)} is no function")
     raise InputError(
         f"unknown measure {quoted(name)}; give 'last-values', the name of a function in a file of "
@@ -93,17 +93,17 @@ class OwnMeasure:
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """Return the function's figures of a run."""
-        found = contents(self.file)[self.name]
-        if (marked := observable_of(found)) is not None:
-            last = per_frame(run, found)[-1]
+        result = contents(self.file)[self.name]
+        if (marked := observable_of(result)) is not None:
+            last = per_frame(run, result)[-1]
             if "label" not in last.dims:
                 return {marked.name: last.values.tolist()}
             labels = map(str, last["label"].values)
             return {
-                f"{marked.name}.{k}": one.values.tolist()
-                for k, one in zip(labels, last, strict=True)
+                f"{marked.name}.{k}": column.values.tolist()
+                for k, column in zip(labels, last, strict=True)
             }
-        figures: Mapping[str, Any] = found(run)
+        figures: Mapping[str, Any] = result(run)
         return figures
 
 
@@ -117,7 +117,7 @@ def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
 
 def _functions(file: OwnFile) -> dict[str, FunctionType]:
     return {
-        name: found
-        for name, found in contents(file).items()
-        if isinstance(found, FunctionType) and found.__module__ == file.module
+        name: content
+        for name, content in contents(file).items()
+        if isinstance(content, FunctionType) and content.__module__ == file.module
     }

@@ -190,8 +190,8 @@ def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Out
     if directory is None:
         return {}
     cache = outcomes_in(directory)
-    found = {case.key: cache.read(case.key) for case in cases}
-    return {key: outcome for key, outcome in found.items() if outcome is not None}
+    result = {case.key: cache.read(case.key) for case in cases}
+    return {key: outcome for key, outcome in result.items() if outcome is not None}
 
 
 def _outcomes(
@@ -350,14 +350,14 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
             raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
     name = str(plain["scene"])
     scene = load_scene(name if name in scene_names() else path.parent / name)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain
     }
-    found["grid"] = _flat(plain.get("grid", {}))
-    found["cases"] = [_flat(one) for one in plain.get("cases", [])]
-    found["measure"] = measure_named(str(plain.get("measure", "last-values")), own)
-    found["scene"] = scene.replace(**_flat(plain.get("changes", {})))
-    return found
+    result["grid"] = _flat(plain.get("grid", {}))
+    result["cases"] = [_flat(case) for case in plain.get("cases", [])]
+    result["measure"] = measure_named(str(plain.get("measure", "last-values")), own)
+    result["scene"] = scene.replace(**_flat(plain.get("changes", {})))
+    return result
 
 
 def _flat(changes: dict[str, Any], above: str = "") -> dict[str, Any]:

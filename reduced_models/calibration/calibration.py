@@ -212,13 +212,13 @@ def _result(
     values = simulator.changes(position)
     return Calibration(
         parameters=tuple(
-            _estimate(one, k, values[one.key], ended, shift, confidence)
-            for k, one in enumerate(simulator.parameters)
+            _estimate(parameter_, k, values[parameter_.key], ended, shift, confidence)
+            for k, parameter_ in enumerate(simulator.parameters)
         ),
         confidence=confidence,
         matches=_matches(wanted, ended),
         undetermined=open_directions(
-            [one.key for one in simulator.parameters], ended.estimate.information
+            [parameter_.key for parameter_ in simulator.parameters], ended.estimate.information
         ),
         scene=simulator.scene.replace(**values),
         record=record,
@@ -229,7 +229,7 @@ def _result(
 
 
 def _estimate(
-    one: Parameter,
+    item: Parameter,
     k: int,
     value: float,
     ended: SearchEnd,
@@ -249,11 +249,11 @@ def _estimate(
     half = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * math.sqrt(variance)
     known = half < _UNKNOWN
     return CalibratedValue(
-        key=one.key,
-        unit=one.unit,
+        key=item.key,
+        unit=item.unit,
         value=value,
         interval=(value * math.exp(-half), value * math.exp(half)) if known else (0.0, math.inf),
-        start=one.value,
+        start=item.value,
         noise=math.sqrt(noise),
         scatter=math.sqrt(scatter),
         step=None if shift is None else abs(float(estimate.gain[k] @ shift)),

@@ -45,7 +45,7 @@ class SearchEnd(NamedTuple):
 
 def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEnd:
     """Gauss-Newton steps until they are smaller than what is known."""
-    start = np.log([one.value for one in simulator.parameters])
+    start = np.log([parameter.value for parameter in simulator.parameters])
     strides = STRIDE * np.eye(len(start))
     points = simulator.points([start, *(start + stride for stride in strides)])
     for point in points:

@@ -113,22 +113,22 @@ class Calibration:
     @property
     def values(self) -> dict[str, float]:
         """The values by their keys, ready for `Scene.replace`."""
-        return {one.key: one.value for one in self.parameters}
+        return {parameter.key: parameter.value for parameter in self.parameters}
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """The intervals by their keys."""
-        return {one.key: one.interval for one in self.parameters}
+        return {parameter.key: parameter.interval for parameter in self.parameters}
 
     def __str__(self) -> str:
         lines = [f"scene {self.scene.name!r} against {len(self.record)} samples"]
-        lines += [f"  {one}" for one in self.parameters]
+        lines += [f"  {feature}" for feature in self.parameters]
         lines += [f"  open: {direction}" for direction in self.undetermined]
         lines += [
-            f"  {one.name.replace('_', ' ')}: record {one.record:.6g}, simulated "
-            f"{one.simulated:.6g} ({100 * one.noise:.2g} % noise, {100 * one.scatter:.2g} % over "
-            "random starts)"
-            for one in self.matches
+            f"  {feature.name.replace('_', ' ')}: record {feature.record:.6g}, simulated "
+            f"{feature.simulated:.6g} ({100 * feature.noise:.2g} % noise, "
+            f"{100 * feature.scatter:.2g} % over random starts)"
+            for feature in self.matches
         ]
         lines.append(
             f"  {100 * self.confidence:g} % intervals from noise and random starts; "
@@ -139,10 +139,10 @@ class Calibration:
     def to_plain(self) -> dict[str, Any]:
         """The result as plain data (numbers, texts, lists)."""
         return {
-            "parameters": {one.key: dataclasses.asdict(one) for one in self.parameters},
+            "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,
-            "features": [dataclasses.asdict(one) for one in self.matches],
-            "undetermined": [dataclasses.asdict(one) for one in self.undetermined],
+            "features": [dataclasses.asdict(entry) for entry in self.matches],
+            "undetermined": [dataclasses.asdict(entry) for entry in self.undetermined],
             "simulations": self.simulations,
             "random_starts": len(self.motions),
             "notes": list(self.notes),
@@ -161,11 +161,13 @@ class Calibration:
             top.set_ylabel("height [mm]")
             top.set_xlabel("time [s]")
             top.legend()
-            names = [one.name.replace("_", " ") for one in self.matches]
+            names = [feature.name.replace("_", " ") for feature in self.matches]
             bottom.errorbar(
-                [100.0 * (one.simulated / one.record - 1.0) for one in self.matches],
+                [100.0 * (feature.simulated / feature.record - 1.0) for feature in self.matches],
                 names,
-                xerr=[200.0 * math.hypot(one.noise, one.scatter) for one in self.matches],
+                xerr=[
+                    200.0 * math.hypot(feature.noise, feature.scatter) for feature in self.matches
+                ],
                 fmt="o",
                 color=COLOURS[1],
                 capsize=3,
@@ -185,12 +187,13 @@ class Calibration:
              "noise [%]", "random starts [%]", "step [%]"),
             [
                 (
-                    one.key, f"{one.value:.6g}", one.unit,
-                    f"{one.interval[0]:.6g} to {one.interval[1]:.6g}", f"{one.start:.6g}",
+                    parameter.key, f"{parameter.value:.6g}", parameter.unit,
+                    f"{parameter.interval[0]:.6g} to {parameter.interval[1]:.6g}",
+                    f"{parameter.start:.6g}",
                     *("" if part is None else f"{100 * part:.2g}"
-                      for part in (one.noise, one.scatter, one.step)),
+                      for part in (parameter.noise, parameter.scatter, parameter.step)),
                 )
-                for one in self.parameters
+                for parameter in self.parameters
             ],
         )  # fmt: skip
         page.figure(self.plot(), "The record, the simulations, and their features.")

@@ -226,8 +226,8 @@ class SceneSimulator:
     def changes(self, position: np.ndarray) -> dict[str, float]:
         """The scene's changes at a position (p,)."""
         return {
-            one.key: float(f"{math.exp(log):.{_DIGITS}g}")
-            for one, log in zip(self.parameters, position, strict=True)
+            parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
+            for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:

@@ -104,36 +104,36 @@ def candidate_at(coordinates: np.ndarray) -> Candidate:
     """The damper at a place (4,) of the box; the number of grains is rounded."""
     low, high = _scale(LOWEST), _scale(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
-    mass, count, ratio = (math.exp(one) for one in scaled[:3])
+    mass, count, ratio = (math.exp(log) for log in scaled[:3])
     plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
     plain = plain._replace(mass=mass * plain.scale)
     return plain._replace(drag=ratio / affine_damping_ratio(plain))
 
 
-def affine_rest_height(one: Candidate) -> float:
+def affine_rest_height(candidate: Candidate) -> float:
     """Height at which a bed of the reference's packing would carry the piston [m].
 
     The force of N grains falls with the power 2.86 of the height and grows with the square of the
     mean moment.
     """
-    load = one.mass / one.scale / REFERENCE_MASS / _mean_mass(one) ** 2
-    return REFERENCE_REST * one.scale * load ** (-1.0 / EXPONENT)
+    load = candidate.mass / candidate.scale / REFERENCE_MASS / _mean_mass(candidate) ** 2
+    return REFERENCE_REST * candidate.scale * load ** (-1.0 / EXPONENT)
 
 
-def affine_damping_ratio(one: Candidate) -> float:
+def affine_damping_ratio(candidate: Candidate) -> float:
     """Damping ratio if every grain followed the piston in proportion to its height.
 
     A grain at the height y then moves with y/h of the piston's velocity: the bed's drag is a third
     of the sum over its grains, and the frequency is sqrt(2.86 g/h).
     """
-    frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(one))
-    drag = one.grains * one.drag * _mean_mass(one) / 3.0
-    return drag / (2.0 * one.mass * frequency)
+    frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
+    drag = candidate.grains * candidate.drag * _mean_mass(candidate) / 3.0
+    return drag / (2.0 * candidate.mass * frequency)
 
 
-def _mean_mass(one: Candidate) -> float:
+def _mean_mass(candidate: Candidate) -> float:
     """Over that of a large grain; moment and drag go with the mass of a grain [D, eq. 4.16]."""
-    return 1.0 - one.small_share * (1.0 - ASPECT**2)
+    return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 
 
 def _scale(plain: tuple[float, ...]) -> np.ndarray:

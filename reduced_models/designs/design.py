@@ -116,11 +116,11 @@ def design(
     )  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
     targets = candidate_targets(target)
-    for one in targets:
+    for target_ in targets:
         aim = (frequency, damping)
         first = len(rounds)
         for _ in range(CORRECTIONS):
-            candidate = proposal(chosen, one, aim)
+            candidate = proposal(chosen, target_, aim)
             if candidate is None or len(rounds) == MOST:
                 break
             try:

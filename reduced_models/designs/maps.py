@@ -130,10 +130,10 @@ class DamperMaps:
             for m, n, g, r in zip(*columns, strict=True)
         )
         self.study = sound
-        places = [one.coordinates() for one in self.dampers]
+        positions = [damper.coordinates() for damper in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
             name: _fit_surface(
-                np.array([_terms(coordinates, DEGREES[name]) for coordinates in places]), values
+                np.array([_terms(coordinates, DEGREES[name]) for coordinates in positions]), values
             )
             for name, values in _figures(sound).items()
         }
@@ -171,9 +171,9 @@ class DamperMaps:
         from granular.shared.html import LivePage
 
         surfaces = {
-            name: {"coefficients": one.coefficients.tolist(), "powers": _powers(DEGREES[name]),
-                   "error": one.error}
-            for name, one in self.surfaces.items()
+            name: {"coefficients": surface.coefficients.tolist(), "powers": _powers(DEGREES[name]),
+                   "error": surface.error}
+            for name, surface in self.surfaces.items()
         }  # fmt: skip
         data = {
             "surfaces": surfaces, "lowest": LOWEST, "highest": HIGHEST, "aspect": ASPECT,
@@ -225,7 +225,7 @@ def _powers(degree: int) -> tuple[tuple[int, ...], ...]:
 def _terms(coordinates: np.ndarray, degree: int) -> np.ndarray:
     single = np.polynomial.legendre.legvander(coordinates, degree)
     powers = _powers(degree)
-    return np.array([math.prod(single[k, p] for k, p in enumerate(one)) for one in powers])
+    return np.array([math.prod(single[k, p] for k, p in enumerate(power)) for power in powers])
 
 
 def _fit_surface(terms: np.ndarray, values: np.ndarray) -> Surface:

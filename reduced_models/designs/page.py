@@ -90,10 +90,10 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
             for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
         ],
     )
-    for share in SHARES:
-        words = "equal grains" if share == 0.0 else f"{100.0 * share:g} % small grains"
+    for fraction in SHARES:
+        words = "equal grains" if fraction == 0.0 else f"{100.0 * fraction:g} % small grains"
         page.figure(
-            plot_maps(maps, share),
+            plot_maps(maps, fraction),
             f"{words}: frequency, damping ratio and height of rest over the piston's mass and the "
             "drag of a grain.",
         )
@@ -118,13 +118,13 @@ def _percent(value: float) -> str:
     return f"{100.0 * value:.2g} %"
 
 
-def _law_row(maps: DamperMaps, one: Candidate) -> tuple[str, ...]:
-    said = maps.predict(one)
+def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
+    said = maps.predict(candidate)
     values = (
-        one.mass, one.drag, said.rest_height / DIAMETER, said.frequency, said.damping_ratio,
-        said.lam, said.k1, said.k2, said.k3,
+        candidate.mass, candidate.drag, said.rest_height / DIAMETER, said.frequency,
+        said.damping_ratio, said.lam, said.k1, said.k2, said.k3,
     )  # fmt: skip
-    return (str(one.grains), *(number(value, 3) for value in values))
+    return (str(candidate.grains), *(number(value, 3) for value in values))
 
 
 def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
@@ -149,19 +149,21 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
     """Contours over mass and drag; the box is sheared in them."""
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = Candidate(1.0, count, 1.0, share).coordinates()[[1, 3]]
-    places = [[np.array([one, grains[0], other, grains[1]]) for one in side] for other in side]
-    dampers = [[_exact(coordinates, count) for coordinates in row] for row in places]
-    mass = np.array([[one.mass for one in row] for row in dampers])
-    drag = np.array([[one.drag for one in row] for row in dampers])
-    for name, one in LINES.items():
-        values = one.factor * np.exp(
-            [[maps.at(name, coordinates) for coordinates in row] for row in places]
+    positions = [
+        [np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side
+    ]
+    dampers = [[_exact(coordinates, count) for coordinates in row] for row in positions]
+    mass = np.array([[damper.mass for damper in row] for row in dampers])
+    drag = np.array([[damper.drag for damper in row] for row in dampers])
+    for name, damper in LINES.items():
+        values = damper.factor * np.exp(
+            [[maps.at(name, coordinates) for coordinates in row] for row in positions]
         )
-        lines = axes.contour(mass, drag, values, one.levels, colors="none")
+        lines = axes.contour(mass, drag, values, damper.levels, colors="none")
         for level, segments in zip(lines.levels, lines.allsegs, strict=True):
             longest: np.ndarray = max(segments, key=len, default=np.empty((0, 2)))
             if len(longest) > _SHORTEST:
-                axes.plot(*longest.T, one.style, color=one.colour, linewidth=1.1)
+                axes.plot(*longest.T, damper.style, color=damper.colour, linewidth=1.1)
                 _label(axes, name, float(level), longest)
     axes.set_xlim(mass.min() / 1.12, mass.max() * 1.12)
     axes.set_ylim(drag.min() / 1.4, drag.max() * 1.3)
@@ -191,8 +193,8 @@ def add_legend(drawing: Figure) -> None:
     from matplotlib.lines import Line2D
 
     drawing.legend(
-        handles=[Line2D([], [], color=one.colour, linestyle=one.style, label=one.words)
-                 for one in LINES.values()],
+        handles=[Line2D([], [], color=line.colour, linestyle=line.style, label=line.words)
+                 for line in LINES.values()],
         loc="outside upper center", ncols=len(LINES),
     )  # fmt: skip
 

@@ -106,8 +106,10 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     """
     target.check()
     aim = (target.frequency, target.damping)
-    dampers = (proposal(maps, one, aim) for one in candidate_targets(target))
-    first = next((one for one in dampers if one is not None), None)
+    dampers = (
+        proposal(maps, candidate_target, aim) for candidate_target in candidate_targets(target)
+    )
+    first = next((damper for damper in dampers if damper is not None), None)
     if first is None:
         raise InputError(_refusal(maps, target))
     return first
@@ -132,11 +134,11 @@ def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -
 
 def _places(target: DesignTarget) -> Places:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
-    share = _unit(target.small_share, LOWEST[3], HIGHEST[3])
+    fraction = _unit(target.small_share, LOWEST[3], HIGHEST[3])
     if target.mass is not None:
-        return _places_of_mass(target.mass, share)
+        return _places_of_mass(target.mass, fraction)
     assert target.grains is not None
-    return _places_of_grains(target.grains, share)
+    return _places_of_grains(target.grains, fraction)
 
 
 def _places_of_grains(count: float, share: float) -> Places:
@@ -149,8 +151,8 @@ def _places_of_mass(mass: float, share: float) -> Places:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
         load = mass / math.sqrt(count / REFERENCE_COUNT)
-        place = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
-        return None if abs(place) > 1.0 else np.array([place, grains, drag, share])
+        position = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
+        return None if abs(position) > 1.0 else np.array([position, grains, drag, share])
 
     return places
 
@@ -159,39 +161,41 @@ def _unit(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solve(maps: DamperMaps, places: Places, aim: tuple[float, float]) -> Candidate | None:
+def _solve(maps: DamperMaps, positions: Places, aim: tuple[float, float]) -> Candidate | None:
     """The damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
     wanted = np.log(aim)
 
     def misses(free: np.ndarray) -> np.ndarray:
-        place = places(*free)
-        if place is None:
+        position = positions(*free)
+        if position is None:
             return np.full(2, 1e3)
-        return np.array([maps.at(name, place) for name in ("frequency", "damping_ratio")]) - wanted
+        return (
+            np.array([maps.at(name, position) for name in ("frequency", "damping_ratio")]) - wanted
+        )
 
     start = min(
-        (np.array([one, other]) for one in _GRID[::4] for other in _GRID[::4]),
+        (np.array([coordinate, other]) for coordinate in _GRID[::4] for other in _GRID[::4]),
         key=lambda free: float(np.abs(misses(free)).max()),
     )
     solution = least_squares(misses, start, bounds=(-1.0, 1.0), xtol=1e-12)
     if np.abs(solution.fun).max() > _MET:
         return None
-    place = places(*solution.x)
-    assert place is not None
-    return candidate_at(place)
+    point = positions(*solution.x)
+    assert point is not None
+    return candidate_at(point)
 
 
 def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
     """Why there is no such damper, and what can be had."""
     pairs = np.array(
         [
-            [maps.at(name, place) for name in ("frequency", "damping_ratio")]
+            [maps.at(name, index) for name in ("frequency", "damping_ratio")]
             for narrow in [*candidate_targets(target)[::4], candidate_targets(target)[-1]]
-            for one in _GRID
+            for item in _GRID
             for other in _GRID
-            if (place := _places(narrow)(one, other)) is not None
+            if (index := _places(narrow)(item, other)) is not None
         ]
     )
     fixed = "the maps hold no damper"

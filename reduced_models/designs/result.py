@@ -69,7 +69,7 @@ class Round(NamedTuple):
 
     def mean(self, name: str) -> float:
         """Mean of a figure over the checks."""
-        return sum(getattr(one, name) for one in self.checks) / len(self.checks)
+        return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -124,14 +124,14 @@ class Design:
     def met(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
         """Return true where every check lies within these relative tolerances of the target."""
         return all(
-            abs(one.frequency / self.target.frequency - 1.0) <= frequency_tolerance
-            and abs(one.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
-            for one in self.checks
+            abs(check.frequency / self.target.frequency - 1.0) <= frequency_tolerance
+            and abs(check.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
+            for check in self.checks
         )
 
     def spread(self, name: str) -> tuple[float, float]:
         """Least and greatest value over the random starts of the last round."""
-        values = [getattr(one, name) for one in self.checks]
+        values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
     def agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
@@ -141,31 +141,36 @@ class Design:
             ("damping_ratio", damping_tolerance * self.target.damping),
         )
         return all(
-            high - low <= 2.0 * room for name, room in pairs for low, high in [self.spread(name)]
+            high - low <= 2.0 * workspace
+            for name, workspace in pairs
+            for low, high in [self.spread(name)]
         )
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Doubts, in plain words."""
         notes = []
-        gap = min(one.fall_gap for one in self.checks)
+        gap = min(check.fall_gap for check in self.checks)
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT
         if gap < contact:
             notes.append(
                 f"in the fall two grains came as near as {gap:.3g} D, closer than their contact, "
                 "which the scene does not hold; drop the piston from lower down"
             )
-        if min(one.rest_gap for one in self.checks) < 1.0:
+        if min(check.rest_gap for check in self.checks) < 1.0:
             notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
         return tuple(notes)
 
     def __str__(self) -> str:
-        one, target = self.damper, self.target
-        share = f", {100.0 * one.small_share:.3g} % of them small" if one.small_share else ""
+        chosen, target = self.damper, self.target
+        fraction = (
+            f", {100.0 * chosen.small_share:.3g} % of them small" if chosen.small_share else ""
+        )
         lines = [
             f"damper for {target.frequency:g} Hz and a damping ratio of {target.damping:g}:",
-            f"  piston {one.mass:.4g} kg on {one.grains} grains{share}",
-            f"  drag {one.drag:.4g} kg/s a grain (a liquid of {one.viscosity:.3g} Pa s, by Stokes)",
+            f"  piston {chosen.mass:.4g} kg on {chosen.grains} grains{fraction}",
+            f"  drag {chosen.drag:.4g} kg/s a grain (a liquid of {chosen.viscosity:.3g} Pa s, "
+            "by Stokes)",
             f"  rests at {self.rest_height:.4g} m",
         ]
         lines += [
@@ -190,11 +195,11 @@ class Design:
             "rest_height": self.rest_height,
             "rounds": [
                 {
-                    "damper": one.damper._asdict(),
-                    "promise": one.promise._asdict(),
-                    "checks": [_without_motion(check) for check in one.checks],
+                    "damper": round_.damper._asdict(),
+                    "promise": round_.promise._asdict(),
+                    "checks": [_without_motion(check) for check in round_.checks],
                 }
-                for one in self.rounds
+                for round_ in self.rounds
             ],
             "notes": list(self.notes),
         }
@@ -203,12 +208,12 @@ class Design:
         """The map that the design lies on, and the motions of its checks."""
         with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
             draw_map(left, maps, self.damper.grains, self.damper.small_share)
-            for k, one in enumerate(self.rounds):
+            for k, round_ in enumerate(self.rounds):
                 last = k == len(self.rounds) - 1
-                if one.damper.grains != self.damper.grains:
+                if round_.damper.grains != self.damper.grains:
                     continue  # lies on another map
-                left.plot(one.damper.mass, one.damper.drag, "*" if last else "o", color="black",
-                          markersize=14 if last else 5)  # fmt: skip
+                left.plot(round_.damper.mass, round_.damper.drag, "*" if last else "o",
+                          color="black", markersize=14 if last else 5)  # fmt: skip
             add_legend(drawing)
             left.set_ylabel("drag of a grain [kg/s]")
             left.set_title(f"{self.damper.grains} grains; star: the design", fontsize=10)
@@ -223,12 +228,12 @@ class Design:
 
     def page(self, maps: DamperMaps) -> Page:
         """A design as a page."""
-        one, target = self.damper, self.target
+        chosen, target = self.damper, self.target
         page = Page(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",
-            f"A piston of {one.mass:.4g} kg on {one.grains} grains with a drag of {one.drag:.4g} "
-            f"kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a damping ratio of "
-            f"{self.damping_ratio:.4g}.",
+            f"A piston of {chosen.mass:.4g} kg on {chosen.grains} grains with a drag of "
+            f"{chosen.drag:.4g} kg/s each: simulated, it swings at {self.frequency:.4g} Hz with a "
+            f"damping ratio of {self.damping_ratio:.4g}.",
         )
         for note in self.notes:
             page.note(note)
@@ -249,13 +254,13 @@ class Design:
         page.table(
             ("number", "value", "unit"),
             [
-                ("mass of the piston", number(one.mass), "kg"),
-                ("grains of 6 mm" if not one.small_share else "grains of 6 and 3.6 mm",
-                 str(one.grains), ""),
-                ("share of small grains", number(one.small_share), ""),
+                ("mass of the piston", number(chosen.mass), "kg"),
+                ("grains of 6 mm" if not chosen.small_share else "grains of 6 and 3.6 mm",
+                 str(chosen.grains), ""),
+                ("share of small grains", number(chosen.small_share), ""),
                 ("width of the cell", number(self.scene.cell.width), "m"),
-                ("drag of a large grain", number(one.drag), "kg/s"),
-                ("viscosity of the liquid, by Stokes's law", number(one.viscosity, 3), "Pa s"),
+                ("drag of a large grain", number(chosen.drag), "kg/s"),
+                ("viscosity of the liquid, by Stokes's law", number(chosen.viscosity, 3), "Pa s"),
             ],
         )  # fmt: skip
         page.figure(

@@ -42,8 +42,8 @@ def design_points(count: int = POINTS) -> list[Candidate]:
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
     inside = 2.0 * qmc.Sobol(4, scramble=True, seed=1).random(count) - 1.0
     # Small beds first: they say soonest whether something is wrong.
-    places = sorted(np.vstack([corners, inside]), key=lambda coordinates: coordinates[1])
-    return [candidate_at(coordinates) for coordinates in places]
+    positions = sorted(np.vstack([corners, inside]), key=lambda coordinates: coordinates[1])
+    return [candidate_at(coordinates) for coordinates in positions]
 
 
 def run_study(
@@ -84,7 +84,7 @@ def run_study(
     dampers = design_points(points)
     study = sweep(
         damper(),
-        cases=[one.scene().to_plain() for one in dampers],
+        cases=[damper_.scene().to_plain() for damper_ in dampers],
         measure=damper_figures,
         dt=STEP,
         out=out,
@@ -93,8 +93,8 @@ def run_study(
         progress=progress,
     )
     rows = [
-        one._asdict() | dict(outcome["figures"]) | {"error": outcome["error"] or ""}
-        for one, outcome in zip(dampers, study.outcomes, strict=True)
+        damper_._asdict() | dict(outcome["figures"]) | {"error": outcome["error"] or ""}
+        for damper_, outcome in zip(dampers, study.outcomes, strict=True)
     ]
     return pandas.DataFrame(rows)
 

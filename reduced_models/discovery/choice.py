@@ -34,30 +34,40 @@ def polish_front(
 
     ``others`` are shown on the front too, but are neither polished nor chosen.
     """
-    order = sorted(candidates, key=lambda one: one.criterion)
-    near = [one for one in order if one.criterion <= order[0].criterion + _HOPELESS][:count]
-    done = [polish(one) for one in near]
-    if count and not any(one.models for one in done):
-        done += _first_with_model([one for one in order if not _is_among(one, near)], polish)
+    order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
+    near = [
+        candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS
+    ][:count]
+    done = [polish(candidate_) for candidate_ in near]
+    if count and not any(candidate_.models for candidate_ in done):
+        done += _first_with_model(
+            [candidate_ for candidate_ in order if not _is_among(candidate_, near)], polish
+        )
     done = _with_simpler_ones(done, polish, judge)
-    fitted = [one for one in done if one.models]
+    fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
         best = _simplest(fitted, _solution_criteria(fitted, judge))
     else:
         left = [*done, *order[len(done) :]]
-        best = _simplest(left, [one.criterion for one in left])
+        best = _simplest(left, [candidate_.criterion for candidate_ in left])
     shown = done if best in done else [*done, best]
-    rest = [one for one in pareto_front(candidates) if not _is_among(one, [*near, *shown])]
-    front = sorted([*shown, *rest, *others], key=lambda one: (one.complexity, -one.error))
-    return front, next(k for k, one in enumerate(front) if one is best)
+    rest = [
+        candidate_
+        for candidate_ in pareto_front(candidates)
+        if not _is_among(candidate_, [*near, *shown])
+    ]
+    front = sorted(
+        [*shown, *rest, *others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
+    )
+    return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
 
 def _first_with_model(
     order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
 ) -> list[CandidateEquation]:
     """The best of those that come next which can be polished; none where none of many can."""
-    for one in order[:_MOST_TRIED]:
-        polished = polish(one)
+    for candidate in order[:_MOST_TRIED]:
+        polished = polish(candidate)
         if polished.models:
             return [polished]
     return []
@@ -70,8 +80,8 @@ def _with_simpler_ones(
 ) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
     candidates = list(done)
-    for one in candidates:  # which grows: what is left may have such terms as well
-        needed = _needed_terms(one)
+    for candidate in candidates:  # which grows: what is left may have such terms as well
+        needed = _needed_terms(candidate)
         if needed:
             simpler = candidate_of(score_terms(judge, needed))
             if not _is_among(simpler, candidates):
@@ -83,9 +93,9 @@ def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation])
     """Return true where one of some candidates is that one, or has its structure."""
     terms = candidate.terms
     return any(
-        one is candidate
-        or (terms is not None and one.terms is not None and set(one.terms) == set(terms))
-        for one in others
+        other is candidate
+        or (terms is not None and other.terms is not None and set(other.terms) == set(terms))
+        for other in others
     )
 
 
@@ -102,7 +112,11 @@ def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
 def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
     """The one with the fewest numbers of those to which no other is strongly preferred."""
     limit = min(criteria) + _STRONG
-    near = [(one, value) for one, value in zip(candidates, criteria, strict=True) if value <= limit]
+    near = [
+        (candidate, value)
+        for candidate, value in zip(candidates, criteria, strict=True)
+        if value <= limit
+    ]
     return min(near, key=lambda pair: (_numbers(pair[0]), pair[1]))[0]
 
 
@@ -115,13 +129,14 @@ def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[fl
     weighing = dataclasses.replace(judge, excess=1.0)
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(judge.weak.motions):
-        models = [one.models[k] for one in fitted]
+        models = [fit.models[k] for fit in fitted]
         residuals = np.array([model.quality.residual for model in models])
         noise = max(motion.noise * abs(models[0].map.scale), float(residuals.min()), 1e-300)
         squares += len(motion.time) * (residuals / noise) ** 2
-    counts = [len(one.models[0].parameters) for one in fitted]
+    counts = [len(fit.models[0].parameters) for fit in fitted]
     return [
-        weighing.criterion(float(each), count) for each, count in zip(squares, counts, strict=True)
+        weighing.criterion(float(square), count)
+        for square, count in zip(squares, counts, strict=True)
     ]
 
 
@@ -189,29 +204,29 @@ def evidence(
     if chosen.terms is None or not chosen.terms:
         return None
     own = in_order(chosen.terms)
-    whole = score_terms(judge, own).criterion
-    prices = {
-        term.text: (score_terms(judge, rest).criterion if rest else _empty(judge)) - whole
+    total = score_terms(judge, own).criterion
+    costs = {
+        term.text: (score_terms(judge, rest).criterion if rest else _empty(judge)) - total
         for term in own
-        if (rest := [one for one in own if one != term]) is not None
+        if (rest := [item for item in own if item != term]) is not None
     }
     structures = [tuple(own)]
-    for one in candidates:
-        terms = None if one.terms is None else tuple(in_order(one.terms))
+    for candidate in candidates:
+        terms = None if candidate.terms is None else tuple(in_order(candidate.terms))
         if terms and terms not in structures:
             structures.append(terms)
-    shares = _shares(judge, structures, seed)
-    order = np.argsort(-shares[1:], kind="stable") + 1
+    fractions = _shares(judge, structures, seed)
+    order = np.argsort(-fractions[1:], kind="stable") + 1
     # With a further term the structure holds as well: that is no other one.
     rivals = tuple(
         sum_text(structures[k])
         for k in order
-        if shares[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)
+        if fractions[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)
     )
-    share = sum(
-        value for value, terms in zip(shares, structures, strict=True) if set(terms) >= set(own)
+    fraction = sum(
+        value for value, terms in zip(fractions, structures, strict=True) if set(terms) >= set(own)
     )
-    return Evidence(prices, float(share), rivals)
+    return Evidence(costs, float(fraction), rivals)
 
 
 def _empty(judge: Judge) -> float:
@@ -232,7 +247,7 @@ def _shares(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) 
         half = random.permutation(len(target))[: len(target) // 2]
         matrix, vector = columns[half], target[half]
         gram, moment, total = matrix.T @ matrix, matrix.T @ vector, float(vector @ vector)
-        criteria = [_criterion(judge, gram, moment, total, one) for one in chosen]
+        criteria = [_criterion(judge, gram, moment, total, quantity) for quantity in chosen]
         wins[int(np.argmin(criteria))] += 1.0
     return wins / _RESAMPLES
 

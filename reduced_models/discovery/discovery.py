@@ -162,7 +162,7 @@ def discover(
         if remembers:
             now("hidden states")
             height_map, library_note = HeightMap(), ""
-            motions = [motion_of(one, height_map, derivative) for one in records]
+            motions = [motion_of(record, height_map, derivative) for record in records]
             weak = force_form(records, motions) if target == "force" else weak_form(*motions)
             proposed = structures_with_memory(weak, search, terms, sparse)
         else:
@@ -177,9 +177,9 @@ def discover(
         words = _words(method, form, ensemble, target if remembers else "")
         name = NAME if remembers else f"{NAME} by {words}"
 
-        def polish_one(one: CandidateEquation) -> CandidateEquation:
-            now(f"fit of z'' = {one.expression.evalf(3)}"[:_LINE])
-            candidate = with_memory(one, proposed.memory, proposed.judge)
+        def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
+            now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
+            candidate = with_memory(candidate_equation, proposed.memory, proposed.judge)
             return polish_candidate(candidate, records, height_map, input, seed, name)
 
         count = 0 if target == "force" else polish
@@ -234,7 +234,7 @@ def _library(
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
-        motions = [motion_of(one, height_map, derivative, column) for one in records]
+        motions = [motion_of(record, height_map, derivative, column) for record in records]
         proposal = Proposal("", known, height_map, weak_form(*motions), "")
     _check_finite(proposal.weak, proposal.terms)
     return proposal

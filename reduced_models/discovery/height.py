@@ -41,8 +41,12 @@ def height_equations(
     rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
     search = search._replace(functions=_FUNCTIONS)
     expressions = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
-    forms = [form for one in expressions for form in elliptic_variants(sympy.expand_mul(one))]
-    fitted = [_fit_numbers(one, time, z, noise) for one in forms]
+    forms = [
+        form
+        for expression in expressions
+        for form in elliptic_variants(sympy.expand_mul(expression))
+    ]
+    fitted = [_fit_numbers(form, time, z, noise) for form in forms]
     if not expressions:
         raise InputError(
             f"{search.method!r} found no expression that is finite; try another method"
@@ -50,17 +54,17 @@ def height_equations(
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
         CandidateEquation(
-            one,
-            complexity(one),
+            item,
+            complexity(item),
             error,
-            len(time) * error**2 / excess + len(one.atoms(sympy.Float)) * math.log(len(time)),
+            len(time) * error**2 / excess + len(item.atoms(sympy.Float)) * math.log(len(time)),
         )
-        for one, error in fitted
+        for item, error in fitted
     ]
     front = pareto_front(candidates)
-    least = min(one.criterion for one in front)
+    least = min(candidate.criterion for candidate in front)
     # The front begins with the simplest: of equal ones it is the first.
-    chosen = next(k for k, one in enumerate(front) if one.criterion <= least + _EQUAL)
+    chosen = next(k for k, candidate in enumerate(front) if candidate.criterion <= least + _EQUAL)
     return Discovery(f"{search.method}, z(t)", tuple(front), chosen, height_map)
 
 
@@ -129,4 +133,4 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
 def _calls(expression: sympy.Expr) -> list[sympy.Expr]:
     import sympy
 
-    return [one for one in expression.atoms(sympy.Function) if type(one).__name__ in ELLIPTIC]
+    return [atom for atom in expression.atoms(sympy.Function) if type(atom).__name__ in ELLIPTIC]

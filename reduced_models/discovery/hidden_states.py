@@ -77,8 +77,8 @@ def _dahl(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.n
 
 
 def _relaxing(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
-    kept = step / scale
-    return np.asarray(state * np.exp(-kept) - strain * np.expm1(-kept) / kept)
+    saved = step / scale
+    return np.asarray(state * np.exp(-saved) - strain * np.expm1(-saved) / saved)
 
 
 def _values_along(
@@ -87,8 +87,8 @@ def _values_along(
     """The values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
-    for k, (strain, each) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
-        values[k + 1] = step(values[k], strain, each, scale)
+    for k, (strain, value) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
+        values[k + 1] = step(values[k], strain, value, scale)
     return values.T
 
 
@@ -108,7 +108,7 @@ def _yield_scales(_: float) -> np.ndarray:
 def _yield_scale_pairs(_: float) -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
-    return np.array([(*pair, share) for pair in pairs for share in (0.5, 2.0)])
+    return np.array([(*pair, fraction) for pair in pairs for fraction in (0.5, 2.0)])
 
 
 def _relaxation_scales(period: float) -> np.ndarray:

@@ -188,7 +188,7 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
     greatest = before
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
-        along = [None if each is None else np.interp(near, samples, each) for each in (z, v, u)]
+        along = [None if value is None else np.interp(near, samples, value) for value in (z, v, u)]
         values = np.abs(term.values(along[0], along[1], along[2]))  # type: ignore[arg-type]  # z, v
         if not np.isfinite(values).all():
             return True
@@ -266,7 +266,7 @@ def propose_library(
     """
     usual_map = map_of(records, wanted)
     plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
-    weak = weak_form(*(motion_of(each, usual_map, derivative, column) for each in records))
+    weak = weak_form(*(motion_of(record, usual_map, derivative, column) for record in records))
     usual = _usual(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
@@ -277,8 +277,10 @@ def propose_library(
             if name == "contact" or (name == "trigonometric" and not records[0].angle):
                 continue
             own_map = HeightMap()
-            own_weak = weak_form(*(motion_of(one, own_map, derivative, column) for one in records))
-        if name == "rational" and not all((one.z > 0.0).all() for one in own_weak.motions):
+            own_weak = weak_form(
+                *(motion_of(record, own_map, derivative, column) for record in records)
+            )
+        if name == "rational" and not all((motion.z > 0.0).all() for motion in own_weak.motions):
             continue
         terms = library_terms(name, (), 3, column)
         if not any(fault(motion, term) for motion in own_weak.motions for term in terms):
@@ -289,18 +291,21 @@ def propose_library(
 def _chosen(proposals: Sequence[Proposal]) -> Proposal:
     """The proposal whose best sum has the least criterion, with a note why."""
     scored = [
-        score_subsets(one.weak, one.terms, one.terms, all_subsets(len(one.terms)))
-        for one in proposals
+        score_subsets(
+            proposal.weak, proposal.terms, proposal.terms, all_subsets(len(proposal.terms))
+        )
+        for proposal in proposals
     ]
     judges = in_one_unit([judge for _, judge in scored])
     sums = [ranked[0] for ranked, _ in scored]
-    terms = [tuple(in_order(one.terms)) for one in sums]
+    terms = [tuple(in_order(item.terms)) for item in sums]
     squares = [
-        judge.squares(one.misfit, len(one.terms)) for one, judge in zip(sums, judges, strict=True)
+        judge.squares(item.misfit, len(item.terms))
+        for item, judge in zip(sums, judges, strict=True)
     ]
     criteria = [
-        judge.criterion(value, len(one))
-        for judge, value, one in zip(judges, squares, terms, strict=True)
+        judge.criterion(value, len(term))
+        for judge, value, term in zip(judges, squares, terms, strict=True)
     ]
     best = int(np.argmin(criteria))
     gain = criteria[0] - criteria[best]
@@ -319,11 +324,11 @@ def _chosen(proposals: Sequence[Proposal]) -> Proposal:
                 f"as well with {len(terms[0])} numbers for {len(terms[best])}"
             )
     alike = {
-        sum_text(one): proposal.name
-        for proposal, one, value in zip(proposals, terms, criteria, strict=True)
+        sum_text(term): proposal.name
+        for proposal, term, value in zip(proposals, terms, criteria, strict=True)
         if value < criteria[best] + _CLEAR
-        and set(one) != set(terms[best])
-        and len(one) <= len(terms[best])
+        and set(term) != set(terms[best])
+        and len(term) <= len(terms[best])
     }
     if alike:
         others = ", ".join(f"{text} ({library})" for text, library in alike.items())
@@ -337,7 +342,7 @@ def _usual(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTe
     """The physical library; its degree grows while that makes the error less that is held out."""
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf
-    for degree in (least_degree, *(one for one in _DEGREES if one > least_degree)):
+    for degree in (least_degree, *(degree for degree in _DEGREES if degree > least_degree)):
         terms = library_terms(PHYSICAL, (), degree, column)
         error = held_out_error(weak, terms)
         if chosen and error > _BETTER * least:

@@ -87,7 +87,7 @@ def structures_with_memory(
     InputError
         If a height is not above zero, or a text is no term.
     """
-    if any(one.z.min() <= 0.0 for one in weak.motions):
+    if any(motion.z.min() <= 0.0 for motion in weak.motions):
         raise InputError(
             f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
             "heights above the floor"
@@ -96,23 +96,25 @@ def structures_with_memory(
     plain = own_terms(PLAIN_TERMS, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *own_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
     judged = _judge_states(weak, known)
-    if not force and min(one.judge.excess for one in judged) > _FAR**2:
+    if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
         judged = _judge_states(without_noise(weak), known)
-    judges = in_one_unit([one.judge for one in judged])
-    judged = [one._replace(judge=judge) for one, judge in zip(judged, judges, strict=True)]
-    groups = [_candidates(one) for one in judged]
+    judges = in_one_unit([candidate.judge for candidate in judged])
+    judged = [
+        candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)
+    ]
+    groups = [_candidates(candidate) for candidate in judged]
     best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
-    candidates = [one for group in groups for one in group] if sparse else []
+    candidates = [study for group in groups for study in group] if sparse else []
     if search is not None:
         candidates += _search_candidates(judged[best], known, search)
     if force:
-        candidates = [dataclasses.replace(one, left="force") for one in candidates]
+        candidates = [dataclasses.replace(candidate, left="force") for candidate in candidates]
     memory, judge = judged[best].memory, judged[best].judge
     state = None if memory is None else memory.state
     return Structures(
-        [one for one in candidates if _state(one) is state],
+        [candidate for candidate in candidates if _state(candidate) is state],
         judge,
-        others=[one for one in pareto_front(candidates) if _state(one) is not state],
+        others=[item for item in pareto_front(candidates) if _state(item) is not state],
         notes=_notes(groups, best),
         memory=memory,
     )
@@ -124,7 +126,7 @@ def _state(candidate: CandidateEquation) -> HiddenState | None:
 
 def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
     """The best sums without a hidden state, and with each of them."""
-    still = tuple(one for one in known if not one.driven)
+    still = tuple(item for item in known if not item.driven)
     white = _White(weak, known)
     return [
         _StateScores(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
@@ -139,14 +141,14 @@ class _White:
         self.weak = weak
         self.whitening = weak.whitening((), np.zeros(0))
         self.target = self.whitening @ weak.target
-        self.still = self.whitening @ weak.matrix([one for one in known if not one.driven])
-        self.driven = [one for one in known if one.driven]
+        self.still = self.whitening @ weak.matrix([item for item in known if not item.driven])
+        self.driven = [item for item in known if item.driven]
 
     def least(self, state: HiddenState, scales: np.ndarray) -> int:
         """Index of the scales (k, s) that leave the least squares, with all terms."""
         squares = []
-        for one in _with_state(self.weak, state, scales):
-            columns = np.hstack([self.still, self.whitening @ one.matrix(self.driven)])
+        for item in _with_state(self.weak, state, scales):
+            columns = np.hstack([self.still, self.whitening @ item.matrix(self.driven)])
             columns, _ = unit_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
@@ -175,12 +177,12 @@ def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) ->
 def _ratio(scales: np.ndarray) -> np.ndarray:
     """Ratio of neighbours on the first grid, scale by scale."""
     different = [np.unique(column) for column in scales.T]
-    return np.array([float((one[1:] / one[:-1]).max()) for one in different])
+    return np.array([float((item[1:] / item[:-1]).max()) for item in different])
 
 
 def _with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
     """The weak form with the hidden state as its input, for each of the scales (k, s)."""
-    values = [state.values(one.time, one.smooth, scales) for one in weak.motions]
+    values = [state.values(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
         WeakForm(
             tuple(
@@ -220,11 +222,11 @@ def _weighed_anew(
 def _candidates(judged: _StateScores) -> list[CandidateEquation]:
     """The best sums first; one that does not hold the hidden state is one without memory."""
     candidates = [
-        _weighed_anew(candidate_of(one), len(one.terms), judged)
-        for one in judged.ranked
-        if judged.memory is None or any(term.driven for term in one.terms)
+        _weighed_anew(candidate_of(candidate), len(candidate.terms), judged)
+        for candidate in judged.ranked
+        if judged.memory is None or any(term.driven for term in candidate.terms)
     ]
-    return sorted(candidates, key=lambda one: one.criterion)[:_KEPT]
+    return sorted(candidates, key=lambda candidate: candidate.criterion)[:_KEPT]
 
 
 def _search_candidates(
@@ -233,9 +235,12 @@ def _search_candidates(
     """Candidates of a symbolic regression, with the hidden state as a variable."""
     if judged.memory is None:
         return []
-    terms = [one for one in known if one.driven or one.still]
+    terms = [item for item in known if item.driven or item.still]
     candidates, _ = symbolic_candidates(judged.judge.weak, terms, search)
-    return [_weighed_anew(one, len(parametrise(one.expression)[1]), judged) for one in candidates]
+    return [
+        _weighed_anew(candidate, len(parametrise(candidate.expression)[1]), judged)
+        for candidate in candidates
+    ]
 
 
 def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:

@@ -109,8 +109,8 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
         )
         return sympy.Add(*parts), names
     floats = sorted(expression.atoms(sympy.Float), key=float)
-    symbol_of = {one: sympy.Symbol(f"c{k}") for k, one in enumerate(floats)}
-    return expression.xreplace(symbol_of), {symbol_of[one].name: float(one) for one in floats}
+    symbol_of = {item: sympy.Symbol(f"c{k}") for k, item in enumerate(floats)}
+    return expression.xreplace(symbol_of), {symbol_of[item].name: float(item) for item in floats}
 
 
 def smooth_sign(
@@ -120,7 +120,7 @@ def smooth_sign(
     import sympy
 
     _, v, _ = symbols()
-    fastest = max(float(np.gradient(each.height, each.time).std()) for each in records)
+    fastest = max(float(np.gradient(record.height, record.time).std()) for record in records)
     speed = fastest / abs(height_map.scale)
     # A power of ten, so that records of one kind share compiled code.
     steepness = 10.0 ** round(math.log10(_STEEPNESS / speed))

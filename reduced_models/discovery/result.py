@@ -69,7 +69,7 @@ class CandidateEquation:
         """The equation, numbers cut to five digits."""
         import sympy
 
-        numbers = {one: sympy.Float(one, 5) for one in self.expression.atoms(sympy.Float)}
+        numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
         left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left
         text = f"{left} = {text_of(self.expression.xreplace(numbers))}"
         return text if self.memory is None else self.memory.within(text)
@@ -134,16 +134,20 @@ class Discovery:
 
     def __str__(self) -> str:
         lines = [f"discovered by {self.method}, {self.map}:"]
-        for k, one in enumerate(self.candidates):
+        for k, candidate in enumerate(self.candidates):
             mark = "*" if k == self.chosen else " "
-            lines.append(f" {mark} {one.complexity:3d}  {one.error:9.4g}  {one.text}")
+            lines.append(
+                f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {candidate.text}"
+            )
         lines.append("   nodes, error in noise levels, equation; * is chosen")
-        shares = ", ".join(f"{name}: {share:.2f}" for name, share in self.inclusion.items())
-        if shares:
-            lines.append(f"  needed in this share of resampled records: {shares}")
-        prices = ", ".join(f"{name}: {price:.3g}" for name, price in self.prices.items())
-        if prices:
-            lines.append(f"  the criterion rises by so much without each term: {prices}")
+        fractions = ", ".join(
+            f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items()
+        )
+        if fractions:
+            lines.append(f"  needed in this share of resampled records: {fractions}")
+        costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.prices.items())
+        if costs:
+            lines.append(f"  the criterion rises by so much without each term: {costs}")
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -158,15 +162,15 @@ class Discovery:
             "prices": dict(self.prices),
             "candidates": [
                 {
-                    "equation": one.text,
-                    "expression": str(one.expression),
-                    "complexity": one.complexity,
-                    "error": one.error,
-                    "criterion": one.criterion,
-                    "model": None if one.model is None else one.model.to_plain(),
-                    "note": one.note,
+                    "equation": candidate.text,
+                    "expression": str(candidate.expression),
+                    "complexity": candidate.complexity,
+                    "error": candidate.error,
+                    "criterion": candidate.criterion,
+                    "model": None if candidate.model is None else candidate.model.to_plain(),
+                    "note": candidate.note,
                 }
-                for one in self.candidates
+                for candidate in self.candidates
             ],
         }
 
@@ -174,8 +178,8 @@ class Discovery:
 def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
     """Those that no simpler candidate beats in error, from the simplest on."""
     front: list[CandidateEquation] = []
-    order = sorted(candidates, key=lambda one: (one.complexity, one.error))
-    for one in order:
-        if math.isfinite(one.error) and (not front or one.error < front[-1].error):
-            front.append(one)
+    order = sorted(candidates, key=lambda candidate: (candidate.complexity, candidate.error))
+    for candidate in order:
+        if math.isfinite(candidate.error) and (not front or candidate.error < front[-1].error):
+            front.append(candidate)
     return front

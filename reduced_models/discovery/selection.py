@@ -81,8 +81,8 @@ class Judge:
 
 def in_one_unit(judges: Sequence[Judge]) -> list[Judge]:
     """Return judges that count in one unit of misfit: that of the library which leaves least."""
-    excess = min(one.excess for one in judges)
-    return [dataclasses.replace(one, excess=excess) for one in judges]
+    excess = min(judge.excess for judge in judges)
+    return [dataclasses.replace(judge, excess=excess) for judge in judges]
 
 
 def all_subsets(count: int) -> list[np.ndarray]:
@@ -177,7 +177,7 @@ def _rank(
                     judge.criterion(squares, count),
                 )
             )
-    return sorted(scores, key=lambda one: one.criterion)
+    return sorted(scores, key=lambda score: score.criterion)
 
 
 def prune(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:

@@ -134,7 +134,7 @@ def structures(
         supports, inclusion = _sparse_supports(weak, terms, form, ensemble, seed)
     if search is None:
         ranked, judge = score_subsets(weak, terms, terms, supports)
-        return Structures([candidate_of(one) for one in ranked], judge, inclusion)
+        return Structures([candidate_of(candidate) for candidate in ranked], judge, inclusion)
     return Structures(*symbolic_candidates(weak, terms, search, supports), inclusion)
 
 
@@ -157,9 +157,11 @@ def _sparse_supports(
     inclusion: dict[str, float] = {}
     if ensemble:
         ensembles = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
-        supports = [support for one, _ in ensembles for support in one]
-        shares = ensembles[len(ensembles) // 2][1]
-        inclusion = {term.text: float(share) for term, share in zip(terms, shares, strict=True)}
+        supports = [support for item, _ in ensembles for support in item]
+        fractions = ensembles[len(ensembles) // 2][1]
+        inclusion = {
+            term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)
+        }
     return _eliminate(weak, terms, supports), inclusion
 
 
@@ -184,7 +186,7 @@ def symbolic_candidates(
     ``subsets`` of the terms stand beside them, judged alike.
     """
     expressions = _expressions(weak.motions, terms, search)
-    sums = [(one, terms_of(one)) for one in expressions]
+    sums = [(expression, terms_of(expression)) for expression in expressions]
     union = in_order({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
         more = [term for term in union if term not in terms]
@@ -195,15 +197,15 @@ def symbolic_candidates(
     ]
     groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
-    candidates = [candidate_of(one) for one in _unique(ranked)]
-    candidates += [_judge_expression(one, judge) for one, parts in sums if parts is None]
+    candidates = [candidate_of(item) for item in _unique(ranked)]
+    candidates += [_judge_expression(item, judge) for item, parts in sums if parts is None]
     return candidates, judge
 
 
 def _unique(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     """Each subset once, though two searches propose it."""
-    unique = {frozenset(one.terms): one for one in reversed(ranked)}
-    return sorted(unique.values(), key=lambda one: one.criterion)
+    unique = {frozenset(candidate.terms): candidate for candidate in reversed(ranked)}
+    return sorted(unique.values(), key=lambda item: item.criterion)
 
 
 def _expressions(
@@ -221,8 +223,10 @@ def _expressions(
         sympy.Symbol("speed", real=True): sympy.Abs(v),
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
-    replaced |= {sympy.Symbol(f"own{k}", real=True): one.expression for k, one in enumerate(own)}
-    return [one.xreplace(replaced) for one in search.expressions(samples, target, noise)]
+    replaced |= {sympy.Symbol(f"own{k}", real=True): item.expression for k, item in enumerate(own)}
+    return [
+        expression.xreplace(replaced) for expression in search.expressions(samples, target, noise)
+    ]
 
 
 def _search_samples(
@@ -244,14 +248,16 @@ def _search_samples(
     }
     if motion.drive is not None:
         samples["u"] = motion.drive
-    for k, one in enumerate(own):
-        samples[f"own{k}"] = one.values(motion.smooth, motion.velocity, motion.drive)
+    for k, item in enumerate(own):
+        samples[f"own{k}"] = item.values(motion.smooth, motion.velocity, motion.drive)
     return {name: values[rows] for name, values in samples.items()}
 
 
-def candidate_of(one: ScoredTerms) -> CandidateEquation:
-    expression = sum_of(one.terms, list(one.coefficients))
-    return CandidateEquation(expression, complexity(expression), one.misfit, one.criterion)
+def candidate_of(scored_terms: ScoredTerms) -> CandidateEquation:
+    expression = sum_of(scored_terms.terms, list(scored_terms.coefficients))
+    return CandidateEquation(
+        expression, complexity(expression), scored_terms.misfit, scored_terms.criterion
+    )
 
 
 def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
@@ -351,5 +357,5 @@ def ensemble_supports(
     regression: Regression, threshold: float, seed: int
 ) -> tuple[list[list[int]], np.ndarray]:
     """Supports of the terms that most resamples keep, and the shares (p,) that keep each."""
-    shares = regression.inclusion(threshold, seed)
-    return [np.flatnonzero(shares >= least).tolist() for least in _INCLUDED], shares
+    fractions = regression.inclusion(threshold, seed)
+    return [np.flatnonzero(fractions >= least).tolist() for least in _INCLUDED], fractions

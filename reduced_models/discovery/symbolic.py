@@ -82,7 +82,7 @@ def operon_expressions(
         random_state=seed + 1,  # it takes 0 for no seed
     ).fit(samples.matrix, samples.target)
     names = list(samples.names)
-    texts = [search.get_model_string(one["tree"], 12, names) for one in search.pareto_front_]
+    texts = [search.get_model_string(item["tree"], 12, names) for item in search.pareto_front_]
     return samples.read(texts)
 
 
@@ -116,7 +116,11 @@ class ScaledSamples:
             for name, (own, size) in zip(self.names, self.sizes.items(), strict=True)
         }
         # By name, since searches differ in what they assume of their symbols.
-        symbols = {one: back[one.name] for one in expression.free_symbols if one.name in back}
+        symbols = {
+            free_symbol: back[free_symbol.name]
+            for free_symbol in expression.free_symbols
+            if free_symbol.name in back
+        }
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
 
     def read(
@@ -130,7 +134,7 @@ class ScaledSamples:
         for text in texts:
             with contextlib.suppress(FormulaError):
                 tree = parse(text, {**FUNCTIONS, **functions})
-                if {one.name for one in names(tree)} <= set(self.names):
+                if {item.name for item in names(tree)} <= set(self.names):
                     expressions.append(self.restore(expression(tree)))
         return expressions
 

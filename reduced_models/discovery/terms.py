@@ -129,11 +129,11 @@ def _in_order(extreme: sympy.Expr) -> sympy.Expr:
     pair = type(extreme)
     operands, open_ones = set(), list(extreme.args)
     while open_ones:
-        one = open_ones.pop()
-        if type(one) is pair:
-            open_ones += one.args
+        item = open_ones.pop()
+        if type(item) is pair:
+            open_ones += item.args
         else:
-            operands.add(one)
+            operands.add(item)
     return functools.reduce(pair, sorted(operands, key=default_sort_key))
 
 
@@ -168,7 +168,7 @@ def _read(text: str, column: str | None) -> sympy.Expr:
     term = f"the term {quoted(text)}"
     try:
         tree = formulas.parse(text)
-        strange = [one.text for one in formulas.names(tree) if one.text not in named]
+        strange = [name.text for name in formulas.names(tree) if name.text not in named]
         if strange:
             known = "z, z' and the input's column" if column is None else f"z, z', u and {column}"
             more = "; name the input's column with input=" if column is None else ""
@@ -176,7 +176,9 @@ def _read(text: str, column: str | None) -> sympy.Expr:
         formula = algebra.expression(tree, named)
     except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
-    exact = formula.xreplace({one: sympy.Rational(str(one)) for one in formula.atoms(sympy.Float)})
+    exact = formula.xreplace(
+        {atom: sympy.Rational(str(atom)) for atom in formula.atoms(sympy.Float)}
+    )
     if exact == 0:
         raise InputError(f"{term} is zero; leave it out")
     return exact

@@ -129,8 +129,8 @@ class Integrals:
         weights = self.noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
         strengths, directions = np.linalg.eigh(covariance)
-        kept = strengths > _RANK * strengths[-1]
-        return np.asarray((directions[:, kept] / np.sqrt(strengths[kept])).T)
+        saved = strengths > _RANK * strengths[-1]
+        return np.asarray((directions[:, saved] / np.sqrt(strengths[saved])).T)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -256,7 +256,7 @@ def map_of(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMa
         return wanted
     if wanted != "auto":
         raise InputError(f"map = {quoted(wanted)}; give 'auto' or a HeightMap")
-    guess = max((first_guesses(each) for each in records), key=lambda one: one.amplitude)
+    guess = max((first_guesses(record) for record in records), key=lambda record: record.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:
         return HeightMap()
@@ -292,7 +292,7 @@ def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion
         If a record has no force.
     """
     parts = []
-    for record, one in zip(records, weak_form(*motions).parts, strict=True):
+    for record, part in zip(records, weak_form(*motions).parts, strict=True):
         force = record.force
         if force is None:
             raise RecordError(
@@ -300,10 +300,10 @@ def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion
                 "one with a column force"
             )
         noise = max(noise_level(force, record.time), _FLOOR * float(force.std()))
-        motion = one.motion._replace(acceleration=force, acceleration_noise=noise)
+        motion = part.motion._replace(acceleration=force, acceleration_noise=noise)
         parts.append(
             ForceIntegrals(
-                motion, one.bump, one.slope, one.curvature, np.asarray(one.bump @ force), noise
+                motion, part.bump, part.slope, part.curvature, np.asarray(part.bump @ force), noise
             )
         )
     return WeakForm(tuple(parts))
@@ -319,9 +319,9 @@ def without_noise(weak: WeakForm) -> WeakForm:
     return WeakForm(
         tuple(
             ForceIntegrals(
-                one.motion, one.bump, one.slope, one.curvature, one.target,
-                one.motion.acceleration_noise,
+                part.motion, part.bump, part.slope, part.curvature, part.target,
+                part.motion.acceleration_noise,
             )
-            for one in weak.parts
+            for part in weak.parts
         )
     )  # fmt: skip

@@ -96,7 +96,7 @@ class DropScores:
             if row.model is None:
                 rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
-            errors = (_percent(each) for each in (*row.errors, row.median))
+            errors = (_percent(value) for value in (*row.errors, row.median))
             numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
             rows.append((row.name, str(numbers), *errors))
         return rows
@@ -133,7 +133,7 @@ class DropScores:
         from granular.shared.plotting import axes_or_new, line_look, plain_label, plain_numbers
 
         axes = axes_or_new(ax)
-        heights = np.array([1e3 * one.height[0] for one in self.unseen])
+        heights = np.array([1e3 * fall.height[0] for fall in self.unseen])
         order = np.argsort(heights, kind="stable")
         for k, row in enumerate(row for row in self.rows if row.model is not None):
             errors = 100.0 * np.array(row.errors)
@@ -209,11 +209,11 @@ def score_drops(
     if not unseen or not laws:
         raise InputError("give at least one unseen fall and one law")
     level = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
-    for label, one in {"the fall": record, **unseen}.items():
-        if not one.height[0] > level:
+    for label, item in {"the fall": record, **unseen}.items():
+        if not item.height[0] > level:
             raise InputError(
-                f"{label} begins at {one.height[0]:g} m, not above the level of rest, {level:g} m; "
-                "give a fall"
+                f"{label} begins at {item.height[0]:g} m, not above the level of rest, "
+                f"{level:g} m; give a fall"
             )
     rows = [
         _row(law_of(law, record), record, tuple(unseen.values()), level, scene, starts)
@@ -223,8 +223,10 @@ def score_drops(
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median))
     drop = float(record.height[0]) - level
-    alike = [one for one in unseen.values() if abs(one.height[0] - record.height[0]) <= SAME * drop]
-    scatter = tuple(_rms(one, record.time, record.height) / drop for one in alike)
+    alike = [
+        fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop
+    ]
+    scatter = tuple(_rms(fall, record.time, record.height) / drop for fall in alike)
     return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
@@ -242,7 +244,7 @@ def _row(
             )  # fmt: skip
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))
-    return DropScore(law.name, model, tuple(fall_error(model, one, level) for one in unseen))
+    return DropScore(law.name, model, tuple(fall_error(model, fall, level) for fall in unseen))
 
 
 def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:

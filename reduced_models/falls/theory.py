@@ -153,7 +153,7 @@ def parameters_of(scene: Scene) -> dict[str, float]:
             f"the scene {quoted(scene.name)} has no piston with a mass under gravity, so nothing "
             "falls; give it piston.mass"
         )
-    others = sorted({one.key for one in scene.effects.all} - _SHAPED)
+    others = sorted({effect.key for effect in scene.effects.all} - _SHAPED)
     if others or piston.friction or "dipole" not in present:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
@@ -221,10 +221,10 @@ def _omega(rest: float, gravity: float) -> float:
 
 def _means(scene: Scene) -> tuple[float, float]:
     """Mean moment and mass of the grains, over those of the first species."""
-    share = np.array(scene.grains.shares())
+    fraction = np.array(scene.grains.shares())
     return (
-        float(share @ scene.grains.moment_ratios()),
-        float(share @ scene.grains.mass_ratios()),
+        float(fraction @ scene.grains.moment_ratios()),
+        float(fraction @ scene.grains.mass_ratios()),
     )
 
 

@@ -181,8 +181,8 @@ def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
 
 def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
     """Ranges of height and velocity over all records of a fit."""
-    heights = np.concatenate([one.height for one in records])
-    speeds = np.concatenate([np.gradient(one.height, one.time) for one in records])
+    heights = np.concatenate([record.height for record in records])
+    speeds = np.concatenate([np.gradient(record.height, record.time) for record in records])
     return {
         "height": (float(heights.min()), float(heights.max())),
         "velocity": (float(speeds.min()), float(speeds.max())),
@@ -238,15 +238,15 @@ def _quality(result: SearchResult, k: int) -> Quality:
     fitted = record.height + residuals * grid.unknowns.amplitude
     left = without_walk(residuals * grid.unknowns.amplitude, grid.gain)
     structure = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
-    held_out = len(record) - samples >= 2
+    is_tested = len(record) - samples >= 2
     error, resting = None, None
-    if held_out:
+    if is_tested:
         error, resting = _holdout_errors(grid, result.trained[here], samples)
     return Quality(
         residual=residual,
         relative=residual / swing,
         holdout=error,
-        holdout_from=problem.data[k].stop if held_out else None,
+        holdout_from=problem.data[k].stop if is_tested else None,
         starts=problem.starts,
         converged=result.converged,
         samples=len(record),

@@ -70,7 +70,10 @@ class Information(NamedTuple):
     @property
     def variance(self) -> float:
         """Variance of a residual, enlarged by how the residuals follow each other."""
-        total = sum(float((each**2).sum()) * autocorrelation_time(each) for each in self.residuals)
+        total = sum(
+            float((residual**2).sum()) * autocorrelation_time(residual)
+            for residual in self.residuals
+        )
         return total / self.dof
 
     def quantile(self, confidence: float) -> float:
@@ -127,11 +130,11 @@ def joint_covariance(
             independent += len(left) / memory
             level *= memory
         variance = max(variance, level)
-    found = np.zeros((size, size))
-    found[np.ix_(free, free)] = sandwich(
+    result = np.zeros((size, size))
+    result[np.ix_(free, free)] = sandwich(
         bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
     )
-    return found, independent
+    return result, independent
 
 
 def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
@@ -157,8 +160,10 @@ def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarr
     inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
     resolved = np.where(known, inverse, 0.0)
-    found = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
-    return np.asarray((directions @ found @ directions.T) * np.outer(scale, scale))
+    result = resolved[:, None] * inner * resolved + np.diag(
+        np.where(known, 0.0, variance * inverse)
+    )
+    return np.asarray((directions @ result @ directions.T) * np.outer(scale, scale))
 
 
 def marginal(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -175,28 +180,28 @@ def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) ->
     """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
-    lengths = [len(each) for each in residuals]
+    lengths = [len(residual) for residual in residuals]
     amplitude = joint.unknowns.amplitude
     # A residual is solution minus data.
     fitted = [
-        grid.record.height + each * amplitude
-        for grid, each in zip(joint.grids, residuals, strict=True)
+        grid.record.height + residual * amplitude
+        for grid, residual in zip(joint.grids, residuals, strict=True)
     ]
     draws = [
-        _resampler(each, grid.gain, grid.loss)
-        for each, grid in zip(residuals, joint.grids, strict=True)
+        _resampler(residual, grid.gain, grid.loss)
+        for residual, grid in zip(residuals, joint.grids, strict=True)
     ]
-    found = np.empty((count, len(theta)))
+    result = np.empty((count, len(theta)))
     for k in range(count):
         heights = [
             motion - amplitude * draw(random) for motion, draw in zip(fitted, draws, strict=True)
         ]
         grids = tuple(
-            grid.with_heights(each) for grid, each in zip(joint.grids, heights, strict=True)
+            grid.with_heights(height) for grid, height in zip(joint.grids, heights, strict=True)
         )
         trial = dataclasses.replace(joint, grids=grids)
-        found[k] = trial.refit(theta, lengths, tolerance=1e-6)
-    return found
+        result[k] = trial.refit(theta, lengths, tolerance=1e-6)
+    return result
 
 
 def _resampler(
@@ -226,8 +231,8 @@ def _resampler(
 
 def middle(values: np.ndarray, loss: Loss) -> float:
     """Location of the least loss of values, which outliers do not move as they move the mean."""
-    found = 0.0
+    result = 0.0
     for _ in range(_ROUNDS):
-        _, weight = cost_and_weight(values - found, loss.numbers, np)
-        found = float(np.average(values, weights=weight))
-    return found
+        _, weight = cost_and_weight(values - result, loss.numbers, np)
+        result = float(np.average(values, weights=weight))
+    return result

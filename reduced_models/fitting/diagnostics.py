@@ -130,8 +130,8 @@ class Autoregression(NamedTuple):
 
     def new(self, residuals: np.ndarray) -> np.ndarray:
         """New part of residuals (n,), from the first that has enough before it on."""
-        found = np.convolve(residuals, self.filter)[: len(residuals)]
-        return np.asarray(found[len(self.weights) :])
+        result = np.convolve(residuals, self.filter)[: len(residuals)]
+        return np.asarray(result[len(self.weights) :])
 
 
 def autoregression(residuals: np.ndarray) -> Autoregression:
@@ -164,17 +164,19 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
     return _remembering(best, count)
 
 
-def _remembering(found: Autoregression, count: int) -> Autoregression:
+def _remembering(autoregression: Autoregression, count: int) -> Autoregression:
     """A single weight without its bias: residuals of a fit seem to forget sooner than the noise.
 
     By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a
     long memory feels: its variance goes with 1 / (1 - w)^2.
     """
-    if len(found.weights) != 1 or found.weights[0] <= 0.0:
-        return found
-    weight = found.weights[0]
+    if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
+        return autoregression
+    weight = autoregression.weights[0]
     least = 0.5 * (1.0 - weight)  # no closer to a walk than half of what was found
-    return found._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
+    return autoregression._replace(
+        weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)])
+    )
 
 
 def spread_of(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:

@@ -211,17 +211,17 @@ def fit(
     )
     if drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
-    shared, each = fixed_values(fix or {}, len(records))
-    pairs = pairs_of(chosen, bounds or {}, shared, each)
+    shared, value = fixed_values(fix or {}, len(records))
+    pairs = pairs_of(chosen, bounds or {}, shared, value)
     given = weights_of(records, weights, noise)
     problem = FitProblem(
         law=chosen,
         data=tuple(
-            training_data(one, holdout, *how, loss, fixed)
-            for one, how, fixed in zip(records, given, each, strict=True)
+            training_data(record, holdout, *how, loss, fixed)
+            for record, how, fixed in zip(records, given, value, strict=True)
         ),
         map=map,
-        own=tuple(dict.fromkeys((*own, *each[0]))),
+        own=tuple(dict.fromkeys((*own, *value[0]))),
         bounds=pairs,
         start=starts_of(chosen, start or {}),
         initial={} if is_history(initial) else initial_of(chosen, initial),
@@ -331,5 +331,5 @@ def _gain(residuals: np.ndarray) -> float:
     def left(log_gain: float) -> float:
         return float((without_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
 
-    found = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
-    return float(np.exp(found.x))
+    solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
+    return float(np.exp(solution.x))

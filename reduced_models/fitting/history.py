@@ -37,7 +37,7 @@ def is_history(
 ) -> TypeGuard[PistonRecord | Sequence[PistonRecord]]:
     """Tell a motion before the record from other starts."""
     if isinstance(initial, Sequence) and not isinstance(initial, str) and initial:
-        return all(isinstance(one, PistonRecord) for one in initial)
+        return all(isinstance(entry, PistonRecord) for entry in initial)
     return isinstance(initial, PistonRecord)
 
 

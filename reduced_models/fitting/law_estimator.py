@@ -200,5 +200,5 @@ def _not_fitted(message: str) -> InputError:
 
 def _of_sklearn(name: str, otherwise: type[Any]) -> type[Any]:
     """A class of scikit-learn's exceptions, where that is loaded."""
-    found: type[Any] = getattr(sys.modules.get("sklearn.exceptions"), name, otherwise)
-    return found
+    result: type[Any] = getattr(sys.modules.get("sklearn.exceptions"), name, otherwise)
+    return result

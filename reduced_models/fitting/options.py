@@ -67,18 +67,18 @@ def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict
         If a value is no number, or a list is not as long as there are records.
     """
     shared: dict[str, float] = {}
-    each: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
+    entry: tuple[dict[str, float], ...] = tuple({} for _ in range(records))
     for name, value in fix.items():
         if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
             if len(value) != records:
                 raise InputError(
                     f"fix of {name}: {len(value)} values for {records} records; give one for each"
                 )
-            for own, one in zip(each, value, strict=True):
-                own[name] = _number(f"fix of {name}", one)
+            for own, item in zip(entry, value, strict=True):
+                own[name] = _number(f"fix of {name}", item)
         else:
             shared[name] = _number(f"fix of {name}", value)
-    return shared, each
+    return shared, entry
 
 
 def pairs_of(
@@ -94,7 +94,7 @@ def pairs_of(
     InputError
         If a name is none of the law's, or a pair is out of order.
     """
-    found = {}
+    result = {}
     for name, pair in bounds.items():
         _check_name(law, name)
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
@@ -112,21 +112,21 @@ def pairs_of(
             raise InputError(
                 f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
             )
-        found[name] = (low, high)
+        result[name] = (low, high)
     for name, value in (*fix.items(), *(pair for own in each for pair in own.items())):
         _check_name(law, name)
         if name in law.positive and value <= 0.0:
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
-        low, high = found.get(name, (-math.inf, math.inf))
+        low, high = result.get(name, (-math.inf, math.inf))
         if not low <= value <= high:
             raise InputError(
                 f"fix of {name}: {value:g} lies outside its bounds; change one of them"
             )
         if name in fix:
-            found[name] = (value, value)
+            result[name] = (value, value)
     if len({*fix, *each[0]}) >= len(law.parameters):
         raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
-    return found
+    return result
 
 
 def starts_of(law: Law, start: Mapping[str, float]) -> dict[str, float]:
@@ -137,13 +137,13 @@ def starts_of(law: Law, start: Mapping[str, float]) -> dict[str, float]:
     InputError
         If a name is none of the law's, or a value does not suit.
     """
-    found = {}
+    result = {}
     for name, value in start.items():
         _check_name(law, name)
-        found[name] = _number(f"start of {name}", value)
-        if name in law.positive and found[name] <= 0.0:
-            raise InputError(f"start of {name}: {found[name]:g}; give a value above 0")
-    return found
+        result[name] = _number(f"start of {name}", value)
+        if name in law.positive and result[name] <= 0.0:
+            raise InputError(f"start of {name}: {result[name]:g}; give a value above 0")
+    return result
 
 
 def initial_of(law: Law, initial: object) -> dict[str, float]:
@@ -166,15 +166,15 @@ def initial_of(law: Law, initial: object) -> dict[str, float]:
             f"initial = {quoted(initial)}; give 'rest', 'free' or numbers by name, for "
             f"{', '.join(names)}, or the motion before"
         )
-    found = dict.fromkeys(law.hidden, 0.0)
+    result = dict.fromkeys(law.hidden, 0.0)
     for name, value in initial.items():
         if name not in names:
             raise InputError(unknown(str(name), names, "state at the start"))
         if value == "free":
-            found.pop(name, None)
+            result.pop(name, None)
         else:
-            found[name] = _number(f"initial {name}", value)
-    return found
+            result[name] = _number(f"initial {name}", value)
+    return result
 
 
 def check_names(law: Law, names: Sequence[str]) -> None:
@@ -190,9 +190,9 @@ def _check_name(law: Law, name: str) -> None:
 
 def _number(what: str, value: Any) -> float:
     try:
-        found = math.nan if isinstance(value, bool | str) else float(value)
+        result = math.nan if isinstance(value, bool | str) else float(value)
     except (TypeError, ValueError):
-        found = math.nan
-    if math.isnan(found):
+        result = math.nan
+    if math.isnan(result):
         raise InputError(f"{what}: {quoted(value)} is no number; give one")
-    return found
+    return result

@@ -95,30 +95,32 @@ def posterior(
     sampler.run(
         jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0])
     )
-    found = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_named(joint, own, centre + found @ spread.T))
+    result = np.asarray(sampler.get_samples(group_by_chain=True))
+    return arviz.from_dict(_named(joint, own, centre + result @ spread.T))
 
 
 def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
     """Records on their grids, and the fit."""
-    records = [one.from_zero() for one in records_of(record)]
+    records = [entry.from_zero() for entry in records_of(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
     check_names(models[0].law, own)
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
-    thetas = [theta_of_model(one, None, unknowns)[1] for one in models]
+    thetas = [theta_of_model(entry, None, unknowns)[1] for entry in models]
     entries = joint_entries(unknowns, len(records), own)
     theta = joint_vector(thetas, entries)
     names = unknowns.law.inputs
     grids = tuple(
         gridded(
-            unknowns, each,
-            grid_over(each, names, first_guesses(each).period, _STEPS * unknowns.law.resolution),
+            unknowns, record,
+            grid_over(
+                record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution
+            ),
             models[0].input_interpolation,
         )
-        for each in records
+        for record in records
     )  # fmt: skip
     held = np.zeros(len(theta), dtype=bool)
     for here in entries:
@@ -142,17 +144,17 @@ def _potential(
     size, free = len(theta), np.flatnonzero(~joint.held)
     normal, left = np.zeros((size, size)), []
     for grid, here in zip(joint.grids, joint.entries, strict=True):
-        each, slopes = grid.linearised(theta[here])
+        value, slopes = grid.linearised(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
-        left.append(each)
+        left.append(value)
     count = sum(map(len, left))
     level = max(float(np.sqrt(np.concatenate(left) @ np.concatenate(left) / count)), _LEAST)
     strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
     root = directions / np.sqrt(np.maximum(strengths, _FLAT * strengths[-1]))
     law = joint.unknowns.law
-    kept = [np.array([here[law.parameters.index(name)] for here in joint.entries]) for name in own]
-    means = [theta[here].mean() for here in kept]
-    spreads = [max(theta[here].std(), 1e-3) for here in kept]
+    saved = [np.array([here[law.parameters.index(name)] for here in joint.entries]) for name in own]
+    means = [theta[here].mean() for here in saved]
+    spreads = [max(theta[here].std(), 1e-3) for here in saved]
     extra = 1 + 2 * len(own)
     total = size + extra
     centre = np.concatenate([theta, [np.log(level)], means, np.log(spreads)])
@@ -168,11 +170,11 @@ def _potential(
         full = centre + scale @ scaled
         noise = full[size]
         cost = sum(
-            (residual(full[here], each, scales) ** 2).sum()
-            for here, each in zip(joint.entries, samples, strict=True)
+            (residual(full[here], sample, scales) ** 2).sum()
+            for here, sample in zip(joint.entries, samples, strict=True)
         )
         minus = 0.5 * cost * jnp.exp(-2.0 * noise) + count * noise
-        for k, here in enumerate(kept):
+        for k, here in enumerate(saved):
             mean, wide = full[size + 1 + k], full[size + 1 + len(own) + k]
             minus += 0.5 * (((full[here] - mean) * jnp.exp(-wide)) ** 2).sum() + len(here) * wide
             # A population's spread has a half-normal prior of some ten times what was seen.
@@ -187,26 +189,26 @@ def _named(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[st
     """Draws (chain, draw, ...) by name, in their units."""
     unknowns, size = joint.unknowns, len(joint.held)
     several = len(joint.grids) > 1
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for index, here in enumerate(joint.entries):
         theta = np.moveaxis(full[..., here], -1, 0)
         values, shift, scale, z0, v0, _ = unknowns.physical(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):
             if name in own:
-                found.setdefault(name, []).append(value)
+                result.setdefault(name, []).append(value)
             elif index == 0:
-                found[name] = np.broadcast_to(value, full.shape[:2])
-        found.setdefault("height", []).append(shift + scale * z0)
-        found.setdefault("velocity", []).append(scale * v0)
+                result[name] = np.broadcast_to(value, full.shape[:2])
+        result.setdefault("height", []).append(shift + scale * z0)
+        result.setdefault("velocity", []).append(scale * v0)
     for name in ("height", "velocity", *own):
-        stacked = np.stack(found[name], axis=-1)
-        found[name] = stacked if several else stacked[..., 0]
-    found["noise"] = unknowns.amplitude * np.exp(full[..., size])
+        stacked = np.stack(result[name], axis=-1)
+        result[name] = stacked if several else stacked[..., 0]
+    result["noise"] = unknowns.amplitude * np.exp(full[..., size])
     units = dict(zip(unknowns.law.parameters, unknowns.units, strict=True))
     for k, name in enumerate(own):
         mean, wide = full[..., size + 1 + k], np.exp(full[..., size + 1 + len(own) + k])
         positive = name in unknowns.law.positive
-        found[f"{name}_mean"] = np.exp(mean) if positive else units[name] * mean
+        result[f"{name}_mean"] = np.exp(mean) if positive else units[name] * mean
         # Of a positive parameter, the spread of its logarithm.
-        found[f"{name}_spread"] = wide if positive else units[name] * wide
-    return found
+        result[f"{name}_spread"] = wide if positive else units[name] * wide
+    return result

@@ -143,18 +143,18 @@ def training_data(
     RecordError
         If the training stretch is too short, or does not move.
     """
-    whole = record.from_zero()
-    stop = float(whole.time[-1]) * (1.0 - holdout)
+    total = record.from_zero()
+    stop = float(total.time[-1]) * (1.0 - holdout)
     # Two samples make a record; what is too short to fit is told by its first guesses.
-    count = max(2, int(np.searchsorted(whole.time, stop, side="right")))
-    training = whole.first(count)
-    given = np.ones(len(whole)) if weights is None else weights
+    count = max(2, int(np.searchsorted(total.time, stop, side="right")))
+    training = total.first(count)
+    given = np.ones(len(total)) if weights is None else weights
     level = noise or 0.0
     if noise is None and loss != "linear":
-        level = noise_level(whole.height, whole.time)
+        level = noise_level(total.height, total.time)
     look = training if loss == "linear" else without_outliers(training)
     guess = first_guesses(look)
-    return TrainingData(whole, training, stop, look, guess, given, level, fixed or {})
+    return TrainingData(total, training, stop, look, guess, given, level, fixed or {})
 
 
 def without_outliers(record: PistonRecord) -> PistonRecord:
@@ -191,7 +191,7 @@ def records_of(record: Any) -> list[PistonRecord]:
         records = list(record)
         if not records:
             raise InputError("there is no record to fit; give at least one")
-        if all(isinstance(each, PistonRecord) for each in records):
+        if all(isinstance(record, PistonRecord) for record in records):
             return records
     kind = type(record).__name__
     raise InputError(

@@ -195,12 +195,12 @@ def _held(
 
 def _descent(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Decrease of sums of squares (s,) by a Gauss-Newton step of the free entries."""
-    found = np.zeros(len(gradient))
+    result = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):
         inner = curvature[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
         strengths, directions = np.linalg.eigh(inner * np.outer(scale, scale))
         parts = directions.T @ (scale * slope[moving])
         sound = strengths > _ROUNDING * strengths[-1]
-        found[k] = float((parts[sound] ** 2 / strengths[sound]).sum())
-    return found
+        result[k] = float((parts[sound] ** 2 / strengths[sound]).sum())
+    return result

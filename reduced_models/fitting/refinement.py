@@ -145,11 +145,11 @@ def refine(
 def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
     """A search vector that means the same, its angles and signs in their canonical form."""
     unknowns = joint.unknowns
-    kept = {*problem.own, *problem.bounds}
+    saved = {*problem.own, *problem.bounds}
     theta = theta.copy()
     names, here = unknowns.law.parameters, joint.entries[0]
     values = dict(zip(names, unknowns.physical(theta[here])[0], strict=True))
-    moved = canonical(unknowns.law, values, kept)
+    moved = canonical(unknowns.law, values, saved)
     for entry, name, unit in zip(here, names, unknowns.units, strict=False):
         if moved[name] != values[name]:
             theta[entry] = moved[name] / unit
@@ -236,7 +236,7 @@ def _is_of_one_parabola(
     away = beside - theta
     foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
     slope = float(away @ np.asarray(normal(beside[None])[1][0]))
-    return all(abs(each - foreseen) <= _PARABOLA * foreseen for each in (risen, slope))
+    return all(abs(value - foreseen) <= _PARABOLA * foreseen for value in (risen, slope))
 
 
 def judge(result: SearchResult) -> SearchResult:

@@ -118,7 +118,7 @@ def _search(
     poor = prior.samples * _POOR**2
     if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
         other = _over_horizons(problem, joint, limit)
-        vectors = min(vectors, other, key=lambda each: float(each[1].min()))
+        vectors = min(vectors, other, key=lambda vector: float(vector[1].min()))
     return joint, vectors
 
 

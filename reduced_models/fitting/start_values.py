@@ -150,12 +150,12 @@ def _matched(
     def residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
         values = moved(x, unit)
         with np.errstate(all="ignore"):
-            found = (field(z, v, *drive.T, *values)[0] - a) / scale
-        return np.broadcast_to(np.nan_to_num(np.clip(found, -1e6, 1e6), nan=1e6), a.shape)
+            result = (field(z, v, *drive.T, *values)[0] - a) / scale
+        return np.broadcast_to(np.nan_to_num(np.clip(result, -1e6, 1e6), nan=1e6), a.shape)
 
     results = []
     for unit in draws:
-        found = least_squares(
+        solution = least_squares(
             residuals,
             np.zeros(free.sum()),
             args=(unit,),
@@ -163,7 +163,7 @@ def _matched(
             max_nfev=_STEPS * (1 + int(free.sum())),
             method="lm",
         )
-        results.append((float(found.cost), moved(found.x, unit)))
+        results.append((float(solution.cost), moved(solution.x, unit)))
     results.sort(key=lambda pair: pair[0])
     good = np.array([values for cost, values in results if cost <= _GOOD * results[0][0] + 1e-12])
     # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
@@ -192,19 +192,19 @@ def _hidden_starts(
 
     def misfits(values: np.ndarray) -> np.ndarray:
         """Differences (n, m) for parameters (m, p), in units of the greatest acceleration."""
-        found = (carried(values.T)[0] - target) / scale
-        return np.nan_to_num(np.clip(found, -_FAR, _FAR), nan=_FAR)
+        result = (carried(values.T)[0] - target) / scale
+        return np.nan_to_num(np.clip(result, -_FAR, _FAR), nan=_FAR)
 
     best = np.empty((0, len(law.parameters)))
     for _ in range(_ROUNDS):
         drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_KEPT]]
-    found, cost = search(
+    output, cost = search(
         _normal(best, misfits), np.zeros_like(best),
         Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,
     )  # fmt: skip
-    values = best * np.exp(np.clip(found, -50.0, 50.0))
+    values = best * np.exp(np.clip(output, -50.0, 50.0))
     order = np.argsort(cost)
     good = order[cost[order] <= _GOOD * cost[order[0]] + 1e-12]
     return np.asarray(values[good])
@@ -224,7 +224,7 @@ def along(
     def carried(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count = values.shape[1]
         hidden = np.zeros((len(law.hidden), count))
-        found = np.empty((len(time), count))
+        result = np.empty((len(time), count))
 
         def rates(k: int, states: np.ndarray) -> Any:
             rows = field(z[k], v[k], *states, *drive[k], *values)
@@ -232,7 +232,7 @@ def along(
 
         with np.errstate(all="ignore"):
             for k in range(len(time)):
-                found[k], *here = rates(k, hidden)
+                result[k], *here = rates(k, hidden)
                 if k + 1 < len(time):
                     step = time[k + 1] - time[k]
                     slope = np.array(here)
@@ -240,7 +240,7 @@ def along(
                     late = np.array(rates(k + 1, ahead)[1:])
                     moved = hidden + 0.5 * step * (slope + late)
                     hidden = np.nan_to_num(np.clip(moved, -_FAR, _FAR))
-        return found, hidden
+        return result, hidden
 
     return carried
 
@@ -322,13 +322,13 @@ def with_initial_state(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray
 
 def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:
     """Entries (count, k) of search vectors, initial states left out, of parameters and map."""
-    found = [
+    result = [
         np.log(draws[name]) if name in unknowns.law.positive else draws[name] / unit
         for name, unit in zip(unknowns.law.parameters, unknowns.units, strict=True)
     ]
     if unknowns.map is None:
-        found += [draws["shift"], np.log(draws["scale"])]
-    return np.stack(found, axis=1)
+        result += [draws["shift"], np.log(draws["scale"])]
+    return np.stack(result, axis=1)
 
 
 def swing_draws(
@@ -366,8 +366,8 @@ def _mapped_draws(
         )
     scale = np.exp(random.uniform(-1.5, 1.5, count))
     shift = -scale * random.uniform(-2.0, 4.0, count)
-    each = [start(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
+    value = [start(seen.seen_as(shift[k], scale[k]), random, 1) for k in range(count)]
     draws = {
-        name: np.array([float(draw[name][0]) for draw in each]) for name in unknowns.law.parameters
+        name: np.array([float(draw[name][0]) for draw in value]) for name in unknowns.law.parameters
     }
     return draws | {"shift": shift, "scale": scale}

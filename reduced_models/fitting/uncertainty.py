@@ -71,9 +71,9 @@ def bootstrap_intervals(
     """
     from scipy.stats import norm
 
-    shares = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
-    wider = known.quantile(confidence) / float(norm.ppf(shares[1]))
-    edges = theta + wider * (np.quantile(replicates, shares, axis=0) - theta)
+    fractions = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
+    wider = known.quantile(confidence) / float(norm.ppf(fractions[1]))
+    edges = theta + wider * (np.quantile(replicates, fractions, axis=0) - theta)
     return intervals_between(unknowns, *edges)
 
 
@@ -171,8 +171,8 @@ def physical_covariance(
     ]
     hidden = unknowns.law.hidden
     units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]
-    found = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
-    return (*names, "height", "velocity", *hidden), found
+    result = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
+    return (*names, "height", "velocity", *hidden), result
 
 
 def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
@@ -180,7 +180,7 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
     if not len(information):
         return ()
     strengths, directions = np.linalg.eigh(information)
-    found = []
+    result = []
     for strength, direction in zip(strengths, directions.T, strict=True):
         spread = 1.0 / math.sqrt(max(float(strength), 1e-30))
         if spread <= OPEN:
@@ -192,8 +192,8 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
             if abs(power) > _SMALL_POWER
         }
         largest = float(np.abs(direction).max())
-        found.append(Direction(moving, min(spread * largest, 1e6)))
-    return tuple(found)
+        result.append(Direction(moving, min(spread * largest, 1e6)))
+    return tuple(result)
 
 
 def _at_rest(
@@ -217,8 +217,8 @@ def _at_rest(
     step = 1e-6 * np.maximum(1.0, np.abs(theta))
     thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
     moved = []
-    for one in thetas.T:
-        motion = _small_motion(unknowns, one)
+    for shifted in thetas.T:
+        motion = _small_motion(unknowns, shifted)
         if isinstance(motion, NoSwing):
             return motion
         moved.append(motion)
@@ -259,13 +259,13 @@ def _seen_damping(
     law = unknowns.law
     values, shift, scale, *_ = unknowns.physical(thetas)
     amplitude = sizes[:, None]
-    found = cycles(
+    result = cycles(
         rates_of(law, values), len(law.hidden), amplitude / np.abs(scale),
         (figures[0] - shift) / scale, 2.0 * math.pi / figures[1],
     )  # fmt: skip
-    wide, narrow = found.resistance(amplitude)
+    wide, narrow = result.resistance(amplitude)
     friction = (SHARES[0] * narrow - SHARES[1] * wide) / (SHARES[0] - SHARES[1])
-    return np.vstack([found.damping_ratio, friction])
+    return np.vstack([result.damping_ratio, friction])
 
 
 def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
@@ -274,7 +274,7 @@ def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing
     Hidden states and inputs are at zero.
     """
     values, shift, scale, *_ = unknowns.physical(theta)
-    found = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
-    if isinstance(found, NoSwing):
-        return found
-    return np.array([shift + scale * found.z, found.period, found.damping_ratio])
+    result = small_swing(unknowns.law, values, (unknowns.rest - shift) / scale)
+    if isinstance(result, NoSwing):
+        return result
+    return np.array([shift + scale * result.z, result.period, result.damping_ratio])

@@ -74,8 +74,8 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
     if drive is not None:
         return Candidates(tuple(driven_law(law, record, drive) for law in laws), Screening({}, 1.0))
     screening = screen(record, laws)
-    kept = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
-    return Candidates(kept, screening)
+    saved = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
+    return Candidates(saved, screening)
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:

@@ -120,15 +120,17 @@ def further_runs(
     fall = None if period is None else fall_of(run, period)
     falls = [] if fall is None else fall_checks(run, fall)
     records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
-    failures = [one for one in records if isinstance(one, Failure)]
+    failures = [record for record in records if isinstance(record, Failure)]
     first, last = len(swings), len(swings) + len(lifts)
     scores = None if fall is None else falls_of(run, fall, falls, records[last:])
     if isinstance(scores, Failure):
         failures.append(scores)
     return FurtherRuns(
-        swings=tuple(zip((one.what for one in swings), records[:first], strict=True)),
+        swings=tuple(zip((swing.what for swing in swings), records[:first], strict=True)),
         step_factor=step.factor,
-        lift=next((one for one in records[first:last] if isinstance(one, PistonRecord)), None),
+        lift=next(
+            (record for record in records[first:last] if isinstance(record, PistonRecord)), None
+        ),
         falls=scores if isinstance(scores, DropScores) else None,
         failures=tuple(failures),
     )
@@ -144,7 +146,7 @@ def check_figures(
     """
     duration = float(record.time[-1] - record.time[0])
     results = [_refit(what, swing, duration, model) for what, swing in runs.swings]
-    other, *scattered = [None if isinstance(one, Failure) else one for one in results]
+    other, *scattered = [None if isinstance(result, Failure) else result for result in results]
     checked = {}
     for name, figure in figures.items():
         values = [figure.value, *(values[name] for values in scattered if values is not None)]
@@ -156,7 +158,7 @@ def check_figures(
             ),
             seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
         )
-    return checked, [one for one in results if isinstance(one, Failure)]
+    return checked, [result for result in results if isinstance(result, Failure)]
 
 
 def _refit(
@@ -236,7 +238,7 @@ def checked_records(
     settings = run.settings()
     study = sweep(
         run.scene,
-        cases=[one.changes for one in checks],
+        cases=[check.changes for check in checks],
         measure=piston_columns,
         dt=settings["dt"],
         t_end=_forced_end(run),
@@ -308,7 +310,7 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
         for k in range(seed, seed + CHECK_SEEDS)
     ]
-    return [one for one in drops if _fits(scene, one)]
+    return [drop for drop in drops if _fits(scene, drop)]
 
 
 def _fits(scene: Scene, check: RunCheck) -> bool:

@@ -117,7 +117,7 @@ def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
             judged.append(roll_out(row.models[0], record))
         except InputError:
             judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
-    errors = [*row.stretches, *(one.relative for one in judged)]
+    errors = [*row.stretches, *(candidate.relative for candidate in judged)]
     return dataclasses.replace(row, records=tuple(judged), error=pool(errors))
 
 
@@ -163,7 +163,7 @@ def _row(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
             models = fit(records, law, holdout=holdout, own=private, starts=starts, **how)
-        judged = tuple(roll_out(models[0], each) for each in held_out)
+        judged = tuple(roll_out(models[0], value) for value in held_out)
     except GranularError as cause:
         return Row(law.name, failure=str(cause))
     stretches = tuple(
@@ -171,7 +171,7 @@ def _row(
     )
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
-    errors = [*stretches, *(one.relative for one in judged)]
+    errors = [*stretches, *(candidate.relative for candidate in judged)]
     error = pool(errors) if errors else pool([model.quality.relative for model in models])
     return Row(law.name, models, count, stretches, judged, error)
 
@@ -231,7 +231,7 @@ def _at_rest(row: Row) -> float:
         for model in row.models
         if model.quality.holdout_at_rest is not None
     ]
-    errors += [one.at_rest for one in row.records]
+    errors += [record.at_rest for record in row.records]
     return pool(errors) if errors else 1.0
 
 

@@ -61,7 +61,7 @@ class Row:
     @property
     def blow_ups(self) -> int:
         """Held-out stretches and records over which the law diverges."""
-        errors = (*self.stretches, *(one.relative for one in self.records))
+        errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
     def to_plain(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Row:
             "parameters": self.parameters,
             "held_out_error": self.error,
             "stretches": list(self.stretches),
-            "records": [one.relative for one in self.records],
+            "records": [record.relative for record in self.records],
             "aic": self.aic,
             "bic": self.bic,
             "blow_ups": self.blow_ups,
@@ -137,7 +137,7 @@ class Comparison:
                 lines.append((row.name, row.failure, *empty))
                 continue
             stretch = percent(pool(row.stretches)) if row.stretches else "-"
-            records = [percent(one.relative) for one in row.records]
+            records = [percent(record.relative) for record in row.records]
             lines.append(
                 (row.name, str(row.parameters), stretch, *records, f"{row.aic - aic:+.1f}",
                  f"{row.bic - bic:+.1f}", str(row.blow_ups))
@@ -192,7 +192,7 @@ class Comparison:
             {
                 "law": row.name, "parameters": row.parameters, "error": row.error,
                 "hold-out error": pool(row.stretches) if row.stretches else math.nan,
-                **{f"record {k + 1}": one.relative for k, one in enumerate(row.records)},
+                **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }
             for row in self.rows

@@ -103,22 +103,22 @@ def averaging_of(model: ReducedModel, time: np.ndarray) -> Averaging | None:
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
         return None
-    one = make(model.parameters, model.map)
+    oscillator = make(model.parameters, model.map)
     try:
         cycles = envelope(model.simulate(time))
     except (InputError, RecordError):
         return None
-    if not turns_about_rest(cycles.amplitude, one):
+    if not turns_about_rest(cycles.amplitude, oscillator):
         return None
-    averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
+    averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), oscillator)
     return Averaging(
         law=model.law.name,
         unit=model.unit,
         amplitudes=_ends(averaged),
-        frequencies=_ends(averaged_frequency(averaged, one)),
+        frequencies=_ends(averaged_frequency(averaged, oscillator)),
         solved_amplitudes=_ends(cycles.amplitude),
         solved_frequencies=_ends(cycles.frequency / (2.0 * math.pi)),
-        critical=critical_share(float(cycles.amplitude[0]), one),
+        critical=critical_share(float(cycles.amplitude[0]), oscillator),
     )
 
 

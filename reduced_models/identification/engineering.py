@@ -140,28 +140,30 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
         return ()
     units = units_of(angle, mass)
     shortest, longest = rest.intervals["period"]
-    share = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
+    fraction = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
     stiffness = units.inertia * (2.0 * math.pi / rest.period) ** 2
     if (seen := rest.peaks) is not None:
         damping = [_ratio(" by the record's peaks", seen.mean, (seen.low, seen.high))]
     elif rest.equivalent is not None:
         damping = _two_amplitude_figures(rest, rest.equivalent, units)
     else:
-        damping = _small_swing_figures(rest, share)
+        damping = _small_swing_figures(rest, fraction)
     quantities = [
         Quantity(
             "level of rest", "z", units.length,
-            *(units.scale * each for each in (rest.height, *rest.intervals["height"])),
+            *(units.scale * value for value in (rest.height, *rest.intervals["height"])),
         ),
         Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
         *damping,
-        _symmetric(stiffness, 2.0 * share, "stiffness", "k", units.stiffness),
+        _symmetric(stiffness, 2.0 * fraction, "stiffness", "k", units.stiffness),
     ]  # fmt: skip
     if damping[0].name == DAMPING_RATIO:
         ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
         wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
         value = units.inertia * 4.0 * math.pi * ratio / rest.period
-        quantities.append(_symmetric(value, math.hypot(share, wide), "damping", "c", units.damping))
+        quantities.append(
+            _symmetric(value, math.hypot(fraction, wide), "damping", "c", units.damping)
+        )
     return tuple(quantities)
 
 
@@ -174,27 +176,35 @@ def _small_swing_figures(rest: AtRest, share: float) -> list[Quantity]:
                 damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"
             ),
             _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
-            _by_ratio(lambda one: 0.5 / one, ratio, most, least, "quality factor", "Q", ""),
+            _by_ratio(lambda ratio_: 0.5 / ratio_, ratio, most, least, "quality factor", "Q", ""),
         ]
     return quantities
 
 
-def _two_amplitude_figures(rest: AtRest, one: EquivalentDamping, units: Units) -> list[Quantity]:
+def _two_amplitude_figures(
+    rest: AtRest, equivalent_damping: EquivalentDamping, units: Units
+) -> list[Quantity]:
     wide, narrow = (
-        f" at {units.scale * size:.3g} {units.length}" for size in (one.amplitude, one.tenth)
+        f" at {units.scale * size:.3g} {units.length}"
+        for size in (equivalent_damping.amplitude, equivalent_damping.tenth)
     )
     quantities = [
         _ratio(wide, rest.damping_ratio, rest.intervals["damping_ratio"]),
-        _ratio(narrow, one.tenth_ratio, one.intervals["tenth_ratio"]),
+        _ratio(narrow, equivalent_damping.tenth_ratio, equivalent_damping.intervals["tenth_ratio"]),
     ]
-    if one.friction > 0.0:
-        friction = (units.inertia * each for each in (one.friction, *one.intervals["friction"]))
+    if equivalent_damping.friction > 0.0:
+        friction = (
+            units.inertia * value
+            for value in (equivalent_damping.friction, *equivalent_damping.intervals["friction"])
+        )
         quantities.append(Quantity("friction", "F", units.friction, *friction))
     return quantities
 
 
 def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
-    return Quantity(f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * each for each in (value, *ends)))
+    return Quantity(
+        f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * entry for entry in (value, *ends))
+    )
 
 
 def swing_words(model: ReducedModel) -> str:
@@ -227,7 +237,7 @@ def _by_ratio(
     symbol: str, unit: str,
 ) -> Quantity:  # fmt: skip
     """A quantity that grows with the damping ratio; or falls, where its ends change places."""
-    ends = [function(each) if 0.0 < each < _UNDERDAMPED else math.inf for each in (low, high)]
+    ends = [function(value) if 0.0 < value < _UNDERDAMPED else math.inf for value in (low, high)]
     return Quantity(name, symbol, unit, function(ratio), *ends)
 
 
@@ -237,9 +247,9 @@ def at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycl
         return []
     farthest = float(np.abs(heights - model.at_rest.height).max())
     cycles = []
-    for share in SHARES:
+    for fraction in SHARES:
         try:
-            cycle = model.cycle(share * farthest)
+            cycle = model.cycle(fraction * farthest)
         except GranularError:
             continue
         if cycle.stiffness > 0.0:
@@ -282,7 +292,7 @@ def figures_of(model: ReducedModel) -> dict[str, Figure]:
     return {name: Figure(values[name], pair) for name, pair in model.at_rest.intervals.items()}
 
 
-def error_of(one: Quantity, figures: Mapping[str, Figure], which: str) -> str:
+def error_of(quantity: Quantity, figures: Mapping[str, Figure], which: str) -> str:
     """Error of a quantity that follows from rest, period and damping ratio, by a check.
 
     ``which`` is ``"step_error"`` or ``"seed_spread"``; empty where that is not known.
@@ -290,25 +300,25 @@ def error_of(one: Quantity, figures: Mapping[str, Figure], which: str) -> str:
     known = {name: getattr(figure, which) for name, figure in figures.items()}
     if any(known.get(name) is None for name in ("height", "period", "damping_ratio")):
         return ""
-    if one.name == "level of rest":
+    if quantity.name == "level of rest":
         rest = figures["height"]
-        return number(abs(one.value * known["height"] / rest.value), 2) if rest.value else ""
+        return number(abs(quantity.value * known["height"] / rest.value), 2) if rest.value else ""
     period = known["period"] / figures["period"].value
     ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
-    if one.symbol in _BY_RATIO:
+    if quantity.symbol in _BY_RATIO:
         relative = ratio
-    elif one.name == "stiffness":
+    elif quantity.name == "stiffness":
         relative = 2.0 * period
     else:
-        relative = math.hypot(period, ratio) if one.name == "damping" else period
-    return number(abs(one.value) * relative, 2)
+        relative = math.hypot(period, ratio) if quantity.name == "damping" else period
+    return number(abs(quantity.value) * relative, 2)
 
 
 def swing_text(
     quantities: Sequence[Quantity], figures: Mapping[str, Figure], angle: bool, mass: float | None
 ) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
-    known = {one.name: _widen(one, figures) for one in quantities}
+    known = {quantity.name: _widen(quantity, figures) for quantity in quantities}
     rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
     words = (
         f"{'The angle' if angle else 'The piston'} comes to rest at {rest}, and small swings about "
@@ -322,11 +332,11 @@ def swing_text(
     return words
 
 
-def _widen(one: Quantity, figures: Mapping[str, Figure]) -> Quantity:
+def _widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
     """A quantity whose interval is no narrower than its step error and scatter."""
-    errors = [error_of(one, figures, name) for name in ("step_error", "seed_spread")]
-    wide = max([0.5 * (one.high - one.low), *(float(each) for each in errors if each)])
-    return one._replace(low=one.value - wide, high=one.value + wide)
+    errors = [error_of(quantity, figures, name) for name in ("step_error", "seed_spread")]
+    wide = max([0.5 * (quantity.high - quantity.low), *(float(error) for error in errors if error)])
+    return quantity._replace(low=quantity.value - wide, high=quantity.value + wide)
 
 
 def _damping_text(known: Mapping[str, Quantity]) -> str:
@@ -338,8 +348,8 @@ def _damping_text(known: Mapping[str, Quantity]) -> str:
             words += f": each swing is {100 * left:.3g} % as wide as the one before"
         return words
     ratios = [
-        f"{one.text}{name.removeprefix(DAMPING_RATIO)}"
-        for name, one in known.items()
+        f"{figure.text}{name.removeprefix(DAMPING_RATIO)}"
+        for name, figure in known.items()
         if name.startswith(DAMPING_RATIO)
     ]
     words = f". The damping ratio is {' and '.join(ratios)}"

@@ -134,7 +134,7 @@ def identify(
     sound = [row for row in comparison.rows if row.models]
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
-    shown = next((one for one in (best, *models) if one.at_rest is not None), best)
+    shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     result = Identification(
         record=record,
         models=models,
@@ -223,16 +223,16 @@ def _check_by_runs(
     if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
         comparison = judge_on(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
-        model = next((one for one in order if one.at_rest is not None), order[0])
+        model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = figures_of(model)
     figures, failed = check_figures(figures, model, result.record, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
-    notes = tuple(f"the check with {one.what} failed: {one.cause}" for one in failures)
+    notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)
     for note in notes:
         warnings.warn(note, stacklevel=3)
     models = tuple(
-        dataclasses.replace(one, notes=one.notes + notes) if one is model else one
-        for one in result.models
+        dataclasses.replace(entry, notes=entry.notes + notes) if entry is model else entry
+        for entry in result.models
     )
     return dataclasses.replace(
         result, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,

@@ -73,14 +73,16 @@ def add_engineering(
         page.note("The law has no level of rest near the record, so no small swing can be told.")
         return
     page.section("Frequency, damping, stiffness")
-    checks = ("step_error", "seed_spread") if any(one.checked for one in figures.values()) else ()
+    checks = (
+        ("step_error", "seed_spread") if any(figure.checked for figure in figures.values()) else ()
+    )
     header = ["figure", "sign", "value", f"{100 * model.confidence:g} % interval"]
     page.table(
         [*header, "step error", "scatter"] if checks else header,
         [
-            (one.name, one.symbol, one.text, one.interval,
-             *(error_of(one, figures, name) for name in checks))
-            for one in quantities
+            (figure.name, figure.symbol, figure.text, figure.interval,
+             *(error_of(figure, figures, name) for name in checks))
+            for figure in quantities
         ],
     )  # fmt: skip
     page.text(_explanation(quantities, model, mass))
@@ -103,17 +105,17 @@ def add_engineering(
         (f"amplitude [{units.length}]", "frequency [Hz]", "damping ratio [%]",
          f"stiffness [{units.stiffness}]", f"damping [{units.damping}]"),
         [
-            (number(units.scale * one.amplitude, 3), number(one.frequency / (2.0 * math.pi), 5),
-             number(100.0 * one.damping_ratio, 4), number(units.inertia * one.stiffness, 5),
-             number(units.inertia * one.damping, 4))
-            for one in cycles
+            (number(units.scale * figure.amplitude, 3),
+             number(figure.frequency / (2.0 * math.pi), 5), number(100.0 * figure.damping_ratio, 4),
+             number(units.inertia * figure.stiffness, 5), number(units.inertia * figure.damping, 4))
+            for figure in cycles
         ],
     )  # fmt: skip
 
 
 def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
     words = f"Of the {swing_words(model)} about rest, from the fit of {model.law.name}. "
-    if any(one.name.startswith(f"{DAMPING_RATIO} at ") for one in quantities):
+    if any(quantity.name.startswith(f"{DAMPING_RATIO} at ") for quantity in quantities):
         words += (
             "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
             "4π times that of its swing; friction is the constant force that, beside a dashpot, "
@@ -154,10 +156,10 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
     unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)
     rows = [
         (
-            name, one.verdict, f"{number(scale * one.rms, 3)} {unit}", times(one.swing),
-            times(one.double), _probability(one.whiteness), _probability(one.signs),
+            name, test.verdict, f"{number(scale * test.rms, 3)} {unit}", times(test.swing),
+            times(test.double), _probability(test.whiteness), _probability(test.signs),
         )
-        for name, one in tests.items()
+        for name, test in tests.items()
     ]  # fmt: skip
     page.section("What the laws leave over")
     page.table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
@@ -190,11 +192,12 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
     )
     # Open directions have the signs of their parameters as formulas have them.
     powers = [
-        {symbol(name): power for name, power in one.powers.items()} for one in model.undetermined
+        {symbol(name): power for name, power in product.powers.items()}
+        for product in model.undetermined
     ]
     open_directions = [
-        str(dataclasses.replace(one, powers=named))
-        for one, named in zip(model.undetermined, powers, strict=True)
+        str(dataclasses.replace(product, powers=named))
+        for product, named in zip(model.undetermined, powers, strict=True)
     ]
     for note in (*open_directions, *model.notes):
         page.note(f"{sentence(note)}.")
@@ -269,7 +272,7 @@ def add_falls(page: Page, falls: DropScores) -> None:
         "the height of the drop. How far a bed from another random start falls otherwise is what "
         "no law can tell."
     )
-    far = max(falls.unseen, key=lambda one: float(one.height[0]))
+    far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
         axes.plot(

@@ -133,7 +133,10 @@ def add_fits(
         page,
         "The fits of all laws, and what they leave over.",
         record,
-        [(one.law.name, one.follow(record).height, line_look(k)) for k, one in enumerate(models)],
+        [
+            (model.law.name, model.follow(record).height, line_look(k))
+            for k, model in enumerate(models)
+        ],
         difference=_left_over(record),
         held_out_from=best.quality.holdout_from,
         height=6.0 + 0.15 * len(models),
@@ -174,10 +177,10 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
     page.table(
         ("law", "error [% of the rms swing]", "times the best"),
         [
-            (name, number(100.0 * one.relative, 3), number(one.relative / max(best, 1e-300), 3))
-            if math.isfinite(one.relative)
+            (name, number(100.0 * score.relative, 3), number(score.relative / max(best, 1e-300), 3))
+            if math.isfinite(score.relative)
             else (name, "diverges", "")
-            for one, name in ranked
+            for score, name in ranked
         ],
     )
     _add_curves(
@@ -185,8 +188,8 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
         "The other lift, and what the best laws predict of it.",
         lift,
         [
-            (name, one.motion.height, line_look(k))
-            for k, (one, name) in enumerate(ranked[:_MOST_LINES])
+            (name, score.motion.height, line_look(k))
+            for k, (score, name) in enumerate(ranked[:_MOST_LINES])
         ],
         label="simulated",
         difference=_axis(lift)._replace(name="missed"),
@@ -234,8 +237,12 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
     data = run.dataset
     time = data["time"].values
     parts = {key: data[key].values for key in _ENERGIES if key in data}
-    stored = np.sum([value for key, value in parts.items() if key.endswith("_energy")], axis=0)
-    residual = stored - stored[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
+    stored_energy = np.sum(
+        [value for key, value in parts.items() if key.endswith("_energy")], axis=0
+    )
+    residual = (
+        stored_energy - stored_energy[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
+    )
     with figure(2, 1, height=6.2, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
         drawing,
         (top, bottom),

@@ -103,7 +103,9 @@ class Identification:
     @property
     def shown(self) -> ReducedModel:
         """The model that the figures come from: the best one with a level of rest."""
-        return next((one for one in self.models if one.law.name == self.figures_law), self.best)
+        return next(
+            (model for model in self.models if model.law.name == self.figures_law), self.best
+        )
 
     @property
     def elliptic(self) -> EllipticMotion | None:
@@ -169,10 +171,10 @@ class Identification:
             "notes": list(self.notes),
             "time_step": None if self.run is None else step_text(self.run),
             "seconds": dict(self.seconds),
-            "engineering": [one._asdict() for one in self.engineering],
+            "engineering": [figure._asdict() for figure in self.engineering],
             "mass": self.mass,
             "left_out": list(self.left_out),
-            "residuals": {name: one.to_plain() for name, one in self.residuals.items()},
+            "residuals": {name: figure.to_plain() for name, figure in self.residuals.items()},
             "advice": list(self.advice),
             "falls": None if self.falls is None else self.falls.to_plain(),
         }
@@ -186,7 +188,9 @@ class Identification:
         lines += ["", self.verdict]
         if self.figures:
             lines.append(f"{swing_words(self.shown)} about rest, by {self.figures_law}:")
-        lines += [f"  {one.name}: {one.text}  [{one.interval}]" for one in self.engineering]
+        lines += [
+            f"  {figure.name}: {figure.text}  [{figure.interval}]" for figure in self.engineering
+        ]
         lines += [
             f"  {_checks_text(name, figure, self.shown.unit)}"
             for name, figure in self.figures.items()
@@ -277,10 +281,10 @@ def lift_verdict(table: Comparison) -> str:
     )
     if others:
         worse = [
-            f"{other} is {times(one.relative / max(best.relative, 1e-300))} times worse"
-            if math.isfinite(one.relative)
+            f"{other} is {times(score.relative / max(best.relative, 1e-300))} times worse"
+            if math.isfinite(score.relative)
             else f"{other} diverges"
-            for one, other in others
+            for score, other in others
         ]
         words += "; " + ", ".join(worse)
     return words + "."

@@ -17,33 +17,33 @@ _FEW = 4  # starts, from which each kind has one
 
 def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     k = guesses.frequencies(random, count) ** 2
-    found = {
+    result = {
         "lam": guesses.decays(random, count),
         "k": k,
         "rest": guesses.levels(random, count),
         "beta": k / guesses.amplitude**2 * random.uniform(-0.2, 0.5, count),
     }
-    return _with_two_wells(found, guesses, random)
+    return _with_two_wells(result, guesses, random)
 
 
 def _with_two_wells(
-    found: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
+    result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Some of the starts, the last ones, moved to a spring that pushes away from its rest."""
-    count = len(found["k"])
+    count = len(result["k"])
     least = int(count >= _FEW)
-    across, within = (max(least, round(share * count)) for share in (_ACROSS, _WITHIN))
+    across, within = (max(least, round(fraction * count)) for fraction in (_ACROSS, _WITHIN))
     wide, narrow = slice(count - across, None), slice(count - across - within, count - across)
-    square = found["k"].copy()  # of the frequency that is seen
+    square = result["k"].copy()  # of the frequency that is seen
     # Through both wells: k + 3/4 beta a^2 is that square, by harmonic balance.
-    found["k"][wide] = -square[wide] * random.uniform(0.0, 0.5, across)
-    found["beta"][wide] = (square - found["k"])[wide] / (0.75 * guesses.amplitude**2)
+    result["k"][wide] = -square[wide] * random.uniform(0.0, 0.5, across)
+    result["beta"][wide] = (square - result["k"])[wide] / (0.75 * guesses.amplitude**2)
     # Within one: the well is at sqrt(-k/beta) from the hump, and its own stiffness is -2 k.
     apart = guesses.amplitude * random.uniform(1.0, 2.0, within)
-    found["k"][narrow] = -0.5 * square[narrow]
-    found["beta"][narrow] = 0.5 * square[narrow] / apart**2
-    found["rest"][narrow] += np.where(random.uniform(size=within) < 0.5, -1.0, 1.0) * apart
-    return found
+    result["k"][narrow] = -0.5 * square[narrow]
+    result["beta"][narrow] = 0.5 * square[narrow] / apart**2
+    result["rest"][narrow] += np.where(random.uniform(size=within) < 0.5, -1.0, 1.0) * apart
+    return result
 
 
 DUFFING = Law(

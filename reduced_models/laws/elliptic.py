@@ -136,54 +136,60 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], Oscillator]
 """Laws by name, which make an oscillator of their parameters and the map of the height."""
 
 
-def averaged_amplitude(time: np.ndarray, amplitude: float, one: Oscillator) -> np.ndarray:
+def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillator) -> np.ndarray:
     """Amplitudes (n,) [m] at increasing times (n,) [s], from that at the first."""
     from scipy.integrate import solve_ivp
 
-    found = solve_ivp(
-        lambda _, a: _drift(a, one), (time[0], time[-1]), [amplitude], t_eval=time, rtol=1e-8,
-        atol=1e-10 * amplitude,
+    ivp = solve_ivp(
+        lambda _, a: _drift(a, oscillator), (time[0], time[-1]), [amplitude], t_eval=time,
+        rtol=1e-8, atol=1e-10 * amplitude,
     )  # fmt: skip
-    return np.asarray(found.y[0])
+    return np.asarray(ivp.y[0])
 
 
-def averaged_frequency(amplitude: np.ndarray, one: Oscillator) -> np.ndarray:
+def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
     """The backbone (n,) [Hz] at amplitudes (n,) [m]."""
     from scipy.special import ellipk
 
-    rate, m = _rate_and_parameter(amplitude, one)
+    rate, m = _rate_and_parameter(amplitude, oscillator)
     return np.asarray(rate / (4.0 * ellipk(m)))
 
 
-def critical_share(amplitude: float, one: Oscillator) -> float:
+def critical_share(amplitude: float, oscillator: Oscillator) -> float:
     """The greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
-    rate, _ = _rate_and_parameter(np.array([amplitude]), one)
-    return float(np.abs(one.decay + one.tilt * x + one.bend * x**2).max() / rate[0])
+    rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)
+    return float(
+        np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0]
+    )
 
 
-def turns_about_rest(amplitude: np.ndarray, one: Oscillator) -> bool:
+def turns_about_rest(amplitude: np.ndarray, oscillator: Oscillator) -> bool:
     """True where swings go through rest and turn back: not within one well, nor off a barrier."""
-    stiffening = one.beta * amplitude**2
-    return bool((np.minimum(one.k + 0.5 * stiffening, one.k + stiffening) > 0.0).all())
+    stiffening = oscillator.beta * amplitude**2
+    return bool(
+        (np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all()
+    )
 
 
-def _rate_and_parameter(amplitude: np.ndarray, one: Oscillator) -> tuple[np.ndarray, np.ndarray]:
-    stiffening = one.beta * amplitude**2
+def _rate_and_parameter(
+    amplitude: np.ndarray, oscillator: Oscillator
+) -> tuple[np.ndarray, np.ndarray]:
+    stiffening = oscillator.beta * amplitude**2
     # Not quite up to a hump or a barrier, where a cycle takes for ever.
-    least = 0.5 * (1.0 + 1e-9) * stiffening if one.beta > 0.0 else 1e-6 * one.k
-    square = np.maximum(one.k + stiffening, least)
+    least = 0.5 * (1.0 + 1e-9) * stiffening if oscillator.beta > 0.0 else 1e-6 * oscillator.k
+    square = np.maximum(oscillator.k + stiffening, least)
     return np.sqrt(square), 0.5 * stiffening / square
 
 
-def _drift(amplitude: np.ndarray, one: Oscillator) -> np.ndarray:
+def _drift(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
     """Da/dt (n,) at amplitudes (n,), by means over a quarter period."""
     from scipy.special import ellipk
 
-    _, m = _rate_and_parameter(amplitude, one)
-    places = (np.arange(_PLACES) + 0.5) / _PLACES
-    s, c, d = _functions(ellipk(m)[:, None] * places, m[:, None])
-    damping = one.decay + one.bend * (amplitude[:, None] * c) ** 2
+    _, m = _rate_and_parameter(amplitude, oscillator)
+    indices = (np.arange(_PLACES) + 0.5) / _PLACES
+    s, c, d = _functions(ellipk(m)[:, None] * indices, m[:, None])
+    damping = oscillator.decay + oscillator.bend * (amplitude[:, None] * c) ** 2
     return np.asarray(-2.0 * amplitude * (damping * (s * d) ** 2).mean(axis=1))
 
 

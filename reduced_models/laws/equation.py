@@ -71,7 +71,7 @@ class Trees(NamedTuple):
     @property
     def names(self) -> tuple[str, ...]:
         """Names as they are written, without primes, each once."""
-        return tuple(dict.fromkeys(one.name for one in formulas.names(*self.all)))
+        return tuple(dict.fromkeys(symbol.name for symbol in formulas.names(*self.all)))
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -107,8 +107,8 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
         raise InputError(f"{law} must be linear in z''; write it as z'' = ..., or with m*z''")
     acceleration = -rest / factor
     try:
-        for each in (acceleration, *rates):
-            algebra.check_numbers(each)
+        for value in (acceleration, *rates):
+            algebra.check_numbers(value)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be reckoned with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
@@ -141,39 +141,41 @@ def trees_of(equation: str) -> Trees:
     if coordinate != "z":
         left, right = (_renamed(tree, coordinate) for tree in (left, right))
         hidden = [(name, _renamed(tree, coordinate)) for name, tree in hidden]
-    found = Trees(left, right, dict(hidden))
+    trees = Trees(left, right, dict(hidden))
     if coordinate in (name for name, _ in hidden):
         raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
-    if len(found.hidden) < len(hidden):
+    if len(trees.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
-    for place, tree in enumerate(found.all):
-        for one in formulas.names(tree):
-            if one.primes > (2 if place < 2 else 1) or (one.primes and one.name != "z"):
+    for position, tree in enumerate(trees.all):
+        for item in formulas.names(tree):
+            if item.primes > (2 if position < 2 else 1) or (item.primes and item.name != "z"):
                 raise InputError(
-                    f"{law} has a prime that does not follow {coordinate}, {one.text}; write "
+                    f"{law} has a prime that does not follow {coordinate}, {item.text}; write "
                     f"{coordinate}, {coordinate}' and {coordinate}'', and a hidden state's rate in "
                     "an equation of its own"
                 )
-            if one.name in _RATES.values():
-                raise InputError(f"{law} names {one.name}; write z' or z'', or take another name")
-    return found
+            if item.name in _RATES.values():
+                raise InputError(f"{law} names {item.name}; write z' or z'', or take another name")
+    return trees
 
 
 def _coordinate(law: str, *trees: formulas.Node) -> str:
     """The name that has two primes; z where there is none."""
-    found = tuple(dict.fromkeys(one.name for one in formulas.names(*trees) if one.primes == 2))
-    if not found or found == ("z",):
+    result = tuple(dict.fromkeys(item.name for item in formulas.names(*trees) if item.primes == 2))
+    if not result or result == ("z",):
         return "z"
-    if len(found) > 1:
+    if len(result) > 1:
         raise InputError(
-            f"{law} has two coordinates, {' and '.join(found[:2])}; a law has one: write the other "
-            "as a column of the record, or as a hidden state"
+            f"{law} has two coordinates, {' and '.join(result[:2])}; a law has one: write the "
+            "other as a column of the record, or as a hidden state"
         )
-    if "z" in (one.name for one in formulas.names(*trees)):
-        raise InputError(f"{law} names z beside its coordinate {found[0]}; take another name for z")
-    if found[0] == TIME:
+    if "z" in (item.name for item in formulas.names(*trees)):
+        raise InputError(
+            f"{law} names z beside its coordinate {result[0]}; take another name for z"
+        )
+    if result[0] == TIME:
         raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
-    return found[0]
+    return result[0]
 
 
 def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
@@ -181,7 +183,7 @@ def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Applied):
-        operands = tuple(_renamed(each, coordinate) for each in tree.operands)
+        operands = tuple(_renamed(operand, coordinate) for operand in tree.operands)
         return formulas.Applied(tree.head, operands)
     return tree
 
@@ -189,13 +191,13 @@ def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
 def _hidden(law: str, text: str) -> tuple[str, formulas.Node]:
     """Name and rate of a hidden state."""
     left, _, right = text.partition("=")
-    one = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None
-    if not isinstance(one, formulas.Name) or one.primes != 1 or one.name in ("z", "t"):
+    item = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None
+    if not isinstance(item, formulas.Name) or item.primes != 1 or item.name in ("z", "t"):
         raise InputError(
             f"{law}: {quoted(text.strip())} must have one equals sign behind the rate of a hidden "
             "state, such as w' = z' - w"
         )
-    return one.name, formulas.parse(right)
+    return item.name, formulas.parse(right)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -244,13 +246,15 @@ def jacobian_of(
             for rate in rates
         ]
     # The derivative of a sign is an impulse.
-    names = [{"DiracDelta": lambda place: math.nan if place == 0.0 else 0.0}, "numpy"]
-    found = algebra.function_of(arguments, [rate.diff(one) for rate in rates for one in by], names)
+    names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
+    function = algebra.function_of(
+        arguments, [rate.diff(item) for rate in rates for item in by], names
+    )
 
     def matrix(*values: float) -> np.ndarray:
         # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
         with np.errstate(all="ignore"):
-            slopes = np.array(found(*map(np.float64, values))).reshape(len(rates), len(by))
+            slopes = np.array(function(*map(np.float64, values))).reshape(len(rates), len(by))
         # The derivative of a power of a negative number holds its logarithm.
         if np.iscomplexobj(slopes) or np.isnan(slopes).any():
             return np.full(slopes.shape, math.nan)

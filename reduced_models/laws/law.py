@@ -183,13 +183,13 @@ def law_from_text(
                 "the column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
-    found = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
-    for name in found.parameters:
+    result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
+    for name in result.parameters:
         if name not in declared:
             _ask_about(law, name, columns)
-    if not found.parameters:
+    if not result.parameters:
         raise InputError(f"{law} has no parameter, so there is nothing to fit")
-    return found
+    return result
 
 
 _MOTION = {
@@ -203,7 +203,7 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 def _ask_about(law: str, name: str, columns: Collection[str]) -> None:
     """Refuse a parameter whose name says that it is something else."""
-    lower, near = name.lower(), {each.lower(): each for each in columns}
+    lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, start={{{name!r}: ...}}"
     if lower in near:
         raise InputError(

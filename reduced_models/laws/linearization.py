@@ -116,16 +116,16 @@ def acceleration_of(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]
 
 def _found_or_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """The swing; where the law jumps with the sign of the velocity, that of the mean of both."""
-    found = _found(rates, slopes, state)
-    if found is not JUMPS or len(state) > 2:
-        return found
+    result = _found(rates, slopes, state)
+    if result is not JUMPS or len(state) > 2:
+        return result
     creep = np.array([0.0, _CREEP])
 
     def mean(function: Field) -> Field:
         return lambda at: 0.5 * (function(at + creep) + function(at - creep))
 
-    found = _found(mean(rates), mean(slopes), state)
-    return found._replace(damping_ratio=math.inf) if isinstance(found, SmallSwing) else found
+    result = _found(mean(rates), mean(slopes), state)
+    return result._replace(damping_ratio=math.inf) if isinstance(result, SmallSwing) else result
 
 
 def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
@@ -238,7 +238,10 @@ def cycles(
     at the given one. A stiffness that is not above zero is returned as it is.
     """
     amplitude, centre, omega = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(each, dtype=np.float64)) for each in (amplitude, centre, omega))
+        *(
+            np.atleast_1d(np.asarray(value, dtype=np.float64))
+            for value in (amplitude, centre, omega)
+        )
     )
     for _ in range(_MOST_ROUNDS):
         moved, stiffness, damping = centred(rates, hidden, amplitude, centre, omega)
@@ -256,8 +259,8 @@ def centred(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres moved by a Newton step to no mean force; stiffness and damping before the step."""
     step = _STEP * amplitude
-    places = np.stack([centre, centre + step])
-    mean, stiffness, damping = harmonics(rates, hidden, amplitude, places, omega)
+    positions = np.stack([centre, centre + step])
+    mean, stiffness, damping = harmonics(rates, hidden, amplitude, positions, omega)
     with np.errstate(all="ignore"):
         change = mean[0] * step / (mean[1] - mean[0])
     change = np.clip(np.nan_to_num(change), -_FARTHEST * amplitude, _FARTHEST * amplitude)
@@ -284,7 +287,7 @@ def harmonics(
                 force, *slopes = rates(*motion(angle), *states)
                 if last:
                     parts = (-0.5, -math.cos(angle), math.sin(angle))
-                    sums = [each + part * force for each, part in zip(sums, parts, strict=True)]
+                    sums = [value + part * force for value, part in zip(sums, parts, strict=True)]
                 if states:
                     # The explicit midpoint rule: the cycle of z is given.
                     middle = [
@@ -295,5 +298,5 @@ def harmonics(
                         w + 2.0 * half * slope / omega
                         for w, slope in zip(states, slopes, strict=True)
                     ]
-    mean, stiffness, damping = (2.0 / _NODES * each for each in sums)
+    mean, stiffness, damping = (2.0 / _NODES * value for value in sums)
     return mean, stiffness / amplitude, damping / (amplitude * omega)

@@ -48,8 +48,8 @@ def rounded_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
     """Round one side as `rounded_equation` does."""
     import sympy
 
-    found = expression.atoms(sympy.Float)
-    return expression.xreplace({one: sympy.Float(rounded(float(one), digits)) for one in found})
+    result = expression.atoms(sympy.Float)
+    return expression.xreplace({item: sympy.Float(rounded(float(item), digits)) for item in result})
 
 
 def _terms(side: Any) -> list[Any]:
@@ -64,9 +64,9 @@ def _terms(side: Any) -> list[Any]:
     order = [sympy.Symbol("zddot"), sympy.Symbol("zdot"), sympy.Symbol("z")]
 
     def rank(term: Any) -> tuple[int, str]:
-        for place, symbol in enumerate(order):
+        for position, symbol in enumerate(order):
             if term.has(symbol):
-                return place, str(term)
+                return position, str(term)
         return len(order), str(term)
 
     return sorted(sympy.Add.make_args(plain), key=rank)
@@ -111,14 +111,14 @@ def _side(expression: Any) -> list[str]:
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()
-    found: list[str] = []
+    result: list[str] = []
     for term in _terms(expression):
         negative = term.could_extract_minus_sign()
         text = ""
-        if found or negative:
+        if result or negative:
             text += f"<mo>{'&#x2212;' if negative else '+'}</mo>"
         text += printer.doprint(-term if negative else term)
         for name, (_, mark) in _MARKS.items():
             text = text.replace(f"<mi>{name}</mi>", f"<mover><mi>z</mi><mo>{mark}</mo></mover>")
-        found.append(text)
-    return found
+        result.append(text)
+    return result

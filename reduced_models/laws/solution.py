@@ -124,20 +124,20 @@ def on_grid(
         return _moved(state, _WEIGHTS, slopes, step), point
 
     def chunk(index: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        state, found = carried
+        state, result = carried
         here = jax.lax.dynamic_slice_in_dim(given, index * CHUNK, CHUNK)
         state, points = jax.lax.scan(advance, state, here)
-        return state, jax.lax.dynamic_update_slice_in_dim(found, points, index * CHUNK, 0)
+        return state, jax.lax.dynamic_update_slice_in_dim(result, points, index * CHUNK, 0)
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
     given = jnp.asarray(drive)
     first = _stacked(start, start[0])
     empty = jnp.zeros((len(given), 3, *first.shape[1:]))
-    state, found = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
+    state, output = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
     end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
     last = jnp.stack([state[0], state[1], rates(state, end[0])[1]])
-    found = jax.lax.dynamic_update_index_in_dim(found, last, chunks * CHUNK, 0)
-    return found[:, 0], found[:, 1], found[:, 2]
+    output = jax.lax.dynamic_update_index_in_dim(output, last, chunks * CHUNK, 0)
+    return output[:, 0], output[:, 1], output[:, 2]
 
 
 def _stacked(parts: Sequence[Value], like: jax.Array) -> jax.Array:
@@ -198,7 +198,7 @@ def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]
         # Hidden states, whose own size is 1 or so, are carried in amplitudes, for one tolerance.
         z, v, *memory = state
         values, size = parameters
-        a, *changes = rates(z, v, *(each / size for each in memory), *values)
+        a, *changes = rates(z, v, *(value / size for value in memory), *values)
         return v, a, *(size * change for change in changes)
 
     def far_away(t: object, state: States, parameters: Parameters, **_: object) -> jax.Array:
@@ -209,7 +209,7 @@ def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]
     ) -> tuple[jax.Array, ...]:
         # A dense solution: asking for times here would check them by a callback into Python, and
         # code with callbacks cannot be kept on disk.
-        start = (state[0], state[1], *(size * each for each in state[2:]))
+        start = (state[0], state[1], *(size * value for value in state[2:]))
         result = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
             diffrax.Dopri8(),
@@ -298,11 +298,11 @@ def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array
             step = piece[0] / split
 
             def advance(index: Value, state: jax.Array) -> jax.Array:
-                found = solver.step(
+                result = solver.step(
                     term, index * step, (index + 1) * step, tuple(state), (piece[1], values),
                     first, made_jump=True,
                 )[0]  # fmt: skip
-                return jnp.stack(found)
+                return jnp.stack(result)
 
             state = jax.lax.fori_loop(0, split, advance, state)
             return state, state[:2]
@@ -322,12 +322,12 @@ def _driven_solution(
     how: Interpolation,
 ) -> Solution:
     """By diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
-    found = pieces(times, inputs, how)
-    every = len(found.length) // (len(times) - 1)
-    count = len(found.length)
+    result = pieces(times, inputs, how)
+    every = len(result.length) // (len(times) - 1)
+    count = len(result.length)
     padded = padded_steps(count)
-    length, cubics = np.ones(padded), np.zeros((padded, *found.cubics.shape[1:]))
-    length[:count], cubics[:count] = found.length, found.cubics
+    length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
+    length[:count], cubics[:count] = result.length, result.cubics
     solve = _stepping(law.equation, law.inputs)
     before = np.full((len(times), 2), np.inf)
     split = 1

@@ -56,8 +56,8 @@ def _symmetries(
         with np.errstate(all="ignore"):
             pairs = zip(field(*state, *values), field(*state, *change(values)), strict=True)
             return all(
-                np.isfinite(one).all() and np.allclose(one, other, rtol=_CLOSE, atol=_CLOSE)
-                for one, other in pairs
+                np.isfinite(item).all() and np.allclose(item, other, rtol=_CLOSE, atol=_CLOSE)
+                for item, other in pairs
             )
 
     def moved(k: int, by: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -87,31 +87,35 @@ def _symmetries(
 def canonical(
     law: Law,
     values: Mapping[str, np.ndarray],
-    kept: Collection[str] = (),
+    collection: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Values (...) of parameters in their canonical form, or as near to it as bounds let them.
 
     Those that are ``kept``, or that bounds hold at one value, stay.
     """
-    found = {name: np.asarray(each, dtype=np.float64) for name, each in values.items()}
+    result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = symmetries(law), bounds or {}
-    kept = {*kept, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
+    collection = {
+        *collection,
+        *law.positive,
+        *(name for name, (low, high) in edges.items() if low == high),
+    }
     for name, other in known.flipping:
-        if name in kept or other in kept:
+        if name in collection or other in collection:
             continue
         low, high = edges.get(name, _OPEN)
-        outside = (found[name] < low) | (found[name] > high)
-        turned = -found[name]
+        outside = (result[name] < low) | (result[name] > high)
+        turned = -result[name]
         flipped = ((turned > 0.0) | outside) & (turned >= low) & (turned <= high)
-        found[name] = np.where(flipped, turned, found[name])
+        result[name] = np.where(flipped, turned, result[name])
         if other is not None:
-            found[other] = found[other] + math.pi * flipped
+            result[other] = result[other] + math.pi * flipped
     for name in known.turning:
-        if name in kept:
+        if name in collection:
             continue
         low, high = edges.get(name, _OPEN)
-        home = found[name] - _TURN * np.ceil((found[name] - math.pi) / _TURN)
+        home = result[name] - _TURN * np.ceil((result[name] - math.pi) / _TURN)
         home = home + _TURN * np.ceil(np.maximum(low - home, 0.0) / _TURN)
-        found[name] = home - _TURN * np.ceil(np.maximum(home - high, 0.0) / _TURN)
-    return found
+        result[name] = home - _TURN * np.ceil(np.maximum(home - high, 0.0) / _TURN)
+    return result

@@ -45,13 +45,13 @@ def _swing_start(
     count: int,
 ) -> dict[str, np.ndarray] | None:
     """Start values of the quadratic damping, from its weak form."""
-    found = quadratic_damping(time, swing, guesses.period)
-    if not found.unexplained < _UNEXPLAINED or not found.stiffness > 0.0:
+    result = quadratic_damping(time, swing, guesses.period)
+    if not result.unexplained < _UNEXPLAINED or not result.stiffness > 0.0:
         return None
-    size = float(np.abs(found.damping).sum())
-    c0, c1, c2 = found.damping[:, None] + _SPREAD * size * random.normal(size=(3, count))
-    k = found.stiffness * np.exp(random.uniform(-_SPREAD, _SPREAD, count))
-    return {"c0": c0, "c1": c1, "c2": c2, "k": k, "f": np.full(count, found.force)}
+    size = float(np.abs(result.damping).sum())
+    c0, c1, c2 = result.damping[:, None] + _SPREAD * size * random.normal(size=(3, count))
+    k = result.stiffness * np.exp(random.uniform(-_SPREAD, _SPREAD, count))
+    return {"c0": c0, "c1": c1, "c2": c2, "k": k, "f": np.full(count, result.force)}
 
 
 def _mapped(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -136,10 +136,10 @@ def quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> Quadrat
         rows[k] = np.trapezoid(weights * powers[:, inside], time[inside], axis=1)
         targets[k] = np.trapezoid(curvature / half**2 * u[inside], time[inside])
     size = np.maximum(np.abs(rows).max(axis=0), 1e-300)
-    found = np.linalg.lstsq(rows / size, targets, rcond=1e-12)[0] / size
-    left = targets - rows @ found
+    result = np.linalg.lstsq(rows / size, targets, rcond=1e-12)[0] / size
+    left = targets - rows @ result
     unexplained = float(left @ left / max(float(targets @ targets), 1e-300))
-    return QuadraticDamping(found[:3], float(found[3]), float(found[4]), unexplained)
+    return QuadraticDamping(result[:3], float(result[3]), float(result[4]), unexplained)
 
 
 def _bump(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -134,8 +134,8 @@ def _compiled(
         values, shift, scale, z0, v0, hidden = physical(vectors, scales, logarithmic, fits_map, jnp)
         grid = on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
         z = between(*grid, step, point, fraction[:, None])
-        found = (shift + scale * z - height[:, None]) / scales[1]
-        return jnp.where(jnp.abs(found) < BLOWN_UP, found, BLOWN_UP) * weight[:, None]
+        result = (shift + scale * z - height[:, None]) / scales[1]
+        return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
     def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
@@ -144,7 +144,9 @@ def _compiled(
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
         def slope(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
-            return jax.jvp(lambda each: residuals(each, samples, scales), (vectors,), (direction,))
+            return jax.jvp(
+                lambda value: residuals(value, samples, scales), (vectors,), (direction,)
+            )
 
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
@@ -219,8 +221,8 @@ class GriddedRecord:
     ) -> tuple[np.ndarray, np.ndarray]:
         linear = residual_function(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
-        each = np.asarray(left)[:count], np.asarray(slopes).T[:count]
-        return without_walk(each[0], self.gain), without_walk(each[1], self.gain)
+        value = np.asarray(left)[:count], np.asarray(slopes).T[:count]
+        return without_walk(value[0], self.gain), without_walk(value[1], self.gain)
 
     def normal(self, count: int | None = None) -> Normal:
         """The normal equations of the first ``count`` samples, or of all.

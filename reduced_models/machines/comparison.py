@@ -98,7 +98,9 @@ def compare_response(response: Response) -> ResponseComparison:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", OutsideRangeWarning)
             predicted = predicted_response(response.scene, dense.tolist(), force)
-        outside = [str(one.message) for one in caught if one.category is OutsideRangeWarning]
+        outside = [
+            str(warning.message) for warning in caught if warning.category is OutsideRangeWarning
+        ]
         law[force], linear[force] = predicted.displacement, predicted.linear
         simulated = float(data.displacement.sel(amplitude=force).max())
         peaks.append(
@@ -120,7 +122,7 @@ def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
 
 
 def _report_section(comparison: ResponseComparison) -> PageComparison:
-    notes = [f"Under {one.force:g} N {one.outside}." for one in comparison.peaks if one.outside]
+    notes = [f"Under {peak.force:g} N {peak.outside}." for peak in comparison.peaks if peak.outside]
     return PageComparison(
         title="The law in place of the bed",
         words=(
@@ -140,8 +142,8 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
 
 def _cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
-        (f"{one.force:g}", number(1e3 * one.simulated, 3),
-         number(1e3 * one.law, 3), f"{100.0 * one.error:+.0f}",
-         number(1e3 * one.linear, 3), f"{100.0 * one.linear_error:+.0f}")
-        for one in peaks
+        (f"{peak.force:g}", number(1e3 * peak.simulated, 3),
+         number(1e3 * peak.law, 3), f"{100.0 * peak.error:+.0f}",
+         number(1e3 * peak.linear, 3), f"{100.0 * peak.linear_error:+.0f}")
+        for peak in peaks
     ]  # fmt: skip

@@ -127,8 +127,8 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
     )
     for count in _COUNTS:
         bed = float(start.replace(**{"grains.count": 1}).grains.masses().sum()) * count
-        for share, drag in itertools.product(_SHARES, _DRAGS):
-            mass = share * (limit - bed)
+        for fraction, drag in itertools.product(_SHARES, _DRAGS):
+            mass = fraction * (limit - bed)
             if not mass > 0.5:
                 continue
             diameter = start.grains.species[0].diameter

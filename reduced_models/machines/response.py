@@ -160,15 +160,15 @@ class CoupledSystem(NamedTuple):
 @compiled
 def _rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
-    whole, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
+    total, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
     ratio = law.rest / z
     lift = ratio * ratio * math.sqrt(ratio) * (1.0 + w) - 1.0
     second = law.piston * law.gravity * lift - law.drag * v
-    determinant = whole * law.moving - swing * swing
+    determinant = total * law.moving - swing * swing
     rates[0], rates[2] = speed, v
     rates[1] = (law.moving * first - swing * second) / determinant
-    rates[3] = (whole * second - swing * first) / determinant
+    rates[3] = (total * second - swing * first) / determinant
     yields = law.strength * (1.0 + HARDENING * q)
     plastic = abs(v) * (w / yields) ** 4
     rates[4] = -law.modulus * (1.0 + STIFFENING * q) / z * (v + math.copysign(plastic, w))

@@ -80,8 +80,8 @@ def numpy_source(model: FittedLaw) -> str:
     )
     low, high = model.domain.get("height", (-np.inf, np.inf))
 
-    def at(place: str) -> str:
-        return "".join(f", {name}({place})" for name in inputs)
+    def at(position: str) -> str:
+        return "".join(f", {name}({position})" for name in inputs)
 
     def code(expression: sympy.Expr) -> str:
         return str(doprint(expression.xreplace(symbols)))
@@ -114,13 +114,13 @@ def numpy_source(model: FittedLaw) -> str:
 
 def _safe_names(names: Sequence[str]) -> dict[str, str]:
     """Names for Python code: those that it has itself get an underscore."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for name in names:
         other = name
         while keyword.iskeyword(other) or other in _TAKEN or (other != name and other in names):
             other += "_"
-        found[name] = other
-    return found
+        result[name] = other
+    return result
 
 
 def _quotable(words: str) -> str:

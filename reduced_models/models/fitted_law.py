@@ -96,24 +96,24 @@ class AtRest:
     peaks: SeenDamping | None = None
 
     def __str__(self) -> str:
-        one, known = self.equivalent, dict(self.intervals)
+        item, known = self.equivalent, dict(self.intervals)
         rows = [("height", self.height, "m"), ("period", self.period, "s")]
         if self.peaks is not None:
             by_peaks = "damping ratio by the record's peaks"
             rows.append((by_peaks, self.peaks.mean, ""))
             known |= {by_peaks: (self.peaks.low, self.peaks.high)}
-        elif one is None:
+        elif item is None:
             rows.append(("damping_ratio", self.damping_ratio, ""))
         else:
             at_half, at_tenth = (
-                f"damping ratio at {size:.3g} m" for size in (one.amplitude, one.tenth)
+                f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth)
             )
             rows += [
-                (at_half, self.damping_ratio, ""), (at_tenth, one.tenth_ratio, ""),
-                ("friction", one.friction, "m/s^2"),
+                (at_half, self.damping_ratio, ""), (at_tenth, item.tenth_ratio, ""),
+                ("friction", item.friction, "m/s^2"),
             ]  # fmt: skip
-            known |= {at_half: known["damping_ratio"], at_tenth: one.intervals["tenth_ratio"]}
-            known |= {"friction": one.intervals["friction"]}
+            known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}
+            known |= {"friction": item.intervals["friction"]}
         return "\n".join(
             f"{name.replace('_', ' ')}: {_with_interval(value, unit, known.get(name))}"
             for name, value, unit in rows
@@ -130,10 +130,10 @@ def _with_interval(value: float, unit: str, interval: tuple[float, float] | None
         return f"{value:.4g}{unit}  [{low:.4g}, {high:.4g}]"
     decimals = min(MOST_DIGITS, max(0, 1 - math.floor(math.log10(high - low))))
     below, above = (
-        decimal.Decimal(repr(float(one))).quantize(
+        decimal.Decimal(repr(float(item))).quantize(
             decimal.Decimal(1).scaleb(-decimals), rounding=how
         )
-        for one, how in ((low, decimal.ROUND_FLOOR), (high, decimal.ROUND_CEILING))
+        for item, how in ((low, decimal.ROUND_FLOOR), (high, decimal.ROUND_CEILING))
     )
     return f"{value:.{decimals}f}{unit}  [{below:f}, {above:f}]"
 
@@ -184,8 +184,8 @@ class FittedLaw:
 
     def unit_of(self, name: str) -> str:
         """Unit of a parameter, of ``shift`` or of ``scale``."""
-        found = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
-        return _METRE.sub("rad", found) if self.angle else found
+        result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
+        return _METRE.sub("rad", result) if self.angle else result
 
     def map_text(self, digits: int) -> str:
         """Map from the coordinate to z, as text."""
@@ -234,7 +234,9 @@ class FittedLaw:
         rest, law = self.at_rest, self.law
         z = self.map.to_law(rest.height)
         values = [rounded(self.parameters[name], digits) for name in law.parameters]
-        shift, scale = (rounded(each, max(digits, 5)) for each in (self.map.shift, self.map.scale))
+        shift, scale = (
+            rounded(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
+        )
         swings = [(small_swing(law, values, z), rates_of(law, values))]
         if not law.hidden:  # whose equations stand beside this one
             equation = rounded_equation(self.fitted_equation, digits)
@@ -245,8 +247,8 @@ class FittedLaw:
             ratio = swing.damping_ratio
             if rest.equivalent is not None:
                 size, omega = rest.equivalent.amplitude / abs(scale), 2.0 * math.pi / swing.period
-                found = cycles(rates, len(law.hidden), size, swing.z, omega)
-                ratio = float(found.damping_ratio[0])
+                result = cycles(rates, len(law.hidden), size, swing.z, omega)
+                ratio = float(result.damping_ratio[0])
             printed = (shift + scale * swing.z, swing.period, ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):
                 low, high = rest.intervals[name]
@@ -264,7 +266,7 @@ class FittedLaw:
     def printed_hidden(self) -> dict[str, sympy.Expr]:
         """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
         rates = self.law.sympy_hidden(self.parameters)
-        return {name: rounded_expression(one, self.printed_digits) for name, one in rates.items()}
+        return {name: rounded_expression(rate, self.printed_digits) for name, rate in rates.items()}
 
     def simulate(
         self,
@@ -325,13 +327,13 @@ class FittedLaw:
         # Another start forgets the record's history.
         same = z0 is None and v0 is None
         hidden = [self.hidden.get(name, 0.0) if same else 0.0 for name in self.law.hidden]
-        found = solution(
+        result = solution(
             self.law, times, z_start, start[1] / scale, values, size, drive, hidden,
             self.input_interpolation,
         )  # fmt: skip
-        if found.ending != "complete":
-            raise InputError(_incomplete(self.law.name, times, found))
-        height, velocity = self.map.to_height(found.z), scale * found.velocity
+        if result.ending != "complete":
+            raise InputError(_incomplete(self.law.name, times, result))
+        height, velocity = self.map.to_height(result.z), scale * result.velocity
         return PistonRecord(times, height, velocity, angle=self.angle)
 
     def follow(self, record: PistonRecord) -> PistonRecord:
@@ -350,13 +352,13 @@ class FittedLaw:
         return self.simulate(t).height
 
 
-def _incomplete(name: str, times: np.ndarray, found: Solution) -> str:
+def _incomplete(name: str, times: np.ndarray, result: Solution) -> str:
     """Why a solution does not reach the last of the times."""
     from reduced_models.laws.solution import STEP_BUDGETS
 
-    reached = np.flatnonzero(np.isfinite(found.z))
+    reached = np.flatnonzero(np.isfinite(result.z))
     last = times[reached[-1]] if len(reached) else times[0]
-    if found.ending == "blow-up":
+    if result.ending == "blow-up":
         cause = f"diverges behind t = {last:g} s"
     else:
         cause = (

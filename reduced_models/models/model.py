@@ -284,13 +284,13 @@ class ReducedModel(FittedLaw):
                 words += f"{rest.peaks.mean:.4g} by the record's peaks"
             else:
                 words += f"{rest.damping_ratio:.4g}"
-            if rest.peaks is None and (one := rest.equivalent) is not None:
+            if rest.peaks is None and (item := rest.equivalent) is not None:
                 words += (
-                    f" at {one.amplitude:.3g} {self.unit} and {one.tenth_ratio:.4g} at "
-                    f"{one.tenth:.3g} {self.unit}"
+                    f" at {item.amplitude:.3g} {self.unit} and {item.tenth_ratio:.4g} at "
+                    f"{item.tenth:.3g} {self.unit}"
                 )
-                if one.friction > 0.0:
-                    words += f", friction {one.friction:.4g} {self.unit}/s^2"
+                if item.friction > 0.0:
+                    words += f", friction {item.friction:.4g} {self.unit}/s^2"
             lines.append(words)
         elif self.no_swing:
             lines.append(f"  small swing at rest: none, {self.no_swing}")

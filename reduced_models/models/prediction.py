@@ -102,15 +102,15 @@ def _change(
     of it is straight: steps are shortened until they are. A motion that does not change by more
     than the solver's error there does not depend on it.
     """
-    share = _STEP
+    fraction = _STEP
     for _ in range(_ROUNDS if sigma.any() else 0):
-        above, below = motion(share * sigma), motion(-share * sigma)
+        above, below = motion(fraction * sigma), motion(-fraction * sigma)
         odd = 0.5 * (above - below)
         even = float(np.abs(0.5 * (above + below) - here).max())
         most = float(np.abs(odd).max())
         if even <= max(_STRAIGHT * most, _ERROR * size):
-            return odd / share if most > _ERROR * size else np.zeros_like(here)
-        share *= 0.1
+            return odd / fraction if most > _ERROR * size else np.zeros_like(here)
+        fraction *= 0.1
     return np.zeros_like(here)
 
 

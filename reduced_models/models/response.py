@@ -100,7 +100,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quoted(amplitude)} m; give one above 0")
     height, period = _rest(model)
-    found = cycles(
+    result = cycles(
         _rates(model),
         len(model.law.hidden),
         amplitude / abs(model.map.scale),
@@ -108,7 +108,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
         2.0 * math.pi / period if frequency is None else frequency,
         free=frequency is None,
     )
-    omega, stiffness, damping = (float(each[0]) for each in found[1:])
+    omega, stiffness, damping = (float(value[0]) for value in result[1:])
     if not math.isfinite(stiffness):
         raise InputError(
             f"a cycle of amplitude {amplitude:g} m leaves where the law "
@@ -120,7 +120,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
             f"{amplitude:g} m; "
             "give the frequency, or a smaller amplitude"
         )
-    centre = float(model.map.to_height(found.centre[0]))
+    centre = float(model.map.to_height(result.centre[0]))
     energy = math.pi * amplitude**2 * omega * damping
     return HarmonicCycle(amplitude, omega, centre, stiffness, damping, energy)
 
@@ -210,10 +210,10 @@ def _rates(model: FittedLaw) -> Rates:
     return rates_of(model.law, [model.parameters[name] for name in model.law.parameters])
 
 
-def _crossings(place: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Arguments at which a function passes zero."""
     good = np.isfinite(value)
-    place, value = place[good], value[good]
+    position, value = position[good], value[good]
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
-    share = value[at] / (value[at] - value[at + 1])
-    return np.asarray(place[at] + share * (place[at + 1] - place[at]))
+    fraction = value[at] / (value[at] - value[at + 1])
+    return np.asarray(position[at] + fraction * (position[at + 1] - position[at]))

@@ -64,31 +64,31 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     >>> roll_out(fit(record, law="linear"), record).relative < 1e-6
     True
     """
-    whole = record.from_zero()
-    guess = first_guesses(whole)
+    total = record.from_zero()
+    guess = first_guesses(total)
     law, (unknowns, theta) = model.law, theta_of_model(model, guess)
     theta[unknowns.free :] = 0.0
     theta[unknowns.free : unknowns.free + 2] = (
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
-    steps = grid_over(whole, law.inputs, guess.period, _STEPS * law.resolution)
-    grid = gridded(unknowns, whole, steps, model.input_interpolation)
+    steps = grid_over(total, law.inputs, guess.period, _STEPS * law.resolution)
+    grid = gridded(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
     held[unknowns.free : unknowns.free + 2] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    first = max(4, int(np.searchsorted(whole.time, START_PERIODS * guess.period)))
+    first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
     theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
-    height = whole.height + guess.amplitude * residuals
+    height = total.height + guess.amplitude * residuals
     height = np.where(np.maximum.accumulate(lost), np.nan, height)
     error = math.inf if lost.any() else guess.amplitude * _rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
-    swing = float(whole.height.std())
+    swing = float(total.height.std())
     motion = _motion(record, height)
-    return RollOut(motion, error, error / swing, _rms(whole.height - rest) / swing)
+    return RollOut(motion, error, error / swing, _rms(total.height - rest) / swing)
 
 
 def theta_of_model(

@@ -242,23 +242,23 @@ def checked(data: object) -> dict[str, Any]:
     InputError
         If they are not; the message says which entry, what it is, and what is wanted.
     """
-    found: dict[str, Any] = _MODEL("model", data)
-    parameters = found["parameters"]
-    for name in found["positive"]:
+    result: dict[str, Any] = _MODEL("model", data)
+    parameters = result["parameters"]
+    for name in result["positive"]:
         if not parameters.get(name, 0.0) > 0.0:
             raise _wrong(f"model.parameters.{name}", parameters.get(name), "a number above 0")
-    fitted = ("shift", "scale") if found["map"]["fitted"] else ()
+    fitted = ("shift", "scale") if result["map"]["fitted"] else ()
     for name in (*parameters, *fitted):
-        if name not in found["intervals"]:
+        if name not in result["intervals"]:
             raise _wrong(f"model.intervals.{name}", None, "a pair")
-    if not found["map"]["scale"]:
+    if not result["map"]["scale"]:
         raise _wrong("model.map.scale", 0.0, "another number")
-    size = len(found["covariance_names"])
-    if [len(row) for row in found["covariance"]] != [size] * size:
-        raise _wrong("model.covariance", found["covariance"], "a row and a column for each name")
-    if len(found["initial"]) != 2:
-        raise _wrong("model.initial", found["initial"], "a pair")
-    return found
+    size = len(result["covariance_names"])
+    if [len(row) for row in result["covariance"]] != [size] * size:
+        raise _wrong("model.covariance", result["covariance"], "a row and a column for each name")
+    if len(result["initial"]) != 2:
+        raise _wrong("model.initial", result["initial"], "a pair")
+    return result
 
 
 def read_model(path: Path) -> dict[str, Any]:
@@ -284,10 +284,10 @@ def _refuse(constant: str) -> float:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    result = dict(pairs)
+    if len(result) < len(pairs):
         raise ValueError("an entry is there twice; drop one")
-    return found
+    return result
 
 
 def law_from_plain(plain: Mapping[str, Any]) -> Law:

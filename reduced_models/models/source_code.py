@@ -64,13 +64,13 @@ def export_parts(model: FittedLaw) -> ExportParts:
     ]
     symbols = {
         sympy.Symbol(name): sympy.Symbol(safe)
-        for names, found in groups
-        for name, safe in zip(names, found, strict=True)
+        for names, result in groups
+        for name, safe in zip(names, result, strict=True)
     }
 
     def plain(expression: sympy.Expr) -> sympy.Expr:
-        found = expression.xreplace(symbols)
-        return found.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
+        result = expression.xreplace(symbols)
+        return result.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
     (_, parameters), (_, hidden), (_, inputs) = groups
     period = 1.0 if model.at_rest is None else model.at_rest.period
@@ -103,13 +103,13 @@ def export_parts(model: FittedLaw) -> ExportParts:
 
 def safe_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
     """Names of ASCII letters, digits and underscores behind a prefix, no two of them alike."""
-    found: list[str] = []
+    result: list[str] = []
     for name in names:
         ascii_name = "".join(map(_ascii_name, name))
-        while prefix + ascii_name in found:
+        while prefix + ascii_name in result:
             ascii_name += "_"
-        found.append(prefix + ascii_name)
-    return tuple(found)
+        result.append(prefix + ascii_name)
+    return tuple(result)
 
 
 def _ascii_name(character: str) -> str:
@@ -352,8 +352,8 @@ def _modelica(expression: sympy.Expr) -> str:
     """Expression in Modelica: powers by ^, and pi and e as numbers."""
     import sympy
 
-    found = expression.xreplace({sympy.pi: sympy.pi.evalf(17), sympy.E: sympy.E.evalf(17)})
-    return str(sympy.sstr(found)).replace("**", "^").replace("Abs(", "abs(")
+    result = expression.xreplace({sympy.pi: sympy.pi.evalf(17), sympy.E: sympy.E.evalf(17)})
+    return str(sympy.sstr(result)).replace("**", "^").replace("Abs(", "abs(")
 
 
 def _unit(unit: str) -> str:

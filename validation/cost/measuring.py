@@ -101,21 +101,28 @@ def work_precisions(
     repeats: int = REPEATS,
 ) -> tuple[WorkPrecision, ...]:
     """`work_precision` of several quantities from the same runs, a result each."""
-    chosen = [quantity_named(one) for one in quantities]
+    chosen = [quantity_named(quantity) for quantity in quantities]
     wanted = tuple(settings)
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
     scenes = starts_of(scene, seeds)
     truth = truths(scenes, chosen, references or [None] * len(chosen), until)
-    rows = [points(scenes, chosen, one, truth, until, repeats) for one in wanted if not one.outside]
-    outside = [one for one in wanted if one.outside]
+    rows = [
+        points(scenes, chosen, quantity, truth, until, repeats)
+        for quantity in wanted
+        if not quantity.outside
+    ]
+    outside = [quantity for quantity in wanted if quantity.outside]
     return tuple(
         study_of(
-            scene, one, until,
-            [*(row[k] for row in rows), *_outside_points(scene, one, outside, truth[k], until)],
+            scene, quantity, until,
+            [
+                *(row[k] for row in rows),
+                *_outside_points(scene, quantity, outside, truth[k], until),
+            ],
             truth[k],
         )
-        for k, one in enumerate(chosen)
+        for k, quantity in enumerate(chosen)
     )  # fmt: skip
 
 
@@ -180,7 +187,7 @@ def truths(
             words = f"{wanted.family}, dt = {wanted.dt}"
             if words not in runs:
                 runs[words] = [run(scene, wanted, until) for scene in scenes]
-            values = tuple(quantity.measure(each) for each in runs[words])
+            values = tuple(quantity.measure(run) for run in runs[words])
             truth.append(Truth(words, values, _floor(quantity, values)))
         else:
             words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
@@ -224,12 +231,12 @@ def points(
         )
     except GranularError as stop:
         return [_failed(setting, stop)] * len(quantities)
-    steps = round(float(np.mean([one.settings()["steps"] for one in runs])))
+    steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
     measured = []
-    for quantity, one in zip(quantities, truth, strict=True):
+    for quantity, item in zip(quantities, truth, strict=True):
         try:
-            values = [quantity.measure(each) for each in runs]
-            error, doubt = deviation(quantity, values, one.values)
+            values = [quantity.measure(run) for run in runs]
+            error, doubt = deviation(quantity, values, item.values)
             measured.append(
                 Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
             )
@@ -252,7 +259,7 @@ def deviation(
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
     off = np.array([np.ravel(a) - np.ravel(b) for a, b in zip(values, references, strict=True)])
     if quantity.relative:
-        off /= np.abs(np.mean([np.asarray(one) for one in references], axis=0)).max()
+        off /= np.abs(np.mean([np.asarray(reference) for reference in references], axis=0)).max()
     mean = np.abs(off.mean(axis=0))
     worst = int(mean.argmax())
     return float(mean[worst]), float(off[:, worst].std(ddof=1) / math.sqrt(len(values)))
@@ -262,7 +269,7 @@ def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     """Standard deviation of a quantity over starts, as an error."""
     if len(values) < 2 or quantity.of_start:
         return 0.0
-    series = np.array([np.asarray(one) for one in values])
+    series = np.array([np.asarray(value) for value in values])
     spread = float(series.std(axis=0, ddof=1).max())
     if not quantity.relative:
         return spread
@@ -304,12 +311,12 @@ def _outside_points(
     if quantity.name != "positions" or until is None:
         return []
     length = Scales.of(scene.grains).length
-    found = []
-    for one in settings:
-        adaptive(one.method, scene, 1e-3 * until, 1e-2)
-        begun = time.perf_counter()
-        solved = adaptive(one.method, scene, until, float(one.dt))
-        seconds = time.perf_counter() - begun
+    result = []
+    for setting in settings:
+        adaptive(setting.method, scene, 1e-3 * until, 1e-2)
+        started = time.perf_counter()
+        solved = adaptive(setting.method, scene, until, float(setting.dt))
+        seconds = time.perf_counter() - started
         error = quantity.error(solved.positions / length, truth.values[0])
-        found.append(Point(one, error, seconds, solved.steps or 0))
-    return found
+        result.append(Point(setting, error, seconds, solved.steps or 0))
+    return result

@@ -44,7 +44,7 @@ class SolverSettings(NamedTuple):
     @property
     def family(self) -> str:
         """Name that settings have in common which differ in their step alone."""
-        changes = (f"{key.rpartition('.')[2]} {one}" for key, one in self.changes.items())
+        changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 
 
@@ -114,10 +114,10 @@ def cost(point: Point) -> tuple[float, float]:
 
 def families(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
     """The points by family, from coarse to fine."""
-    found: dict[str, list[Point]] = {}
-    for one in points:
-        found.setdefault(one.setting.family, []).append(one)
-    return {name: tuple(sorted(ones, key=_work)) for name, ones in found.items()}
+    result: dict[str, list[Point]] = {}
+    for point in points:
+        result.setdefault(point.setting.family, []).append(point)
+    return {name: tuple(sorted(group, key=_work)) for name, group in result.items()}
 
 
 def _work(point: Point) -> int:
@@ -190,13 +190,15 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
     Below `FLOORS` floors the fastest setting whose error cannot be told from nought is named, and
     how many starts it takes; otherwise the fastest one that `holding` names.
     """
-    own = [one for one in points if not one.setting.outside]
+    own = [point for point in points if not point.setting.outside]
     if tolerance < FLOORS * floor:
         best = min(
-            (one for fam in families(own).values() for one in unbiased(fam)), key=cost, default=None
+            (point for fam in families(own).values() for point in unbiased(fam)),
+            key=cost,
+            default=None,
         )
         return Advice(tolerance, best, starts_for(floor, tolerance), floor)
-    sound = [one for fam in families(own).values() for one in holding(fam, tolerance)]
+    sound = [point for fam in families(own).values() for point in holding(fam, tolerance)]
     return Advice(tolerance, min(sound, key=cost, default=None), 1, floor)
 
 
@@ -206,20 +208,20 @@ def holding(family: Sequence[Point], tolerance: float) -> list[Point]:
     The error's bound must be within the tolerance, and no point of the family with more steps may
     be clearly above it.
     """
-    found = []
-    for one in reversed(family):
-        if one.failed or not one.least <= tolerance:
+    result = []
+    for point in reversed(family):
+        if point.failed or not point.least <= tolerance:
             break
-        if one.bound <= tolerance:
-            found.append(one)
-    return found
+        if point.bound <= tolerance:
+            result.append(point)
+    return result
 
 
 def unbiased(family: Sequence[Point]) -> list[Point]:
     """The points of a family whose errors, and all finer ones', cannot be told from nought."""
-    found = []
-    for one in reversed(family):
-        if one.failed or one.least > 0.0:
+    result = []
+    for point in reversed(family):
+        if point.failed or point.least > 0.0:
             break
-        found.append(one)
-    return found
+        result.append(point)
+    return result

@@ -30,7 +30,7 @@ Studies = list[WorkPrecision]
 
 def studies_of(plain: Mapping[str, Any]) -> Studies:
     """Return the studies of a result."""
-    return [WorkPrecision.from_plain(one) for one in plain["studies"]]
+    return [WorkPrecision.from_plain(study) for study in plain["studies"]]
 
 
 def joined(results: Sequence[Studies]) -> Studies:
@@ -51,12 +51,12 @@ DAMPER_STEPS = {
 def work_precision_tasks(full: bool) -> list[Task]:
     """Return the tasks: grain, frictionless bed and compression; in full also the damper."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
-    kept = ("energy", "positions")
+    saved = ("energy", "positions")
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[:3:2]]
     wanted: list[tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]] = [
-        (grain, kept, [*candidates(grain), *many], {"until": 1.0, "references": _exact_grain()}),
-        (bed, kept, [*candidates(bed), *few], {"until": 0.02}),
+        (grain, saved, [*candidates(grain), *many], {"until": 1.0, "references": _exact_grain()}),
+        (bed, saved, [*candidates(bed), *few], {"until": 0.02}),
         (squeezed, ("piston force", "mean distance"), candidates(squeezed), {"seeds": 4}),
     ]
     if full:
@@ -69,7 +69,7 @@ def work_precision_tasks(full: bool) -> list[Task]:
         }
         wanted.append((load_scene("damper"), quantities, damper, options))
         wanted.append(_pair_sums())
-    return [work_precision_task(*one) for one in wanted]
+    return [work_precision_task(*quantity) for quantity in wanted]
 
 
 def work_precision_task(
@@ -89,10 +89,13 @@ def work_precision_task(
 
 SUMS: tuple[dict[str, Any], ...] = (
     {"pairs.method": "direct"},
-    *({"pairs.method": "mesh", "pairs.tolerance": one} for one in (3e-3, 3e-4, 3e-5)),
+    *({"pairs.method": "mesh", "pairs.tolerance": value} for value in (3e-3, 3e-4, 3e-5)),
     {"pairs.method": "mesh", "pairs.far_every": 1},
-    *({"pairs.method": "cut-off", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
-    *({"pairs.method": "verlet-list", "pairs.cut_off": f"{one} D"} for one in (5, 8, 11.26, 16)),
+    *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
+    *(
+        {"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"}
+        for value in (5, 8, 11.26, 16)
+    ),
 )
 """Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
 
@@ -118,7 +121,7 @@ def _weigh(
     options: dict[str, Any],
 ) -> Plain:
     studies = work_precisions(scene, quantities, settings, **options)
-    return {"studies": [one.to_plain() for one in studies]}
+    return {"studies": [study.to_plain() for study in studies]}
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -139,22 +142,24 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
         "setting, stormer-verlet at dt = auto."
     )
     tabulate(page, choices(studies))
-    for one in studies:
+    for study in studies:
         with figure(width=WIDTH, height=5.0) as (drawing, axes):
-            one.plot(axes)
+            study.plot(axes)
             legend(axes)
-            until = "" if one.horizon is None else f" over {one.horizon:g} s"
-            page.figure(drawing, f"{one.quantity} of {one.scene}{until}, against {one.reference}.")
+            until = "" if study.horizon is None else f" over {study.horizon:g} s"
+            page.figure(
+                drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}."
+            )
 
 
 def choices(studies: Sequence[WorkPrecision]) -> TextTable:
     """Return a table of the setting to take for each level, and its time over the default one's."""
     rows = []
-    for one in studies:
-        usual = one.usual()
+    for study in studies:
+        usual = study.usual()
         seconds = math.nan if usual is None else usual.seconds
         rows += [
-            (one.scene, one.quantity, words, *_chosen(one, level, seconds))
+            (study.scene, study.quantity, words, *_chosen(study, level, seconds))
             for words, level in LEVELS.items()
         ]
     header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds",
@@ -162,8 +167,8 @@ def choices(studies: Sequence[WorkPrecision]) -> TextTable:
     return table(header, rows)
 
 
-def _chosen(one: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
-    advice = one.advice(level)
+def _chosen(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
+    advice = work_precision.advice(level)
     best = advice.point
     if best is None:
         return (str(advice), "", "", "", "", "")
@@ -180,15 +185,17 @@ def _chosen(one: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
 def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
     return [
-        *((title.format(one), one.table()) for one in joined(results)),
+        *((title.format(study), study.table()) for study in joined(results)),
         ("What to take.", choices(joined(results))),
     ]
 
 
 def _verdict(results: Sequence[Studies]) -> tuple[str, bool]:
     studies = joined(results)
-    usual = [one for one in studies if any(each.setting[:2] == USUAL for each in one.points)]
-    right = sum(one.usual() is not None for one in usual)
+    usual = [
+        study for study in studies if any(point.setting[:2] == USUAL for point in study.points)
+    ]
+    right = sum(study.usual() is not None for study in usual)
     words = (
         f"cost of accuracy shown for {len(studies)} quantities; the default setting runs in "
         f"{right} of {len(usual)}"

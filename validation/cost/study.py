@@ -54,11 +54,11 @@ class WorkPrecision(PlainData):
 
     def front(self) -> tuple[Point, ...]:
         """The Pareto front, from fast to accurate: no setting is both faster and more accurate."""
-        own = [one for one in self.points if not one.failed and not one.setting.outside]
+        own = [point for point in self.points if not point.failed and not point.setting.outside]
         front: list[Point] = []
-        for one in sorted(own, key=cost):
-            if not front or one.error < front[-1].error:
-                front.append(one)
+        for point in sorted(own, key=cost):
+            if not front or point.error < front[-1].error:
+                front.append(point)
         return tuple(front)
 
     def advice(self, tolerance: float) -> Advice:
@@ -67,13 +67,13 @@ class WorkPrecision(PlainData):
 
     def cheapest(self, tolerance: float) -> Point | None:
         """The fastest setting one run of which is accurate to a tolerance, and not so by luck."""
-        found = self.advice(tolerance)
-        return None if found.below_floor else found.point
+        result = self.advice(tolerance)
+        return None if result.below_floor else result.point
 
     def usual(self) -> Point | None:
         """The default method and step, in the first form that was tried and did not fail."""
-        ones = (one for one in self.points if not one.failed)
-        return next((one for one in ones if one.setting[:2] == USUAL), None)
+        finished = (point for point in self.points if not point.failed)
+        return next((point for point in finished if point.setting[:2] == USUAL), None)
 
     def families(self) -> dict[str, tuple[Point, ...]]:
         """The points by family, from coarse to fine."""
@@ -81,24 +81,24 @@ class WorkPrecision(PlainData):
 
     def digit(self) -> float | None:
         """Return how many times as long a digit takes, along the front; None without two points."""
-        ones = [one for one in self.front() if one.error > max(0.0, one.doubt)]
-        if len(ones) < 2 or not ones[-1].error < ones[0].error:
+        points = [point for point in self.front() if point.error > max(0.0, point.doubt)]
+        if len(points) < 2 or not points[-1].error < points[0].error:
             return None
-        digits = math.log10(ones[0].error / ones[-1].error)
-        return float((ones[-1].seconds / ones[0].seconds) ** (1.0 / digits))
+        digits = math.log10(points[0].error / points[-1].error)
+        return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
 
     def table(self) -> TextTable:
         """One row a setting, the front marked with a star."""
         front = self.front()
         rows = []
-        for one in self.points:
-            said = "" if one.failure is None else one.failure.split(":", 1)[0]
+        for point in self.points:
+            said = "" if point.failure is None else point.failure.split(":", 1)[0]
             shown = (
-                f"{one.error:.3g}", f"{one.doubt:.1g}" if one.doubt else "",
-                f"{one.seconds:.3g}", f"{one.steps}",
+                f"{point.error:.3g}", f"{point.doubt:.1g}" if point.doubt else "",
+                f"{point.seconds:.3g}", f"{point.steps}",
             )  # fmt: skip
             rows.append(
-                ("*" if one in front else "", one.setting.family, one.setting.fineness,
+                ("*" if point in front else "", point.setting.family, point.setting.fineness,
                  *(("",) * 4 if said else shown), said)
             )  # fmt: skip
         unit = "" if self.unit == "1" else f" [{self.unit}]"
@@ -127,11 +127,11 @@ def _draw(
 
     A family's label says how many of its settings failed.
     """
-    for k, (name, ones) in enumerate(families(points).items()):
-        _draw_family(axes, name, ones, k)
-    best = [one for one in front if one.error > 0.0]
+    for k, (name, family) in enumerate(families(points).items()):
+        _draw_family(axes, name, family, k)
+    best = [candidate for candidate in front if candidate.error > 0.0]
     axes.loglog(
-        [one.seconds for one in best], [one.error for one in best],
+        [point.seconds for point in best], [point.error for point in best],
         color=GREY, linewidth=5.0, alpha=0.35, zorder=0, label="best of all",
     )  # fmt: skip
     for words, advised in levels.items():
@@ -146,10 +146,10 @@ def _draw(
 
 
 def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None:
-    done = [one for one in points if not one.failed and one.error > 0.0]
-    failed = sum(one.failed for one in points)
+    done = [point for point in points if not point.failed and point.error > 0.0]
+    failed = sum(point.failed for point in points)
     outside = points[0].setting.outside
-    seconds, errors = [one.seconds for one in done], [one.error for one in done]
+    seconds, errors = [point.seconds for point in done], [point.error for point in done]
     colour = COLOURS[k % len(COLOURS)]
     axes.loglog(
         seconds, errors,
@@ -157,8 +157,8 @@ def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None
         linestyle=":" if outside else STYLES[k // len(COLOURS) % len(STYLES)],
         linewidth=0.9 if outside else 1.5, label=f"{name} ({failed} failed)" if failed else name,
     )  # fmt: skip
-    if any(one.doubt > 0.0 for one in done):
-        axes.vlines(seconds, errors, [one.bound for one in done], color=colour, linewidth=0.9)
+    if any(point.doubt > 0.0 for point in done):
+        axes.vlines(seconds, errors, [point.bound for point in done], color=colour, linewidth=0.9)
 
 
 def _mark(axes: Axes, words: str, advised: Advice) -> None:

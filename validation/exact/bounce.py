@@ -103,8 +103,8 @@ def bounce_period(scene: Scene) -> Number:
     from mpmath import workdps
 
     with workdps(DIGITS):
-        one = well(scene)
-        return period(one.potential, one.low, one.high) * one.time
+        well_ = well(scene)
+        return period(well_.potential, well_.low, well_.high) * well_.time
 
 
 def snapshot(scene: Scene, time: float) -> Snapshot:
@@ -112,14 +112,14 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
-        one = well(scene)
-        late = mpf(time) / one.time
-        place = place_from_top(one.potential, one.low, one.high, late)
-        magnitude = speed(one.potential, one.potential(one.high), place)
-        half = period(one.potential, one.low, one.high) / 2
+        well_ = well(scene)
+        late = mpf(time) / well_.time
+        position = place_from_top(well_.potential, well_.low, well_.high, late)
+        magnitude = speed(well_.potential, well_.potential(well_.high), position)
+        half = period(well_.potential, well_.low, well_.high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return Snapshot(
-            np.array([[start_of(scene)[0][0], float(place * one.length)]]),
-            np.array([[0.0, float(velocity * one.velocity)]]),
+            np.array([[start_of(scene)[0][0], float(position * well_.length)]]),
+            np.array([[0.0, float(velocity * well_.velocity)]]),
         )

@@ -76,9 +76,9 @@ def _dragged(scene: Scene, time: float) -> Snapshot:
         factor = -expm1(-rate * mpf(time)) / rate
         left = exp(-rate * mpf(time))
         start, speed = start_of(scene)
-        places = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
+        positions = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
         return Snapshot(
-            np.array([[float(q) for q in places]]),
+            np.array([[float(q) for q in positions]]),
             np.array([[float(mpf(v) * left) for v in speed]]),
         )
 
@@ -124,9 +124,9 @@ def _slid(scene: Scene, time: float) -> Snapshot:
         distance = (speed - loss * late / 2) * late
         left = speed - loss * late
         along = [mpf(v) / speed for v in velocity]
-        places = [mpf(q) + e * distance for q, e in zip(start, along, strict=True)]
+        positions = [mpf(q) + e * distance for q, e in zip(start, along, strict=True)]
         return Snapshot(
-            np.array([[float(q) for q in places]]), np.array([[float(e * left) for e in along]])
+            np.array([[float(q) for q in positions]]), np.array([[float(e * left) for e in along]])
         )
 
 

@@ -73,8 +73,8 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         late = mpf(time) / units.time - time_from_turning(potential, turning, start)
         gap = place_after_turning(potential, turning, late)
         opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
-        place = height - down * mpf(time) - gap * units.length
+        position = height - down * mpf(time) - gap * units.length
         return Snapshot(
-            np.array([[x, float(place)]]),
+            np.array([[x, float(position)]]),
             np.array([[0.0, float(-down - opening * units.velocity)]]),
         )

@@ -61,11 +61,11 @@ def open_integrand(potential: Potential, turning: Number) -> Potential:
     return lambda s: 2 * s / sqrt(2 * (energy - potential(turning + s * s)))
 
 
-def time_from_turning(potential: Potential, turning: Number, place: Number) -> Number:
+def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
     """Time between the turning point and a place beyond it."""
     from mpmath import sqrt
 
-    return integral(open_integrand(potential, turning), sqrt(place - turning))
+    return integral(open_integrand(potential, turning), sqrt(position - turning))
 
 
 def place_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
@@ -84,11 +84,11 @@ def closed_integrand(potential: Potential, turning: Number, other: Number) -> Po
     from mpmath import sin, sqrt
 
     energy = potential(turning)
-    span = other - turning
+    duration = other - turning
 
     def integrand(phi: Number) -> Number:
-        place = turning + span * sin(phi / 2) ** 2
-        return abs(span) * sin(phi) / 2 / sqrt(2 * (energy - potential(place)))
+        position = turning + duration * sin(phi / 2) ** 2
+        return abs(duration) * sin(phi) / 2 / sqrt(2 * (energy - potential(position)))
 
     return integrand
 
@@ -106,9 +106,9 @@ def place_from_top(potential: Potential, low: Number, high: Number, time: Number
     """Place at a time after the upper turning point."""
     from mpmath import floor, pi, sin
 
-    whole = period(potential, low, high)
-    late = abs(time - whole * floor(time / whole + 0.5))
-    early = whole / 2 - late
+    total = period(potential, low, high)
+    late = abs(time - total * floor(time / total + 0.5))
+    early = total / 2 - late
     # Counted from the nearer turn, where the energies cancel least.
     turning, other, away = (high, low, late) if late < early else (low, high, early)
     if away <= 0:
@@ -118,8 +118,8 @@ def place_from_top(potential: Potential, low: Number, high: Number, time: Number
     return turning + (other - turning) * sin(phi / 2) ** 2
 
 
-def speed(potential: Potential, energy: Number, place: Number) -> Number:
+def speed(potential: Potential, energy: Number, position: Number) -> Number:
     """Magnitude of the velocity."""
     from mpmath import sqrt
 
-    return sqrt(2 * abs(energy - potential(place)))
+    return sqrt(2 * abs(energy - potential(position)))

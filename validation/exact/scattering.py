@@ -98,14 +98,14 @@ def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     return Orbit(potential, turning, momentum, before), (atan2(y, x), distance)
 
 
-def _angle(one: Orbit, distance: Number) -> Number:
+def _angle(orbit: Orbit, distance: Number) -> Number:
     """Angle swept between the closest approach and a distance."""
     from mpmath import sqrt
 
-    integrand = open_integrand(one.potential, one.turning)
+    integrand = open_integrand(orbit.potential, orbit.turning)
     return integral(
-        lambda s: one.momentum / (one.turning + s * s) ** 2 * integrand(s),
-        sqrt(distance - one.turning),
+        lambda s: orbit.momentum / (orbit.turning + s * s) ** 2 * integrand(s),
+        sqrt(distance - orbit.turning),
     )
 
 
@@ -115,22 +115,22 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        one, (angle, start) = orbit(scene)
-        late = mpf(time) / units.time - one.before
-        distance = place_after_turning(one.potential, one.turning, late)
+        path, (angle, start) = orbit(scene)
+        late = mpf(time) / units.time - path.before
+        distance = place_after_turning(path.potential, path.turning, late)
         side = 1 if late > 0 else -1
-        angle += _angle(one, start) + side * _angle(one, distance)
-        energy = one.potential(one.turning)
-        along = side * sqrt(2 * abs(energy - one.potential(distance)))
-        across = one.momentum / distance
+        angle += _angle(path, start) + side * _angle(path, distance)
+        energy = path.potential(path.turning)
+        along = side * sqrt(2 * abs(energy - path.potential(distance)))
+        across = path.momentum / distance
         c, s = cos(angle), sin(angle)
-        place = [distance * c, distance * s]
+        position = [distance * c, distance * s]
         velocity = [along * c - across * s, along * s + across * c]
-        return _grains(scene, units.length, units.velocity, place, velocity, time)
+        return _grains(scene, units.length, units.velocity, position, velocity, time)
 
 
 def _grains(
-    scene: Scene, length: Number, speed: Number, place: list[Number], velocity: list[Number],
+    scene: Scene, length: Number, speed: Number, point: list[Number], velocity: list[Number],
     time: float,
 ) -> Snapshot:  # fmt: skip
     """Both grains from the relative motion and that of their centre."""
@@ -142,7 +142,7 @@ def _grains(
         start = sum(mpf(position[axis]) for position, _ in starts) / 2
         drift = sum(mpf(velocity[axis]) for _, velocity in starts) / 2
         for grain, sign in ((0, -1), (1, 1)):
-            where = start + drift * mpf(time) + sign * place[axis] * length / 2
+            where = start + drift * mpf(time) + sign * point[axis] * length / 2
             positions[grain, axis] = float(where)
             velocities[grain, axis] = float(drift + sign * velocity[axis] * speed / 2)
     return Snapshot(positions, velocities)

@@ -96,8 +96,8 @@ def piston_cases() -> tuple[HardCase, ...]:
 def _sizes(**fractions: tuple[str, float]) -> Scene:
     """A bed of several species: diameter and share of each, by its name."""
     species = [
-        {"name": name, "diameter": diameter, "share": share}
-        for name, (diameter, share) in fractions.items()
+        {"name": name, "diameter": diameter, "share": fraction}
+        for name, (diameter, fraction) in fractions.items()
     ]
     return few_grains("bed", **{"grains.species": species, "effects.drag": None})
 
@@ -123,11 +123,11 @@ def size_cases() -> tuple[HardCase, ...]:
 def missed(run: Trajectory) -> float:
     """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
     data, worst = run.dataset, 0.0
-    for places, height, kept in zip(
+    for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
     ):
-        force = evaluate(run.scene, places, piston_height=float(height)).force
-        worst = max(worst, float(np.abs(force - kept).max() / np.abs(force).max()))
+        force = evaluate(run.scene, value, piston_height=float(height)).force
+        worst = max(worst, float(np.abs(force - saved).max() / np.abs(force).max()))
     return worst
 
 

@@ -83,7 +83,7 @@ _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
 def energy_change(run: Trajectory) -> float:
     """Energy at the end over that at the start, minus one (no losses, no work)."""
     data = run.dataset
-    parts = [data[f"{one}_energy"].values for one in _ENERGIES if f"{one}_energy" in data]
+    parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]
     total = np.sum(parts, axis=0)
     return float(abs(total[-1] / total[0] - 1.0))
 
@@ -102,8 +102,8 @@ def distance_to(problem: Problem) -> Callable[[Trajectory], float]:
 
 def greatest_displacement(run: Trajectory) -> float:
     """Greatest displacement of any grain along an axis [D]."""
-    place = run.dataset["position"].values
-    return float(np.abs(place - place[0]).max()) / Scales.of(run.scene.grains).length
+    positions = run.dataset["position"].values
+    return float(np.abs(positions - positions[0]).max()) / Scales.of(run.scene.grains).length
 
 
 def terminal_fall(run: Trajectory) -> float:
@@ -117,9 +117,9 @@ def terminal_fall(run: Trajectory) -> float:
     speed = gravity.acceleration / rate
     fallen = speed * t + speed / rate * math.expm1(-rate * t)
     velocity = float(data["velocity"].values[-1, 0, 1])
-    place = data["position"].values[:, 0, 1]
+    heights = data["position"].values[:, 0, 1]
     # A fall of less than the place's last digits can only be told by its speed.
-    by_place = abs(place[0] - place[-1] - fallen) - 4.0 * np.spacing(place[0])
+    by_place = abs(heights[0] - heights[-1] - fallen) - 4.0 * np.spacing(heights[0])
     by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
     return float(max(by_speed, by_place / fallen))
 

@@ -61,10 +61,10 @@ def collision_cases() -> tuple[HardCase, ...]:
     for closest in (0.5, 0.1, 0.02):
         problem = head_on(closest)
         name, time = f"head-on to {closest:g} D", problem.time
-        place = Measure("distance from the exact place afterwards [D]", distance_to(problem))
+        measure = Measure("distance from the exact place afterwards [D]", distance_to(problem))
         cases += [
             HardCase(name, "the pair's stiffness grows like r^-5", partial(_same, problem.scene),
-                     time, time, place, 1e-2),
+                     time, time, measure, 1e-2),
             HardCase(f"{name}, energy", "the same, judged by its energy",
                      partial(_same, problem.scene), time, time, ENERGY_AFTERWARDS, 1e-6),
         ]  # fmt: skip
@@ -216,11 +216,11 @@ def verlet_swing(share: float, step: float) -> Callable[[Trajectory], float]:
     angle = math.acos(1.0 - 2.0 * share * share)
 
     def measure(run: Trajectory) -> float:
-        place = run.dataset["position"].values[:, 0, 1]
+        heights = run.dataset["position"].values[:, 0, 1]
         count = np.rint(run.dataset["frame_time"].values / step)
-        rest = place[0] / (1.0 + LINEAR)
-        swing = place[0] - rest
-        return float(np.abs(place - rest - swing * np.cos(count * angle)).max() / swing)
+        rest = heights[0] / (1.0 + LINEAR)
+        swing = heights[0] - rest
+        return float(np.abs(heights - rest - swing * np.cos(count * angle)).max() / swing)
 
     return measure
 
