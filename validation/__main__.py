@@ -92,7 +92,7 @@ def report(options: Any) -> None:
 
 
 def _section(name: str, summary: str, *options: Option, examples: str = "") -> Command:
-    """A command that measures one section of the report."""
+    """Command that measures one section of the report."""
 
     def carry_out(chosen: Any) -> None:
         from validation.report import SECTIONS

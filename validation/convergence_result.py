@@ -109,7 +109,7 @@ class ConvergenceResult(PlainData):
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
     def summary(self) -> tuple[str, ...]:
-        """The row of this result in a table of results; see `HEADER`."""
+        """Row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.exact else "too few steps above rounding"
         interval = duration = ""
         if self.fit is not None:
@@ -135,7 +135,7 @@ class ConvergenceResult(PlainData):
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
+        """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
         import pandas
 
         slopes = (math.nan, *self.slopes)

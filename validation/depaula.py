@@ -45,7 +45,7 @@ _SAMPLES = 200
 def _position_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
-    """The end, and how many peaks were found, by the position form from rest."""
+    """End, and how many peaks were found, by the position form from rest."""
     square = h * h
     every = max(1, steps // path.size)
     before = start
@@ -67,7 +67,7 @@ def _position_form(
 def _compensated_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
-    """The same sequence in compensated increments."""
+    """Return the same sequence in compensated increments."""
     square = h * h
     every = max(1, steps // path.size)
     gain = 0.5 * square * (force(start) - weight)
@@ -136,7 +136,7 @@ class DepaulaExperiment(PlainData):
     runs: tuple[DepaulaRun, ...]
 
     def of(self, form: str) -> tuple[DepaulaRun, ...]:
-        """The runs of one form, from coarse to fine."""
+        """Return the runs of one form, from coarse to fine."""
         return tuple(run for run in self.runs if run.form == form)
 
     def slope(self, form: str, finest: float = 5e-8) -> float:

@@ -43,7 +43,7 @@ class EngineSteps:
         self.rows = np.zeros((3, width(len(system.effects))))
 
     def make(self, steps: int) -> None:
-        """That many steps, and the look at their end."""
+        """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
         pace = Pace(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
@@ -117,7 +117,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
 
 
 def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
-    """The scenes to time; those that cannot be run are left out."""
+    """Scenes to time; those that cannot be run are left out."""
     none = {f"effects.{name}": None for name in names}
     wanted: dict[str, Callable[[], Scene]] = {
         NOTHING: lambda: scene.replace(**none),
@@ -152,7 +152,7 @@ def _compiled(scene: Scene) -> None:
 def _calls(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
-    """Calls that take about `BURST` each, and the steps of each."""
+    """Return the calls that take about `BURST` each, and the steps of each."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}
     for name, scene in builds.items():

@@ -96,7 +96,7 @@ class EnergyStudy(PlainData):
 
 
 def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
-    """The runs of the report.
+    """Return the runs of the report.
 
     Every method on a grain that swings above the wall, at steps at which the controls' trend is
     still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
@@ -127,7 +127,7 @@ _BEDS = (
 
 
 def swing(method: str, periods: int) -> EnergyRun:
-    """A grain that swings above the wall, with a method and so many periods."""
+    """Grain that swings above the wall, with a method and so many periods."""
     start, dt = oscillation.problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * oscillation.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _recorded(start.scene, dt, time), method, dt, time)
@@ -152,7 +152,7 @@ def _bed(method: str, dt: float, time: float) -> EnergyRun:
 
 
 def _recorded(scene: Scene, dt: float, time: float) -> Scene:
-    """The scene with so many records, whole numbers of steps apart, and frames of a lone grain."""
+    """Scene with so many records, whole numbers of steps apart, and frames of a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     return scene.replace(**{"output.scalars": record, "output.frames": every * record})
@@ -334,7 +334,7 @@ PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "
 
 
 def _zoom(axes: Axes, energy_study: EnergyStudy) -> None:
-    """The upper turning point, wide enough for a drift of a hundredth."""
+    """Upper turning point, wide enough for a drift of a hundredth."""
     top, fastest = energy_study.heights[0], max(map(abs, energy_study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)
     axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
@@ -348,7 +348,7 @@ def _verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 
 
 def energy_task(run: EnergyRun, **more: Any) -> Task:
-    """A long run; ``more`` tells it from others with a method of the name."""
+    """Long run; ``more`` tells it from others with a method of the name."""
     key = {
         "system": run.system, "scene": run.scene.digest(), "method": run.method, "dt": run.dt,
         "time": run.time, **more,

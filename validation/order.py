@@ -71,7 +71,7 @@ Solver = Callable[[Problem, int], Snapshot]
 
 
 def toolkit(method: str) -> Solver:
-    """The toolkit's own integration by the method of that name.
+    """Toolkit's own integration by the method of that name.
 
     A method that chooses its steps itself is asked for the multiple of its automatic step that
     makes about as many.
@@ -278,13 +278,13 @@ def convergence_tasks(full: bool) -> list[Task]:
 
 
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
-    """A method on an exact problem; ``more`` tells it from others of the name."""
+    """Return the method on an exact problem; ``more`` tells it from others of the name."""
     key = {"problem": problem, "method": method, "full": full, **more}
     return Task(f"{method} on {problem}", key, partial(_converge, problem, method, full))
 
 
 def shown_method(name: str) -> str:
-    """The form in which a method shows its order: high orders with compensated sums.
+    """Form in which a method shows its order: high orders with compensated sums.
 
     Six decades of error fit above rounding only if sums do not add to it.
     """

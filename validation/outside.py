@@ -59,7 +59,7 @@ def takes(scene: Scene) -> bool:
 
 
 def start(scene: Scene) -> Start:
-    """The state a scene starts from.
+    """State a scene starts from.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def start(scene: Scene) -> Start:
 
 
 def rate(scene: Scene, arrays: Any = np) -> Rate:
-    """The equations of motion, in NumPy or in ``jax.numpy``.
+    """Equations of motion, in NumPy or in ``jax.numpy``.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
 
 
 def solver(name: str) -> Callable[[Problem, int], Snapshot]:
-    """An outside reference at equal steps, to see its order with `validation.order`."""
+    """Outside reference at equal steps, to see its order with `validation.order`."""
     solve = _scipy if name == SCIPY else _diffrax
 
     def fixed(problem: Problem, count: int) -> Snapshot:
@@ -140,7 +140,7 @@ def solver(name: str) -> Callable[[Problem, int], Snapshot]:
 
 
 def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
-    """The grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
+    """Grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
     solve = _scipy if name == SCIPY else _diffrax
     return solve(scene, time, None, tolerance)
 
@@ -189,7 +189,7 @@ def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | No
 
 
 def _compiled(scene: Scene, *, equal: bool) -> Any:
-    """A function of state, time and the equal step (or the tolerance): end state and steps."""
+    """Compile a solver of state, time and step (or tolerance); it gives end state and steps."""
     from reduced_models.jax_setup import jax  # sets double precision; isort: skip
     import diffrax
 

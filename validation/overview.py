@@ -119,7 +119,7 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
 def planned(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Settings, starts and a reference whose runs fit into a time.
+    """Return the settings, starts and a reference whose runs fit into a time.
 
     Steps are halved from the longest one on, each at twice the time of the one before.
     """
@@ -260,7 +260,7 @@ def plot(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
-    """A quantity a row: what to take for each level and its price, scatter, price of a digit."""
+    """Quantity a row: what to take for each level and its price, scatter, price of a digit."""
     rows = []
     for study in studies:
         advised = [study.advice(level) for level in LEVELS.values()]
@@ -270,7 +270,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
 
 
 def _take(advice: Advice) -> str:
-    """Setting to take for a level, and its price."""
+    """Return the setting to take for a level, and its price."""
     if advice.point is None:
         return str(advice)
     method, price = advice.point.setting.method, duration(advice.seconds)
@@ -299,7 +299,7 @@ def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
 
 
 def effect_table(plain: Mapping[str, Any]) -> TextTable:
-    """A row an effect: one price, or what it adds first and what it saves last."""
+    """Row an effect: one price, or what it adds first and what it saves last."""
     rows = []
     for effect in plain["effects"]:
         first, last = _priced(effect, "first"), _priced(effect, "last")
@@ -362,7 +362,7 @@ def overview_of(scenes: Sequence[Scene]) -> Section:
 
 
 def _packaged(full: bool) -> list[Task]:
-    """The packaged damper, and the compression with dry friction."""
+    """Return the packaged damper, and the compression with dry friction."""
     return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
 
 

@@ -34,7 +34,7 @@ def values() -> dict[str, dict[str, Any]]:
 
 
 def published_value(key: str) -> Any:
-    """The value at a key such as ``"damper.van_der_pol_like.alpha"`` or ``"section.name[2]"``.
+    """Value at a key such as ``"damper.van_der_pol_like.alpha"`` or ``"section.name[2]"``.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def published_value(key: str) -> Any:
 
 
 def keys() -> Iterator[str]:
-    """The keys of all values, labels left out."""
+    """Keys of all values, labels left out."""
     for section, entries in values().items():
         for name, value in entries.items():
             if name not in LABELS:

@@ -138,7 +138,7 @@ QUANTITIES = {
 
 
 def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
-    """The quantity of that name, or the quantity itself.
+    """Quantity of that name, or the quantity itself.
 
     Raises
     ------

@@ -182,7 +182,7 @@ def _by_halving(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """The study against the longest reference step that tells whether a tolerance is met.
+    """Study against the longest reference step that tells whether a tolerance is met.
 
     It does where the step that was halved `APART` times to give it is accurate enough: the
     reference then errs by a fifteenth of the tolerance at most.
@@ -217,7 +217,7 @@ def _study(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """The points that it takes to choose, family by family."""
+    """Points that it takes to choose, family by family."""
     from granular.shared.progress import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:

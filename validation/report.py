@@ -118,12 +118,12 @@ def page(results: Results, *, full: bool) -> Page:
 
 
 def _read(name: str, results: Sequence[Plain]) -> list[Any]:
-    """The results that did not fail."""
+    """Results that did not fail."""
     return [SECTIONS[name].read(result) for result in results if FAILED not in result]
 
 
 def _show(page: Page, section: Section, items: Sequence[Any], results: Results) -> None:
-    """A section's texts and figures, its tables unless they stand behind, and what failed."""
+    """Section's texts and figures, its tables unless they stand behind, and what failed."""
     if section.title:
         page.section(section.title)
     if items:

@@ -53,7 +53,7 @@ def _to_plain(value: Any) -> Any:
 
 
 def _from_plain(kind: Any, value: Any) -> Any:
-    """The value of a field of that type."""
+    """Value of a field of that type."""
     if value is None:
         return math.nan if kind is float else None
     if isinstance(value, list):
@@ -202,7 +202,7 @@ def sources() -> str:
 
 
 def machine() -> dict[str, str]:
-    """The machine, and versions of what it computes with."""
+    """Machine, and versions of what it computes with."""
     import os
 
     from granular.shared.version import versions

@@ -11,7 +11,7 @@ from granular.scene.scene import Scene
 
 
 def compression_scene() -> Scene:
-    """A quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    """Quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
             "name": "compression",
@@ -32,12 +32,12 @@ def compression_scene() -> Scene:
 
 
 def frictionless_bed() -> Scene:
-    """The packaged bed without drag: it keeps its energy."""
+    """Return the packaged bed without drag: it keeps its energy."""
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
 def lattice(count: int) -> Scene:
-    """A disturbed hexagonal lattice that fills the packaged bed's cell, scaled to the grains."""
+    """Disturbed hexagonal lattice that fills the packaged bed's cell, scaled to the grains."""
     scale = math.sqrt(count / 368.0)
     width, height = 60.0 * scale, 20.0 * scale
     apart = math.sqrt(2.0 / math.sqrt(3.0) * width * height / count)

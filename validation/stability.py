@@ -219,7 +219,7 @@ leave: a step four times as long leaves sixteen times the error, and methods dif
 
 
 def stability_tasks(full: bool) -> list[Task]:
-    """The catalogue at its own settings; in full up to late times, and by methods and steps."""
+    """Catalogue at its own settings; in full up to late times, and by methods and steps."""
 
     def task(case: HardCase, method: str, dt: float | str | None, *, late: bool) -> Task:
         return Task(
@@ -241,7 +241,7 @@ def stability_tasks(full: bool) -> list[Task]:
 
 
 def _varied(case: HardCase, times: float) -> HardCase:
-    """The case with other settings than its own, which may end it, but never silently."""
+    """Case with other settings than its own, which may end it, but never silently."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True,
         errors=(*case.errors, *BROKEN, "InputError"),

@@ -26,7 +26,7 @@ class TextTable(NamedTuple):
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """The table in columns."""
+        """Table in columns."""
         return in_columns([self.header, *self.rows])
 
 

@@ -128,7 +128,7 @@ Option = Callable[[argparse._ActionsContainer], object]
 
 
 def option(*names: str, **settings: Any) -> Option:
-    """An option or an argument, by the arguments of `argparse.ArgumentParser.add_argument`."""
+    """Option or an argument, by the arguments of `argparse.ArgumentParser.add_argument`."""
     return lambda parser: parser.add_argument(*names, **settings)
 
 
@@ -263,7 +263,7 @@ def refuse(options: Any, form: str, *names: str, **written: str) -> None:
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:
-    """The toolkit's version, on request."""
+    """Toolkit's version, on request."""
     parser.add_argument(
         "--version", action="version", version=f"granular-damper {__version__}",
         help="print the version and exit",

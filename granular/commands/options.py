@@ -70,7 +70,7 @@ def scene_of(options: Any) -> Scene:
 
 
 def changes_from(items: Sequence[str]) -> dict[str, Any]:
-    """Changes to a scene from ``KEY=VALUE`` texts.
+    """Return the changes to a scene from ``KEY=VALUE`` texts.
 
     Raises
     ------

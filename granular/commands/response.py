@@ -157,7 +157,7 @@ def _write_impulse(result: Impulse, path: Path) -> str:
 
 
 def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
-    """The scene under the first amplitude that was given, and all of them."""
+    """Scene under the first amplitude that was given, and all of them."""
     from granular.response.response import AMPLITUDES
 
     scene = scene_of(options)

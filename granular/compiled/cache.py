@@ -55,7 +55,7 @@ def source_stamp() -> str:
 
 
 def _known_syntax_digest() -> str:
-    """The digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
+    """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
     files, folder = source_files(), cache_folder()
     if folder is None:
         return syntax_digest(files)
@@ -105,7 +105,7 @@ class KernelCache(_Cache):
         return str(cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The form for these types of arguments; None where there is none that can be trusted."""
+        """Form for these types of arguments; None where there is none that can be trusted."""
         target_context.refresh()
         entry = self._place(sig, target_context.codegen())
         body = None if entry is None else read_sealed(*entry)
@@ -122,7 +122,7 @@ class KernelCache(_Cache):
             _write(*entry, dumps((sig, data._reduce())))
 
     def _place(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
-        """The file of a form, and all that it must have been made for."""
+        """File of a form, and all that it must have been made for."""
         folder = cache_folder()
         if folder is None or not self.enabled:
             return None

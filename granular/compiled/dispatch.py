@@ -31,7 +31,7 @@ OPTIONS: dict[str, Any] = {
 
 
 def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
-    """A kernel ``(laws, rooms, *rest)`` that adds up what a hook of each law returns.
+    """Kernel ``(laws, rooms, *rest)`` that adds up what a hook of each law returns.
 
     The hook is called as ``hook(law, room, place, *rest)``, with the law's place in the tuple.
 
@@ -82,7 +82,7 @@ def greatest_over(hook: str, rest: str) -> Kernel:
 
 
 def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """A kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
+    """Kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
 
     It is called as `sum_over` is.
     """
@@ -102,7 +102,7 @@ def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
 
 def by_law(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """A kernel ``(law, *rest)`` that calls the hook of one law, or ``otherwise`` where it has none.
+    """Kernel ``(law, *rest)`` that calls the hook of one law, or ``otherwise`` where it has none.
 
     Both are called with the same arguments.
     """
@@ -165,7 +165,7 @@ def _hook_call(
 
 
 def _sum(builder: Any, first: Any, second: Any) -> Any:
-    """The sum of two numbers of one type."""
+    """Sum of two numbers of one type."""
     is_integer = isinstance(first.type, ir.IntType)
     return builder.add(first, second) if is_integer else builder.fadd(first, second)
 
@@ -177,7 +177,7 @@ def _greater(builder: Any, first: Any, second: Any) -> Any:
 def _unrolled(
     calls: Sequence[_Call], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
-    """The calls, one after another, and what joins their results."""
+    """Return the calls, one after another, and what joins their results."""
     none = types.float64 if isinstance(empty, float) else types.int64
     # Not a literal: the sum of what two calls return is not what the first one always does.
     result = types.unliteral(calls[0].sig.return_type) if calls else none
@@ -222,7 +222,7 @@ def _written(
 
 
 def _made(call: Kernel, choose: Any, names: str) -> Kernel:
-    """Function that plain Python or kernels call, with arguments of these names."""
+    """Return a function that plain Python or kernels call, with arguments of these names."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD

@@ -119,13 +119,13 @@ class EntryCompiler(Compiler):
 
 
 def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:
-    """Placeholder of the kernel in Numba's tables; not to be called."""
+    """Stand in for the kernel in Numba's tables; not to be called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 
 
 def rebuilt(context: Any, payload: tuple[Any, ...]) -> Any:
-    """A compiled form from what was kept of it."""
+    """Compiled form from what was kept of it."""
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":
         return CompileResult._rebuild(context, *payload)

@@ -42,7 +42,7 @@ def syntax_digest(files: dict[str, bytes]) -> str:
 
 
 def _reached(trees: dict[str, ast.Module]) -> set[str]:
-    """The files that hold kernels, and those that they import from, all the way."""
+    """Files that hold kernels, and those that they import from, all the way."""
     waiting = [name for name, tree in trees.items() if _has_kernels(tree)]
     result: set[str] = set()
     while waiting:

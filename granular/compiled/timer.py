@@ -37,6 +37,6 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def timed_compiling() -> Iterator[CompileTimer]:
-    """A timer of what is compiled within the block."""
+    """Timer of what is compiled within the block."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer

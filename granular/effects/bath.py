@@ -66,7 +66,7 @@ class Bath(Effect):
     seed: int = whole(default=1)
 
     def decay_rate(self, scales: Scales) -> float:
-        """The rate in natural units."""
+        """Rate in natural units."""
         return self.rate * scales.time
 
     def greatest_speed(self, scales: Scales) -> float:
@@ -85,7 +85,7 @@ class Bath(Effect):
                 )  # fmt: skip
 
     def law(self, setting: Setting) -> BathLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         return BathLaw(
             self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed
         )

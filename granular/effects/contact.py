@@ -49,7 +49,7 @@ class Contact(Effect):
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
     def law(self, setting: Setting) -> ContactLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         scales = setting.scales
         diameters = np.array([specy.diameter for specy in setting.grains.species]) / scales.length
         radius = 0.5 * diameters[setting.species]

@@ -52,7 +52,7 @@ class Drag(Effect):
         return self.coefficient * scales.time / scales.mass
 
     def law(self, setting: Setting) -> DragLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         return DragLaw(self.decay_rate(setting.scales))
 
 
@@ -191,7 +191,7 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def rate_of(rate: float | None) -> float:
-    """The decay rate; 0 without drag."""
+    """Decay rate; 0 without drag."""
     return 0.0 if rate is None else rate
 
 

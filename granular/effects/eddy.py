@@ -61,7 +61,7 @@ class Eddy(Effect):
         return self.coefficient(scales) * scales.time / scales.mass
 
     def law(self, setting: Setting) -> EddyLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         return EddyLaw(self.decay_rate(setting.scales))
 
 

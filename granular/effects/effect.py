@@ -172,7 +172,7 @@ class Effect(Section):
         return False
 
     def law(self, setting: Setting) -> Any:
-        """The law in natural units; None for what is no law of its own."""
+        """Law in natural units; None for what is no law of its own."""
         raise NotImplementedError
 
     def check(

@@ -137,7 +137,7 @@ class Excitation(Section):
         return self.force is None
 
     def highest_frequency(self) -> float:
-        """A frequency [Hz] up to which it has to be resolved."""
+        """Frequency [Hz] up to which it has to be resolved."""
         if self.kind == "table":
             return 0.1 / float(np.diff(self.times).min())
         if self.kind == "impulse":
@@ -213,7 +213,7 @@ class Drive(NamedTuple):
 
 @compiled
 def excitation_at(drive: Drive, time: float) -> float:
-    """The force, or the acceleration of the base, at a time since the start of the run [tau]."""
+    """Force, or the acceleration of the base, at a time since the start of the run [tau]."""
     t = time - drive.start
     return _while_it_acts(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
@@ -282,7 +282,7 @@ def _table_count(excitation: Excitation) -> int:
 
 
 def _table(excitation: Excitation) -> Knots:
-    """A cubic spline through the table, on times that are equally far from each other."""
+    """Cubic spline through the table, on times that are equally far from each other."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(excitation.times, excitation.values)

@@ -120,7 +120,7 @@ class FieldText(Formula, Effect):
         return 2.0 * math.pi * self.frequency * scales.time
 
     def law(self, setting: Setting) -> OwnLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         factor = None
         if self.factor:
             numbers = dict(self.factor)

@@ -57,7 +57,7 @@ class Formula(Parametric):
 
     @staticmethod
     def functions_of(made: Functions) -> Functions:
-        """The functions that kernels call, from compiled ones of all variables and parameters."""
+        """Functions that kernels call, from compiled ones of all variables and parameters."""
         raise NotImplementedError
 
     @classmethod
@@ -66,7 +66,7 @@ class Formula(Parametric):
         raise NotImplementedError
 
     def natural(self, scales: Scales) -> tuple[float, ...]:
-        """The parameters in natural units, in the order of `values`."""
+        """Parameters in natural units, in the order of `values`."""
         units = (scales.length, scales.mass, scales.time, scales.current)
         result = []
         for name, _ in self.values:

@@ -114,7 +114,7 @@ class Friction(Effect):
         self.factors(grains, cell)
 
     def law(self, setting: Setting) -> FrictionLaw:
-        """The law in natural units; it takes the drag along."""
+        """Law in natural units; it takes the drag along."""
         scales, other = setting.scales, setting.effects.get("drag")
         own, _ = self.factors(setting.grains, setting.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
@@ -134,6 +134,6 @@ class Friction(Effect):
         return padded_values(weight * setting.grains.spread_factors())
 
     def grain_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
-        """The normal force on the plates [F*]."""
+        """Return the normal force on the plates [F*]."""
         assert state.load is not None
         return {"normal_load": np.asarray(law.load + law.factor * state.load)}

@@ -53,7 +53,7 @@ Flow = tuple[float, float, float, float, float]
 
 @compiled
 def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
-    """Normal force [F*] on a grain, from its sum over 1/r^3."""
+    """Return the normal force [F*] on a grain, from its sum over 1/r^3."""
     return law.load + law.factor[i] * load[i]
 
 
@@ -97,7 +97,7 @@ def _start_grain(
     law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float,
     load: float,
 ) -> None:  # fmt: skip
-    """A grain at rest: it stays, or starts to slide along the force on it."""
+    """Grain at rest: it stays, or starts to slide along the force on it."""
     force = _length(state.fx[i], state.fy[i])
     if force <= law.static * load:
         return
@@ -174,7 +174,7 @@ def _slide_grain(
 def _turn_grain(
     law: FrictionLaw, rate: float, dt: float, state: State, i: int, mass: float, load: float
 ) -> None:
-    """A grain that comes to rest within ``dt``; the force may set it off for what is left."""
+    """Grain that comes to rest within ``dt``; the force may set it off for what is left."""
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)

@@ -30,7 +30,7 @@ class Gravity(Effect):
         return self.acceleration / scales.acceleration
 
     def law(self, setting: Setting) -> GravityLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         host: Any = setting.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
         pull = self.pull(setting.scales)

@@ -177,7 +177,7 @@ class Host(Effect):
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
     def law(self, setting: Setting) -> HostLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         scales, piston = setting.scales, setting.piston
         masses = np.array([body.mass for body in self.bodies]) / scales.mass
         force = scales.force / scales.length

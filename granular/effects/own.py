@@ -116,7 +116,7 @@ class OwnSection(Section):
         return () if built_in(type(self)) else (self.definition.digest,)
 
     def natural(self, scales: Scales) -> Any:
-        """The parameters in natural units."""
+        """Parameters in natural units."""
         values = []
         for field in dataclasses.fields(self):
             kind = field.metadata["kind"]
@@ -140,7 +140,7 @@ class OwnEffect(OwnSection, Effect):
     rank = 1
 
     def law(self, setting: Setting) -> OwnLaw:
-        """The law in natural units.
+        """Law in natural units.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class OwnWall(OwnSection):
     """Base of the wall laws that `wall_law` makes."""
 
     def law(self, scales: Scales) -> OwnWallLaw:
-        """The law in natural units.
+        """Law in natural units.
 
         Raises
         ------
@@ -244,7 +244,7 @@ def wall_law(written: type) -> Any:
 
 
 def mark_origin(file: OwnFile) -> dict[str, type[OwnSection]]:
-    """The effects and wall laws that a file defines, by their names; they know the file then."""
+    """Effects and wall laws that a file defines, by their names; they know the file then."""
     result = {}
     for content in list(contents(file).values()):
         own = isinstance(content, type) and issubclass(content, OwnSection)
@@ -270,7 +270,7 @@ def define(
     written: type, base: type[OwnSection], known: Sequence[str], needed: Sequence[str],
     what: str, /, **more: Any,
 ) -> Any:  # fmt: skip
-    """A subclass of ``base`` with the class's parameters, and its functions as ``definition``.
+    """Subclass of ``base`` with the class's parameters, and its functions as ``definition``.
 
     Parameters
     ----------
@@ -347,7 +347,7 @@ def name_of(written: type) -> str:
 
 
 def functions_in(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
-    """The static methods of a class by their names."""
+    """Return the static methods of a class by their names."""
     return {
         name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)
     }

@@ -76,7 +76,7 @@ def check_compiling(definition: Definition, p: Any) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """The line of the compiler's message that tells the most."""
+    """Line of the compiler's message that tells the most."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [
         line for line in lines if line and not line.startswith(("Failed in", "During", "File"))
@@ -97,7 +97,7 @@ def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -
 
 
 def _slope(function: Callable[[float], float], at: float) -> float:
-    """Derivative, to the fourth order in the step."""
+    """Return the derivative, to the fourth order in the step."""
     h = _STEP * max(1.0, abs(at))
     near = function(at + h) - function(at - h)
     far = function(at + 2.0 * h) - function(at - 2.0 * h)

@@ -77,7 +77,7 @@ class OwnLaw(NamedTuple):
 
 @compiled(inline=True)
 def grain_at(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
-    """A grain as the functions see it."""
+    """Grain as the functions see it."""
     return Grain(state.x[i], state.y[i], value_of(masses, i), value_of(moments, i))
 
 
@@ -85,7 +85,7 @@ Loop = Callable[..., Any]
 
 
 def by_kind(make: Callable[[Definition], Loop]) -> Loop:
-    """A kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
+    """Kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
 
     def call(kind: Any, *rest: Any) -> Any:
         return make(DEFINITIONS[kind.name])(kind, *rest)
@@ -187,7 +187,7 @@ def _ready(law: OwnLaw, cells: Cells | None, state: State, count: int) -> bool:
 
 @compiled
 def _partners(law: OwnLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
-    """Number of a grain's partners: those within reach, or all that follow it."""
+    """Return the number of a grain's partners: those within reach, or all that follow it."""
     if cells is None:
         return count - 1 - i
     return find_partners(cells, state.x, state.y, i, law.reach)

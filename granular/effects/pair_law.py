@@ -67,7 +67,7 @@ class PairText(Formula, Effect):
         return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
 
     def law(self, setting: Setting) -> OwnLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         definition, values = self.definition, self.natural(setting.scales)
         if any(name.text in ("q1", "q2") for name in names(parse(self.energy))):
             check(definition, values, setting)  # that both are treated alike

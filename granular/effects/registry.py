@@ -27,7 +27,7 @@ def effects() -> Mapping[str, type[Effect]]:
 
 
 def find(name: str) -> type[Effect] | None:
-    """The effect of that name; one that an installed package brings is imported now.
+    """Effect of that name; one that an installed package brings is imported now.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def names() -> tuple[str, ...]:
 
 
 def find_wall_law(name: str) -> type[Section] | None:
-    """The own law of a wall of that name; one that an installed package brings is imported now.
+    """Own law of a wall of that name; one that an installed package brings is imported now.
 
     Raises
     ------

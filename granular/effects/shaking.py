@@ -49,7 +49,7 @@ class Shaking(Effect):
         return self._swing(scales).omega
 
     def law(self, setting: Setting) -> Swing:
-        """The apparent acceleration in natural units."""
+        """Apparent acceleration in natural units."""
         return self._swing(setting.scales)
 
     def _swing(self, scales: Scales) -> Swing:

@@ -58,7 +58,7 @@ class WallFriction(Effect):
             )
 
     def law(self, setting: Setting) -> WallFrictionLaw:
-        """The law in natural units; it takes the drag along."""
+        """Law in natural units; it takes the drag along."""
         scales, width = setting.scales, setting.cell.width
         walls, other = setting.effects["walls"], setting.effects.get("drag")
         left, right = (

@@ -72,7 +72,7 @@ class WallText(Formula):
         return {name: wrapped(of) for name, of in made.items()}
 
     def law(self, scales: Scales) -> OwnWallLaw:
-        """The law in natural units."""
+        """Law in natural units."""
         return OwnWallLaw(OwnKind(self.definition.digest), self.natural(scales))
 
 
@@ -138,7 +138,7 @@ class Wall(Section):
             )
 
     def law_of(self, width: float, scales: Scales) -> Any:
-        """The law in natural units, for a cell of that width [m]."""
+        """Law in natural units, for a cell of that width [m]."""
         if self.own is not None:
             return self.own.law(scales)
         if self.law == "experimental":
@@ -223,7 +223,7 @@ class Walls(Effect):
         return self.bottom is not None and self.bottom.has_gap
 
     def law(self, setting: Setting) -> WallLaws:
-        """The laws in natural units; see `Wall.law_of`."""
+        """Laws in natural units; see `Wall.law_of`."""
         width, scales = setting.cell.width, setting.scales
         return WallLaws(
             *(None if wall is None else wall.law_of(width, scales) for wall in self.sides)

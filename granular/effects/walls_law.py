@@ -106,7 +106,7 @@ def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, c
 def _no_tangent(
     law: Any, count: int, moments: Array | None, along_force: Array, tangential: Array | None
 ) -> None:
-    """Forces along the wall, of a law of the distance alone."""
+    """Return the forces along the wall, of a law of the distance alone."""
 
 
 _forces = by_law("add_forces", "count moments side force normal tangential", distance_forces)

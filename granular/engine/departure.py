@@ -10,7 +10,7 @@ from granular.pairs.direct import PADDING
 
 
 def grain_constants(constants: Constants) -> list[np.ndarray]:
-    """The constants with one value for each grain, which must move with the grains.
+    """Constants with one value for each grain, which must move with the grains.
 
     All arrays of a law are such; what is something else stands in a tuple within it.
     """

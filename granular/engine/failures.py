@@ -25,7 +25,7 @@ from granular.shared.errors import (
 def misplaced(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
 ) -> RunError:
-    """The error for a grain that is where it cannot be, after so many steps, at a time [s]."""
+    """Error for a grain that is where it cannot be, after so many steps, at a time [s]."""
     count = constants.grains
     position = np.stack([state.x[:count], state.y[:count]], axis=1)
     lost = ~np.isfinite(position).all(axis=1)
@@ -79,7 +79,7 @@ def unbalanced(residual: float, limit: float, step: int, time: float, remedy: st
 def restless(
     stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
 ) -> NotAtRestError:
-    """The error for a piston that does not come to rest.
+    """Error for a piston that does not come to rest.
 
     ``limit`` is the stage's longest duration [s], ``speeds`` are those of the piston and of the
     fastest grain at its end [m/s], ``tolerance`` how far the piston may range at rest [m].

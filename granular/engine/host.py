@@ -297,8 +297,9 @@ def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
 def _kick_bodies(
     chain: Chain, room: HostRoom, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
-    """Fill in what the bodies below the last one gain, where that gains ``change``; its dashpot's
-    force, at mean velocities. By elimination from the base upwards.
+    """Fill in what the bodies below the last one gain, where that gains ``change``.
+
+    Returns the force of its dashpot at mean velocities. By elimination from the base upwards.
     """
     last, half = chain.masses.size - 1, 0.5 * dt
     for k in range(last):

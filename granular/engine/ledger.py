@@ -61,7 +61,7 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """A ledger that begins with this record; for ``coarse`` see `granular.scene.dryness`."""
+        """Ledger that begins with this record; for ``coarse`` see `granular.scene.dryness`."""
         rows = row[None]
         return cls(
             start=float(columns.energies(rows)[0]),

@@ -18,7 +18,7 @@ from granular.pairs.verlet_list import verlet_list_room
 def new_state(
     positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting, method: Method
 ) -> State:
-    """A state from positions [D], velocities [D/tau] and the piston's height [D].
+    """State from positions [D], velocities [D/tau] and the piston's height [D].
 
     Arrays are made only for the effects that act.
     """

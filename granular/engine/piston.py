@@ -124,7 +124,7 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
 
 @compiled
 def _rub(resistance: Resistance, dt: float, mass: float, state: State) -> None:
-    """A sliding piston loses speed, and stops where it has no more."""
+    """Sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:
         left = sliding(speed, resistance.force * dt / mass)

@@ -88,7 +88,7 @@ def _store_start(state: State, slopes: Slopes, count: int) -> None:
 def _move_to_stage(
     weights: Array, slopes: Slopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
-    """The state at a stage: the base and the weighted slopes so far."""
+    """State at a stage: the base and the weighted slopes so far."""
     base = slopes.grains[-1]
     for i in range(count):
         x, y, vx, vy = base[X, i], base[Y, i], base[VX, i], base[VY, i]

@@ -45,7 +45,7 @@ class Plan(NamedTuple):
 
 
 def plan_of(method: Method, step: Step, far: FarField | None) -> Plan:
-    """The tables that the loop takes."""
+    """Tables that the loop takes."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.fraction if method.variable else None
     every = None if far is None else far.every

@@ -45,7 +45,7 @@ MOST_COUNT = 2**53
 
 
 def multiple(factor: float) -> str:
-    """A multiple of the automatic step, as users write it."""
+    """Multiple of the automatic step, as users write it."""
     if factor == 1.0:
         return "auto"
     return f"auto*{factor:g}" if factor > 1.0 else f"auto/{1.0 / factor:g}"
@@ -117,7 +117,7 @@ class Step:
 
 
 def _count(ticks: int) -> int:
-    """A count that fits into a word; what lies farther than any run goes may lie nearer."""
+    """Count that fits into a word; what lies farther than any run goes may lie nearer."""
     return min(ticks, MOST_COUNT)
 
 
@@ -149,7 +149,7 @@ class Pace(NamedTuple):
     given: int
 
     def with_steps(self, steps: int) -> Pace:
-        """The same ticks with another automatic step."""
+        """Return the same ticks with another automatic step."""
         return self._replace(steps=steps, h=self.length / steps)
 
 
@@ -173,7 +173,7 @@ def steps_before(pace: Pace, tick: int) -> int:
 
 @compiled
 def tick_steps(pace: Pace, tick: int) -> int:
-    """Steps of a tick."""
+    """Return the steps of a tick."""
     if pace.given > 0:
         return steps_before(pace, tick + 1) - steps_before(pace, tick)
     return pace.steps

@@ -1,5 +1,7 @@
-"""Runs as files for other programs: GSD and extended XYZ for OVITO and ASE, VTK for ParaView,
-tables in CSV and Parquet, de Paula's ``.dat`` files, and input decks of LAMMPS.
+"""Runs as files for other programs.
+
+GSD and extended XYZ for OVITO and ASE, VTK for ParaView, tables in CSV and Parquet, de Paula's
+``.dat`` files, and input decks of LAMMPS.
 
 >>> from granular.export import to_gsd
 >>> to_gsd("runs/light-piston", "bed.gsd")

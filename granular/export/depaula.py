@@ -142,7 +142,7 @@ def _warn_of_coarse_frames(run: Trajectory, cadence: DepaulaCadence) -> None:
 
 
 def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int]:
-    """Indices of the records nearest to every so many steps of de Paula, each once."""
+    """Return the indices of the records nearest to every so many steps of de Paula, each once."""
     interval = every * cadence.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
     after = np.clip(np.searchsorted(times, instants), 1, max(1, len(times) - 1))
@@ -153,7 +153,7 @@ def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int
 
 
 def _rows(table: np.ndarray) -> str:
-    """The lines of a table (k, columns), to the last bit."""
+    """Lines of a table (k, columns), to the last bit."""
     line = " ".join(["%.17g"] * table.shape[1]) + "\n"
     return line * len(table) % tuple(table.ravel().tolist())
 

@@ -65,7 +65,7 @@ def to_extxyz(
 
 
 def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
-    """Function that writes the lines of a frame's grains."""
+    """Return a function that writes the lines of a frame's grains."""
     grains = run.scene.grains
     names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
     numbers = " ".join(["%.17g"] * 11)

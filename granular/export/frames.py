@@ -47,7 +47,7 @@ class BedFrame(NamedTuple):
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:
-    """A run, or the run in a directory.
+    """Run, or the run in a directory.
 
     Raises
     ------

@@ -120,7 +120,7 @@ def _scene_start(scene: Scene) -> _Start:
 
 
 def _run_start(run: Trajectory) -> _Start:
-    """The last frame, and the stages that it leaves."""
+    """Last frame, and the stages that it leaves."""
     (frame,) = bed_frames(run, [run.dataset.sizes["frame"] - 1])
     behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
     height, started, point = frame.height, frame.time, len(behind)
@@ -134,7 +134,7 @@ def _run_start(run: Trajectory) -> _Start:
 
 
 def _legs(scene: Scene, index: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
-    """The stages from one on, which begins (or has begun) with the piston at a height [m]."""
+    """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         next_leg = leg(stage, height, done)
         yield next_leg
@@ -165,7 +165,7 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
-    """The time step [s] that is given, or that the bed's stiffest modes allow."""
+    """Time step [s] that is given, or that the bed's stiffest modes allow."""
     from granular.run.options import checked_step
 
     asked = checked_step(dt, deck.scene)
@@ -237,7 +237,7 @@ def _data(deck: Deck, start: _Start) -> Iterator[str]:
 
 
 def _box(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
-    """The cell along an axis, and grains that stand outside of it where it is open [m]."""
+    """Cell along an axis, and grains that stand outside of it where it is open [m]."""
     return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 
 

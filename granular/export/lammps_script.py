@@ -51,7 +51,7 @@ class LawTable(NamedTuple):
     exponent: float
 
     def lines(self, slopes: str) -> Iterator[str]:
-        """The section of a table file; ``slopes`` is its keyword for the slopes at both ends."""
+        """Section of a table file; ``slopes`` is its keyword for the slopes at both ends."""
         slope = -self.exponent * self.force / self.distance
         yield f"{self.name}\nN {ROWS} {slopes} {slope[0]:.17g} {slope[-1]:.17g}\n\n"
         columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
@@ -211,7 +211,7 @@ class Deck(NamedTuple):
         return min(FARTHEST_WALL, longest * OPEN_MARGIN)
 
     def pairs(self) -> list[tuple[int, int]]:
-        """The pairs of species, counted from 1 as LAMMPS does."""
+        """Pairs of species, counted from 1 as LAMMPS does."""
         return list(itertools.combinations_with_replacement(range(1, len(self.charges) + 1), 2))
 
 
@@ -224,7 +224,7 @@ def wall_name(law: str, species: int) -> str:
 
 
 def script(deck: Deck) -> Iterator[str]:
-    """The lines of the input script."""
+    """Lines of the input script."""
     yield from _opening(deck)
     yield from _pairs(deck)
     yield from _walls(deck)
@@ -333,7 +333,7 @@ def _motion() -> Iterator[str]:
 
 
 def _records(deck: Deck) -> tuple[int, int]:
-    """Steps from record to record, and records from frame to frame."""
+    """Return the steps from record to record, and records from frame to frame."""
     output = deck.scene.output
     return max(1, math.ceil(output.scalars / deck.step - 1e-9)), output.frames_every
 
@@ -369,7 +369,7 @@ def _masses(deck: Deck) -> Iterator[str]:
 
 
 def _step(deck: Deck) -> float:
-    """The longest step that divides the distance of the records [s]."""
+    """Longest step that divides the distance of the records [s]."""
     return deck.scene.output.scalars / _records(deck)[0]
 
 

@@ -75,7 +75,7 @@ def check_stage(stage: Stage) -> None:
 
 
 def leg(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
-    """A stage that begins with the piston at a height [m], and is ``done`` for so long [s].
+    """Stage that begins with the piston at a height [m], and is ``done`` for so long [s].
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _path(stage: Stage, height: float, duration: float) -> PistonPath:
 
 
 def _table(stage: Follow) -> PistonPath:
-    """A sum over the rows: from each on, the slope changes."""
+    """Sum over the rows: from each on, the slope changes."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()
     changes = np.diff([0.0, *slopes]).tolist()

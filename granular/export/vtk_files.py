@@ -89,7 +89,7 @@ def _mesh(meshio: Any, frame: BedFrame, unchanging: dict[str, np.ndarray]) -> An
 
 
 def _list_of(names: list[str], times: np.ndarray) -> str:
-    """The list of files that ParaView opens."""
+    """List of files that ParaView opens."""
     lines = [
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'
         for name, time in zip(names, times, strict=True)

@@ -20,7 +20,7 @@ _LEAST, _GREATEST = sys.float_info.min, sys.float_info.max
 
 
 def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
-    """A formula as SymPy's expression.
+    """Return the formula as SymPy's expression.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ def _functions() -> dict[str, Callable[..., Any]]:
 
 
 def _folded(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    """A function of two operands for any number of them."""
+    """Return a function of two operands for any number of them."""
     return lambda *operands: functools.reduce(pair, operands)
 
 
 @functools.cache
 def _choice(name: str) -> Any:
-    """The greater or the lesser of two operands.
+    """Greater or the lesser of two operands.
 
     SymPy's own `Max` asks of every two operands which one is the greater, in all cases, and so do
     its derivatives: for eight of them it takes half a minute.
@@ -139,7 +139,7 @@ def function_of(
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """A compiled function of symbols, that returns the value of an expression or a list of them.
+    """Compiled function of symbols, that returns the value of an expression or a list of them.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ _SAME = {"+", "-", "max", "min", "abs"}
 
 
 def unit_text(dimension: Dimension) -> str:
-    """A dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
+    """Dimension as the unit that has it: ``kg s^-2``; ``1`` without one."""
     parts = [
         name if power == 1 else f"{name}^{power}"
         for name, power in zip(BASE, dimension, strict=True)
@@ -30,7 +30,7 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
-    """The dimension of a formula with names of known dimensions.
+    """Dimension of a formula with names of known dimensions.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _power(tree: Applied, parts: list[Dimension]) -> Dimension:
 
 
 def _number(tree: Node) -> Fraction | None:
-    """The value of a tree of plain numbers."""
+    """Value of a tree of plain numbers."""
     if isinstance(tree, Number):
         try:
             return Fraction(tree.text)

@@ -163,7 +163,7 @@ class _Parser:
         return name
 
     def _applied(self, head: str, parts: list[_Part], token: Token) -> _Part:
-        """An operator or a function applied to its operands, if that can be computed."""
+        """Operator or a function applied to its operands, if that can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"at most {MAX_POWER} is computed: write a lower one"
             raise error_at(token, f"a power of {parts[1].value:.3g}", remedy)

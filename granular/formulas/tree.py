@@ -49,7 +49,7 @@ Node = Number | Name | Applied
 
 
 def names(*trees: Node) -> tuple[Name, ...]:
-    """The names in formulas, each once, in the order of the text."""
+    """Names in formulas, each once, in the order of the text."""
     return tuple(dict.fromkeys(leaf for leaf in _leaves(trees) if isinstance(leaf, Name)))
 
 

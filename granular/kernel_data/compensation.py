@@ -12,7 +12,7 @@ from granular.kernel_data.state import VX, VY, State
 
 @compiled
 def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
-    """The new total, and what rounding took from it."""
+    """Return the new total, and what rounding took from it."""
     wanted = increment + rounding
     new = total + wanted
     return new, wanted - (new - total)

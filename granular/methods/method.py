@@ -117,7 +117,7 @@ class Method:
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """The table as plain data, which `method_of` takes."""
+        """Table as plain data, which `method_of` takes."""
         plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}
         if self.tableau is None:
             plain |= {"kicks": list(self.kicks), "drifts": list(self.drifts)}
@@ -128,7 +128,7 @@ class Method:
 
 
 def method_from_plain(plain: Mapping[str, Any]) -> Method:
-    """The method of a table that `Method.to_plain` made, or that stands in a study's file.
+    """Return the method of a table that `Method.to_plain` made, or that stands in a study's file.
 
     Raises
     ------

@@ -20,7 +20,7 @@ _own: dict[str, Method] = {}
 
 
 def method_of(method: str | Method | Mapping[str, Any]) -> Method:
-    """The method that is meant: by its name, as it is, or by its table as plain data.
+    """Return the method that is meant: by its name, as it is, or by its table as plain data.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def method_setting(method: Method) -> str | dict[str, Any]:
 
 
 def method_named(name: str) -> Method:
-    """The method of that name; with ``+compensated`` behind it, with compensated sums.
+    """Return the method of that name; with ``+compensated`` behind it, with compensated sums.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def known_methods() -> Registry[Method]:
 
 
 def compensated(method: Method) -> Method:
-    """The method with compensated sums.
+    """Return the method with compensated sums.
 
     Raises
     ------

@@ -32,7 +32,7 @@ Tree: TypeAlias = "tuple[Tree, ...]"
 
 
 def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
-    """The first condition up to an order that a composition fails, in words; None if it holds.
+    """First condition up to an order that a composition fails, in words; None if it holds.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> 
 
 
 def failed_tree(tableau: Sequence[Sequence[float]], order: int) -> str | None:
-    """The first condition up to an order that a Runge-Kutta method fails; None if it holds.
+    """First condition up to an order that a Runge-Kutta method fails; None if it holds.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _word_coefficients(
 
 
 def _with_factor(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
-    """The coefficients after another exponential, of one letter's span, on the right."""
+    """Coefficients after another exponential, of one letter's span, on the right."""
     made = []
     for length in range(len(result)):
         total = np.zeros(1 << length)

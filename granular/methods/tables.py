@@ -19,24 +19,24 @@ from granular.shared.registry import Registry
 
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
-    """A symmetric method from the first half of its fractions: kick, drift, kick, ..."""
+    """Symmetric method from the first half of its fractions: kick, drift, kick, ..."""
     total = _mirrored(fractions)
     return Method(name, order, source, kicks=total[::2], drifts=total[1::2])
 
 
 def _ends_with_drifts(name: str, order: int, source: str, *fractions: float) -> Method:
-    """A symmetric method from the first half of its fractions: drift, kick, drift, ..."""
+    """Symmetric method from the first half of its fractions: drift, kick, drift, ..."""
     total = _mirrored(fractions)
     return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
 
 def _mirrored(fractions: tuple[float, ...]) -> tuple[float, ...]:
-    """The fractions and, around the last of them, their mirror image."""
+    """Fractions and, around the last of them, their mirror image."""
     return (*fractions, *reversed(fractions[:-1]))
 
 
 def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
-    """A composition of Stormer-Verlet steps, from the first half of their fractions."""
+    """Composition of Stormer-Verlet steps, from the first half of their fractions."""
     middle = 1.0 - 2.0 * math.fsum(steps)
     total = (*steps, middle, *reversed(steps))
     inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(total))
@@ -48,7 +48,7 @@ def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Metho
 def _blanes_moan(
     name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]
 ) -> Method:
-    """Method from its printed fractions; the middle ones follow from consistency."""
+    """Return the method from its printed fractions; the middle ones follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"

@@ -39,7 +39,7 @@ class BiexponentialFit(NamedTuple):
     residual: float
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """The law at x, in the shape of x."""
+        """Law at x, in the shape of x."""
         parts = np.exp(np.multiply.outer(np.asarray(x, dtype=np.float64), self.rates))
         return np.asarray(parts @ self.amplitudes)
 
@@ -105,7 +105,7 @@ def _amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 
 def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The two rates over the range that leave the least sum of squares."""
+    """Two rates over the range that leave the least sum of squares."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0

@@ -20,7 +20,7 @@ from granular.shared.errors import InputError
 
 
 def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.ndarray:
-    """The complex bond order of each grain, mean over its Voronoi neighbours of exp(6 i theta).
+    """Complex bond order of each grain, mean over its Voronoi neighbours of exp(6 i theta).
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def per_distance(
     start: float = 0.0,
     stop: float = np.inf,
 ) -> xarray.DataArray:
-    """Function of the distance over all pairs of the frames with start <= time <= stop.
+    """Return a function of the distance over all pairs of the frames with start <= time <= stop.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def default_edges(positions: np.ndarray) -> np.ndarray:
 
 
 def spanning(frames: np.ndarray) -> list[np.ndarray]:
-    """The frames (k, n, 2) whose grains span a box: what a cell that empties ends with does not.
+    """Frames (k, n, 2) whose grains span a box: what a cell that empties ends with does not.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairFunction:
-    """Sums over the pairs of each bin, as means over them."""
+    """Return the sums over the pairs of each bin, as means over them."""
     pairs = count_pairs(points, edges)
     return PairFunction(edges, mean_per_pair(products, pairs), pairs, pairs)
 

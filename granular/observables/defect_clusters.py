@@ -177,7 +177,7 @@ def _clusters(
 def _core(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """The centre of the disorder about a point: a core moves between sites, its grains jump."""
+    """Centre of the disorder about a point: a core moves between sites, its grains jump."""
     started = position
     for _ in range(_CENTRINGS):
         along = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
@@ -189,7 +189,7 @@ def _core(
 
 
 def _hole(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """The middle of the largest circle among the triangles that holds no grain."""
+    """Middle of the largest circle among the triangles that holds no grain."""
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
     return np.asarray(corners[np.argmax(radii)])

@@ -187,12 +187,12 @@ def _square_of_way(item: _Open, position: np.ndarray) -> float:
 
 
 def _alike(item: _Open, lattice: np.ndarray) -> bool:
-    """True if the Burgers vectors are the same; that of a boundary may change."""
+    """Return True if the Burgers vectors are the same; that of a boundary may change."""
     return item.kind != DISLOCATION or bool((item.lattice == lattice).all())
 
 
 def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[DefectTrack]:
-    """The tracks that were seen in at least so many frames."""
+    """Tracks that were seen in at least so many frames."""
     return [track for track in tracks if len(track.frames) >= frames]
 
 

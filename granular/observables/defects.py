@@ -14,7 +14,7 @@ SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 
 
 def lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
-    """The nearest neighbour's vector whose direction is next to that of each arm, int (k, 2)."""
+    """Nearest neighbour's vector whose direction is next to that of each arm, int (k, 2)."""
     # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
@@ -36,7 +36,7 @@ def norm_squared(vectors: np.ndarray) -> np.ndarray:
 
 
 def counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """The triangles (t, 3), each with its corners in counter-clockwise order."""
+    """Triangles (t, 3), each with its corners in counter-clockwise order."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     left = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     turned = triangles.copy()
@@ -45,7 +45,7 @@ def counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarra
 
 
 def edges_of(triangles: np.ndarray) -> np.ndarray:
-    """The three edges of each triangle, from corner to corner (t, 3, 2)."""
+    """Three edges of each triangle, from corner to corner (t, 3, 2)."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
 
@@ -123,7 +123,7 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
 
 
 def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Dislocations:
-    """The dislocations: as many pairs of neighbouring pentagons and heptagons as can be made.
+    """Dislocations: as many pairs of neighbouring pentagons and heptagons as can be made.
 
     Only interior cells count, and each belongs to one pair at most. Where the defects cluster, the
     greatest number of pairs can be made in several combinations, of which one is taken.
@@ -171,7 +171,7 @@ def defect_numbers(cells: VoronoiCells) -> dict[str, float]:
 
 
 def _matched(cells: VoronoiCells) -> np.ndarray:
-    """A greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
+    """Greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 

@@ -32,7 +32,7 @@ EVEN = 1e-6
 def per_lag(
     run: Trajectory, function: Callable[..., np.ndarray], start: float = 0.0, stop: float = np.inf
 ) -> xarray.DataArray:
-    """Function of the lag over the frames with start <= time <= stop, on ``lag`` [s].
+    """Return a function of the lag over the frames with start <= time <= stop, on ``lag`` [s].
 
     Parameters
     ----------

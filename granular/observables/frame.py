@@ -119,7 +119,7 @@ def observable_of(function: Any) -> Observable | None:
 
 
 def select_frames(run: Trajectory, start: float, stop: float) -> np.ndarray:
-    """Indices of the frames with start <= time <= stop [s].
+    """Return the indices of the frames with start <= time <= stop [s].
 
     Raises
     ------

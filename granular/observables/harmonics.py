@@ -242,7 +242,7 @@ def _fit(
 
 
 def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """The response's harmonics (K,) in the phase of the drive, over its amplitude."""
+    """Response's harmonics (K,) in the phase of the drive, over its amplitude."""
     size = abs(into[0])
     if size == 0.0:
         raise InputError("the drive has no amplitude at its frequency; give the drive's frequency")
@@ -276,7 +276,7 @@ def _period_transfers(
 
 
 def _errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Standard errors along and across each complex mean (K,)."""
+    """Return the standard errors along and across each complex mean (K,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
     turned = spread * direction.conj()

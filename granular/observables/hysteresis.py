@@ -69,7 +69,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 
 
 def cycle_bounds(height: np.ndarray) -> list[Cycle]:
-    """The cycles of a motion, from each highest point to the next.
+    """Cycles of a motion, from each highest point to the next.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _integral_below(height: np.ndarray, force: np.ndarray, top: float) -> float:
 
 
 def _turning_points(height: np.ndarray, least: float) -> list[int]:
-    """Samples where the motion turns by more than ``least``, with the extremes at both ends."""
+    """Return the samples where the motion turns by more than ``least``, and both ends."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -175,6 +175,6 @@ def _turning_points(height: np.ndarray, least: float) -> list[int]:
 
 
 def _last_at(height: np.ndarray, turn: int, after: int) -> int:
-    """The last sample of a rest that begins at a turning point."""
+    """Last sample of a rest that begins at a turning point."""
     same = np.flatnonzero(height[turn:after] == height[turn])
     return turn + int(same[-1])

@@ -53,7 +53,7 @@ def foreign_effects(scene: Scene) -> tuple[str, ...]:
 
 
 def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
-    """The forces of all other grains on each grain, for some grains at a time.
+    """Return the forces of all other grains on each grain, for some grains at a time.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _nearest(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
 def wall_interactions(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None
 ) -> Interactions:
-    """The forces of the walls on each grain: left, right, bottom and piston, as far as they act.
+    """Return forces of the walls on each grain: left, right, bottom and piston, as far as they act.
 
     The branch is the displacement from the wall, at a right angle to it. Parameters and errors as
     of `pair_interactions`; ``piston_height`` [m] is the scene's where not given.
@@ -143,7 +143,7 @@ def _prepare(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _law(system: Any, key: str) -> Any:
-    """The law of an effect in natural units; None where it does not act."""
+    """Law of an effect in natural units; None where it does not act."""
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         if effect.key == key:
             return law
@@ -190,7 +190,7 @@ def _of_wall(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np
 
 @cache
 def _callable(kernel: Any) -> Any:
-    """A form of a kernel that Python can call."""
+    """Form of a kernel that Python can call."""
     from granular.compiled import entry
 
     return entry(kernel)

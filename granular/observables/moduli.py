@@ -246,7 +246,7 @@ def _first_moment(scene: Scene) -> float:
 
 
 def _inner(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
-    """The inner grains, the area of their cells [m^2] and the reach [m]."""
+    """Inner grains, the area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
     if not len(inside):

@@ -86,7 +86,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
 
 
 def _share_left(run: Trajectory) -> np.ndarray:
-    """The fraction of the grains' area that is still in the cell, at every record."""
+    """Fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)
     left = present(data["position"].values) @ areas / areas.sum()
@@ -217,7 +217,7 @@ def _area_between(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> 
 
 
 def mean_pair_distance(positions: np.ndarray) -> float:
-    """The mean distance of two grains, over all n (n - 1)/2 pairs, as [D, eq. 2.1] reads.
+    """Mean distance of two grains, over all n (n - 1)/2 pairs, as [D, eq. 2.1] reads.
 
     Parameters
     ----------

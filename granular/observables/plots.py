@@ -269,7 +269,7 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
 def plot_forces(
     positions: np.ndarray, forces: np.ndarray, species: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """The resulting force on each grain as an arrow [D, Fig. 4.23].
+    """Resulting force on each grain as an arrow [D, Fig. 4.23].
 
     Each species' arrows are drawn over its greatest force, in a colour of its own; grains whose
     force (n, 2) is NaN have none.
@@ -306,7 +306,7 @@ def plot_order_correlation(
 def plot_biexponential(
     fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """The samples and the fitted law [D, Fig. 4.8]."""
+    """Return the samples and the fitted law [D, Fig. 4.8]."""
     ax = axes_or_new(ax)
     ax.plot(x, y, "o", markersize=4.0, label="samples")
     fine = np.linspace(np.min(x), np.max(x), 200)

@@ -177,7 +177,7 @@ def dip_test(values: np.ndarray) -> DipTest:
 
 
 def dip(values: np.ndarray) -> float:
-    """The dip of values in order (n,), n at least 2.
+    """Dip of values in order (n,), n at least 2.
 
     Between a lower and an upper end, which close in on the mode, the greatest convex minorant of
     the distribution and its least concave majorant are compared where either touches it.
@@ -213,7 +213,7 @@ def dip(values: np.ndarray) -> float:
 
 
 def _convex_minorant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The greatest convex function at or below y, at every x, and where it touches."""
+    """Greatest convex function at or below y, at every x, and where it touches."""
     hull: list[int] = []
     for k in range(len(x)):
         while len(hull) > 1 and _bends_down(x, y, hull[-2], hull[-1], k):
@@ -253,7 +253,7 @@ class Histogram(NamedTuple):
 
 
 def knuth_bins(values: np.ndarray) -> int:
-    """The number of bins of Knuth's rule.
+    """Return the number of bins of Knuth's rule.
 
     The number M that makes the logarithm of the posterior greatest, [D, eq. 4.33]:
 
@@ -301,7 +301,7 @@ def knuth_bins(values: np.ndarray) -> int:
 
 
 def knuth_histogram(values: np.ndarray) -> Histogram:
-    """The histogram of the values in the bins of `knuth_bins`, from the least to the greatest.
+    """Histogram of the values in the bins of `knuth_bins`, from the least to the greatest.
 
     Values that are all the same have one bin about them, of width 1.
 
@@ -324,7 +324,7 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
 
 
 def _known(values: np.ndarray) -> np.ndarray:
-    """The finite values in order."""
+    """Finite values in order."""
     array = np.asarray(values, dtype=np.float64).ravel()
     array = np.sort(array[np.isfinite(array)])
     if not len(array):
@@ -333,6 +333,6 @@ def _known(values: np.ndarray) -> np.ndarray:
 
 
 def _counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Number of values in each bin; the last bin holds its upper edge too."""
+    """Return the number of values in each bin; the last bin holds its upper edge too."""
     bounds = np.searchsorted(ordered, edges[1:-1], side="left")
     return np.diff(np.concatenate([[0], bounds, [len(ordered)]]))

@@ -146,7 +146,7 @@ def _check(scene: Scene, known: tuple[str, ...]) -> None:
 
 
 def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
+    """Return the forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
     from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)
@@ -165,7 +165,7 @@ def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
 def _of_walls(
     scene: Scene, positions: np.ndarray, height: float | None
 ) -> tuple[np.ndarray, float]:
-    """Forces, and minus their divergence by differences."""
+    """Return the forces, and minus their divergence by differences."""
 
     def pushed(by: np.ndarray) -> np.ndarray:
         result = wall_interactions(scene, positions + by, height)

@@ -55,7 +55,7 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
 
 
 def lattice_vector(positions: np.ndarray) -> np.ndarray:
-    """The shortest reciprocal lattice vector of the order that is there (2,) [1/m].
+    """Shortest reciprocal lattice vector of the order that is there (2,) [1/m].
 
     Where S(q) is greatest within `RING` of the length that the hexagonal lattice of the mean cell
     area has, in a half plane.

@@ -73,7 +73,7 @@ class PolygonFractions(NamedTuple):
 
 
 def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
-    """The Voronoi cells of the grains.
+    """Voronoi cells of the grains.
 
     A side of no length (four or more grains on one circle, as in a square lattice) is no side, and
     those grains are no neighbours. Of grains at exactly the same point one has a cell. Fewer than
@@ -161,7 +161,7 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
 
 
 def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
-    """The corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain.
+    """Corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain.
 
     Examples
     --------

@@ -32,7 +32,7 @@ is left of the distances."""
 def _add_along(
     code: Code, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
-    """Sums over both sides of points along their lines: for each point, one for each term."""
+    """Sum both sides of points along their lines; for each point, one sum for each term."""
     b = code.builder
     sums = [_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -103,7 +103,7 @@ def _add_tile(
 def _add_across(
     code: Code, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
-    """Sums over both sides of `_LINES` points across the lines, and over the terms."""
+    """Return the sums over both sides of `_LINES` points across the lines, and over the terms."""
     b = code.builder
     block = ir.Constant(INDEX, TERMS * WIDTH)
     zero, unity, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))

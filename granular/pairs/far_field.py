@@ -182,7 +182,7 @@ def _put_load(load: Array | None, i: int, value: float) -> None:
 
 @compiled
 def _gather_part(mesh: Mesh, asked: Asked, part: int) -> None:
-    """Forces of a part of the grains, and loads of grains that are all alike."""
+    """Return the forces of a part of the grains, and loads of grains that are all alike."""
     grains, total = asked.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
@@ -197,7 +197,7 @@ def _gather_part(mesh: Mesh, asked: Asked, part: int) -> None:
 
 @compiled
 def _gather_load_part(mesh: Mesh, asked: Asked, part: int) -> None:
-    """Loads of grains that differ, from a mesh of their weights."""
+    """Return the loads of grains that differ, from a mesh of their weights."""
     grains = asked.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]

@@ -40,7 +40,7 @@ _UNDEFINED = ir.Constant(LANES, ir.Undefined)
 
 
 def padded(count: int) -> int:
-    """The least multiple of the vector width that holds ``count`` grains (at least one vector)."""
+    """Least multiple of the vector width that holds ``count`` grains (at least one vector)."""
     return max(WIDTH, -(-count // WIDTH) * WIDTH)
 
 
@@ -82,7 +82,7 @@ class Code:
         return self.builder.gep(made.data, [self.builder.mul(row, across)])
 
     def call(self, name: str, *operands: ir.Value) -> ir.Value:
-        """A function of LLVM on vectors of doubles."""
+        """Return a function of LLVM on vectors of doubles."""
         module = self.builder.module
         function = module.globals.get(name)
         if function is None:
@@ -139,7 +139,7 @@ class Code:
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
     def _folded(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
-        """Sums of lanes that lie ``half`` apart: of the first vector, and between them of both."""
+        """Add lanes that lie ``half`` apart: of the first vector, and between them of both."""
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
@@ -148,7 +148,7 @@ class Code:
         )
 
     def totals(self, vectors: list[ir.Value]) -> ir.Value:
-        """The sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
+        """Return sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
         indices = [0]
         for half in (4, 2, 1):
             if len(vectors) > 1:
@@ -196,7 +196,7 @@ _SHIFT, _SQUARE, _REST = 2.0 / 3.0, 8.0 / 21.0, -32.0 / 315.0
 
 
 def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
-    """The processor's own estimate."""
+    """Processor's own estimate."""
     b = code.builder
     name = "llvm.x86.avx512.rsqrt14.pd.512"
     function = b.module.globals.get(name)

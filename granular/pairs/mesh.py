@@ -90,14 +90,14 @@ def _interpolating(samples: Samples) -> Samples:
 
 
 def _middle(samples: Samples, reach: int) -> Samples:
-    """The distances up to ``reach``, on both sides, of an interpolating table."""
+    """Distances up to ``reach``, on both sides, of an interpolating table."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
     return _interpolating(samples)[chosen, chosen]
 
 
 def _products(table: Samples) -> Table:
-    """A table, symmetric about its middle and about its diagonals, as a sum of products."""
+    """Table, symmetric about its middle and about its diagonals, as a sum of products."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
     order = np.argsort(-np.abs(values))

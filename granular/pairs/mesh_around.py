@@ -105,7 +105,7 @@ def _interpolating(samples: Samples) -> Samples:
 
 
 def _products(table: Samples, reach: int) -> Table:
-    """A quarter of a table, by the distances up and across, as a sum of products."""
+    """Quarter of a table, by the distances up and across, as a sum of products."""
     left, weights, right = np.linalg.svd(table, full_matrices=False)
     # The sign of a pair of vectors is free; it is fixed, and the numbers cut, for all machines.
     signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
@@ -122,7 +122,7 @@ def _products(table: Samples, reach: int) -> Table:
 
 
 def _band(radius: float, spacings: tuple[float, float]) -> Samples:
-    """A quarter of the band's table, up and across."""
+    """Quarter of the band's table, up and across."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
@@ -133,7 +133,7 @@ def _band(radius: float, spacings: tuple[float, float]) -> Samples:
 
 
 def _rest(width: float, height: float, radius: float, across: int, up: int) -> Samples:
-    """A quarter of the rest's table; what lies half round the cell is met from both sides."""
+    """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _interpolating(image_sum(dx, dy, width, height, radius))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
@@ -224,7 +224,7 @@ def spread_around(
 
 @compiled(inline=True)
 def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
-    """The potential at a point, and its derivatives."""
+    """Potential at a point, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
@@ -235,7 +235,7 @@ def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[fl
 
 @compiled
 def restrict_around(mesh: Mesh, level: int) -> None:
-    """Sources of a level from those of the finer one before it."""
+    """Return the sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = SHARES
     lines, start, stride = (

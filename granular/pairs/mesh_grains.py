@@ -113,7 +113,7 @@ def _spread(
 
 @compiled(inline=True)
 def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
-    """The potential at a point, and its derivatives."""
+    """Potential at a point, and its derivatives."""
     return _gathered(mesh.around, mesh, x, y)
 
 

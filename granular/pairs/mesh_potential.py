@@ -30,7 +30,7 @@ def _line_begin(at: int, up: int, begin: int, stride: int, outside: int) -> np.u
 
 @compiled
 def _restrict(mesh: Mesh, level: int) -> None:
-    """Sources of a level from those of the finer one before it."""
+    """Return the sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = SHARES
@@ -96,7 +96,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
 
 @compiled
 def _convolve_part(mesh: Mesh, part: int) -> None:
-    """The potential of each level's own sources on a part of all columns.
+    """Potential of each level's own sources on a part of all columns.
 
     The bands', and on the last level the rest's. Parts take about equally long.
     """

@@ -47,7 +47,7 @@ class _Sweep(NamedTuple):
 
 
 def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
-    """The rows against the partners from j on.
+    """Rows against the partners from j on.
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
     """
@@ -65,7 +65,7 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
 
 
 def _shifted(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
-    """The rows as the images of a run's partners see them."""
+    """Rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
     b = code.builder
@@ -140,7 +140,7 @@ def sweep_runs(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """The rows first .. stop - 1, two at a time, each with the partners within ``radius``.
+    """Rows first .. stop - 1, two at a time, each with the partners within ``radius``.
 
     What is summed goes to the row ``part`` of fx, fy, stiffness, extremes and load.
     The first row's partners begin with the second row; seven more grains behind that one are met
@@ -182,7 +182,7 @@ def sweep_runs(
 
 @intrinsic
 def if_given(typing: Any, asked: Any, sums: Any) -> Any:
-    """The sums; None where None is asked for. A choice in the source would be made at run time."""
+    """Return sums or None, by what is asked for; a choice in the source is made at run time."""
     kind = types.none if isinstance(asked, types.NoneType) else sums
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

@@ -88,7 +88,7 @@ class Pairs(Section):
             )
 
     def chosen(self, grains: int, *, closed: bool, room: float | None = None) -> str:
-        """The method that runs, for so many grains in a closed cell, an open or a periodic one.
+        """Return method that runs, for so many grains in a closed cell, an open or a periodic one.
 
         ``room`` is the shorter side of a periodic cell over the first species' diameter.
         """

@@ -45,7 +45,7 @@ def _line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
 
 
 def _folded(code: Code, vector: ir.Value) -> ir.Value:
-    """Sums of the first and of the last four lanes, each in its first lane."""
+    """Return the sums of the first and of the last four lanes, each in its first lane."""
     for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
         vector = code.builder.fadd(vector, code.shuffled(vector, vector, list(lanes)))
     return vector

@@ -85,7 +85,7 @@ def _sweep(
 
 
 def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> None:
-    """The pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
+    """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
     grains = eight_grains(code, arrays, first)
     pointers = present(arrays.sums)
     totals = [code.load(pointer, first) for pointer in pointers]

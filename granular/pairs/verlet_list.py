@@ -84,7 +84,7 @@ def list_sum(
     moments: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
-    """Forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.
+    """Return the forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.
 
     Forces are no numbers where there are more pairs than the list holds.
     """

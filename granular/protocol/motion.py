@@ -97,7 +97,7 @@ def _descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _row_before(times: Array, time: float) -> int:
-    """The last row that is not behind a time, by bisection; -1 where there is none."""
+    """Last row that is not behind a time, by bisection; -1 where there is none."""
     low, high = 0, times.size
     while low < high:
         middle = (low + high) // 2
@@ -134,7 +134,7 @@ def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
 
 
 def tabled(motion: Motion) -> Motion:
-    """The same motion, of the type that motions by tables and splines are of."""
+    """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 

@@ -72,7 +72,9 @@ class Move(Stage):
 
 
 class Descend(Stage):
-    """The exponential law of [D, 2.3.2], in the reading
+    """Descent by the exponential law of [D, 2.3.2].
+
+    It is read as
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 

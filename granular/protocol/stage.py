@@ -57,7 +57,7 @@ class Stage(Section):
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        """The piston's motion from the height [m] at the stage's start, in natural units."""
+        """Piston's motion from the height [m] at the stage's start, in natural units."""
         raise NotImplementedError
 
     def final_height(self) -> float | None:

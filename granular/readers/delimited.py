@@ -35,7 +35,7 @@ _HEADER = 4
 
 
 def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
-    """The table in a text.
+    """Table in a text.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def _header(
 
 
 def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
-    """The lowest row with a time among its names, and units in that below it; else the lowest.
+    """Lowest row with a time among its names, and units in that below it; else the lowest.
 
     Loggers write what was done to a column, such as averaging, below its name and unit. A lowest
     row that names columns itself is the header, whatever a line above it is about.
@@ -222,7 +222,7 @@ def _names_a_column(cell: str) -> bool:
 
 
 def _end(lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
-    """The rows, without words at the end and without a last row that is cut off."""
+    """Rows, without words at the end and without a last row that is cut off."""
     rows, notes = list(lines), []
     odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
     while odd and odd[-1] == len(rows) - 1:
@@ -288,7 +288,7 @@ def _frame(rows: Sequence[Line], form: Form) -> Any:
 
 
 def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
-    """A column from what pandas found, whose numbers may be texts where some cell is none."""
+    """Column from what pandas found, whose numbers may be texts where some cell is none."""
     if cells.dtype.kind in "iuf":
         return Column(name, unit, cells.to_numpy(dtype=np.float64))
     texts = [

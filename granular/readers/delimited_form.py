@@ -43,7 +43,7 @@ class Form(NamedTuple):
 
 
 def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
-    """The form that makes most lines rows of numbers."""
+    """Form that makes most lines rows of numbers."""
     sample = [lines[k].text for k in _looked_at(lines)]
     best: tuple[tuple[int, float, int], Form] | None = None
     for separator in SEPARATORS:
@@ -140,7 +140,7 @@ def _with_point(cell: str) -> bool:
 
 
 def fields_of(line: str, separator: str) -> list[str]:
-    """The fields of a line; one that is empty behind the last separator is none."""
+    """Fields of a line; one that is empty behind the last separator is none."""
     if separator == " ":
         found = line.split()
     else:
@@ -149,7 +149,7 @@ def fields_of(line: str, separator: str) -> list[str]:
 
 
 def _quoted(line: str, separator: str) -> list[str] | None:
-    """The fields of a line with quotes; None where there are none, or nothing that fits in them."""
+    """Fields of a line with quotes; None where there are none, or nothing that fits in them."""
     if '"' not in line:
         return None
     try:
@@ -162,7 +162,7 @@ _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
 def words_of(line: str, separator: str) -> list[str]:
-    """The fields of a header; between spaces, a unit in brackets belongs to its name."""
+    """Fields of a header; between spaces, a unit in brackets belongs to its name."""
     return _WORD.findall(line) if separator == " " else fields_of(line, separator)
 
 

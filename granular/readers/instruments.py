@@ -24,7 +24,7 @@ def is_labview(text: str) -> bool:
 
 
 def read_labview(text: str, reading: Reading) -> Sheet:
-    """The first segment of a LabVIEW measurement file (.lvm).
+    """First segment of a LabVIEW measurement file (.lvm).
 
     Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
     National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
@@ -111,7 +111,7 @@ def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
 
 
 def read_tdms(content: bytes, reading: Reading) -> Sheet:
-    """The first group of a TDMS file that holds channels of one length; ``sheet`` names another.
+    """First group of a TDMS file that holds channels of one length; ``sheet`` names another.
 
     Times are a channel of that name, or follow from the channels' ``wf_increment``.
 
@@ -155,7 +155,7 @@ def is_rigol(text: str) -> bool:
 
 
 def read_rigol(text: str) -> Sheet:
-    """The channels of a waveform; sample n is at ``Start`` + n ``Increment``.
+    """Channels of a waveform; sample n is at ``Start`` + n ``Increment``.
 
     The layout is that of files of the DS1000Z, DS2000 and DS4000.
 

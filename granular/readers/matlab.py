@@ -24,7 +24,7 @@ _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 
 
 def read_matlab(content: bytes, reading: Reading) -> Sheet:
-    """The vectors of one length in a MATLAB file of version 4 to 7.
+    """Vectors of one length in a MATLAB file of version 4 to 7.
 
     Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
     Its channels, ``A``, ``B``, ..., are whatever was connected.
@@ -118,7 +118,7 @@ def _is_nested(content: bytes, order: str) -> bool:
 
 
 def _times(variables: Mapping[str, Any], length: int) -> Column:
-    """Times by PicoScope's start and interval."""
+    """Return the times by PicoScope's start and interval."""
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
     if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
         raise RecordError(

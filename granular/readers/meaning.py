@@ -107,7 +107,7 @@ def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading)
 
 
 def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading) -> dict[str, str]:
-    """The unit of each role: as said, by its name or by that in the file, else as in the file."""
+    """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
     known = {*(one.name.lower() for one in sheet.columns if one.name), *chosen}
     for name in said:
@@ -151,7 +151,7 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
 
 
 def checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
-    """The numbers of a column, NaN where a sample is lost.
+    """Numbers of a column, NaN where a sample is lost.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _without_gaps(
     notes: list[str],
     left_out: list[str],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Samples without time or height go; other columns with gaps in what is left go whole."""
+    """Drop samples without time or height, and then other columns that have gaps."""
     here = np.isfinite(own[TIME]) & np.isfinite(own[HEIGHT])
     lost = int((~here).sum())
     if lost:
@@ -229,7 +229,7 @@ def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
 
 
 def spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
-    """Times that a clock has rounded to its tick, spread evenly between its ticks.
+    """Return the times that a clock has rounded to its tick, spread evenly between its ticks.
 
     Equal neighbours are samples of one tick: each run of them is spread up to the next tick.
     """

@@ -64,7 +64,7 @@ _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
 def plain_unit(unit: str) -> str:
-    """A unit as `granular.schema.units` writes it, where it is known; else as it is."""
+    """Return the unit as `granular.schema.units` writes it, where it is known; else as it is."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 
@@ -101,7 +101,7 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
 
 
 def bare(name: str) -> str:
-    """A name in lower case, without a run's number; one space for signs that are no letters."""
+    """Name in lower case, without a run's number; one space for signs that are no letters."""
     return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
 
 

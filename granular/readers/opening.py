@@ -186,7 +186,7 @@ BINARY = {
 
 
 def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and numbers of a file, read as a laboratory record is.
+    """Return the times [s] and numbers of a file, read as a laboratory record is.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _other(sheet: Sheet, time: Column, unit: str) -> Column:
-    """The only column beside the time, of that unit, or of that name; without names the next."""
+    """Only column beside the time, of that unit, or of that name; without names the next."""
     others = [one for one in sheet.columns if one is not time]
     choices: Sequence[list[Column]] = (
         others,

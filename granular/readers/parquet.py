@@ -20,7 +20,7 @@ _MAX_NUMBERS = 50_000_000
 
 
 def read_parquet(content: bytes, _said: Reading) -> Sheet:
-    """The columns of a Parquet file.
+    """Columns of a Parquet file.
 
     Raises
     ------

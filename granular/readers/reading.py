@@ -90,7 +90,7 @@ class Reading:
             object.__setattr__(self, "between", _span(self.between))
 
     def and_then(self, more: Reading) -> Reading:
-        """The same, and over it what is said in another."""
+        """Return the same, and over it what is said in another."""
         plain, over = self.to_plain(), more.to_plain()
         both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
         return reading_from_plain({**plain, **over, **both})
@@ -121,7 +121,7 @@ class Reading:
 
 
 def reading_from_plain(plain: Mapping[str, Any]) -> Reading:
-    """Reading from the plain data that `Reading.to_plain` made.
+    """Return the reading from the plain data that `Reading.to_plain` made.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def is_description(path: Path) -> bool:
 
 
 def read_description(path: Path) -> tuple[Path, Reading]:
-    """The file that a description names, and how it is to be read.
+    """File that a description names, and how it is to be read.
 
     Raises
     ------

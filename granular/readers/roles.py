@@ -41,7 +41,7 @@ def columns_by_role(sheet: Sheet, reading: Reading, notes: list[str]) -> dict[st
 
 
 def time_of(sheet: Sheet) -> Column:
-    """The column of times.
+    """Column of times.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def _increases(column: Column) -> bool:
 
 
 def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
-    """The only other column of numbers, or of those without names the next."""
+    """Only other column of numbers, or of those without names the next."""
     taken = list(map(id, chosen.values()))
     free = [
         one

@@ -67,7 +67,7 @@ class Sheet:
     notes: list[str] = dataclasses.field(default_factory=list)
 
     def place(self, row: int) -> str:
-        """A row in words."""
+        """Row in words."""
         if self.lines is None:
             return f"sample {row}"
         return f"sample {row} (line {int(self.lines[row])})"
@@ -104,7 +104,7 @@ def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
 
 
 def sheet_of(table: Any) -> Sheet:
-    """The columns of a DataFrame, of an xarray object, or of a mapping of names to arrays.
+    """Columns of a DataFrame, of an xarray object, or of a mapping of names to arrays.
 
     The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
     names, or in an xarray variable's attributes.

@@ -68,7 +68,7 @@ def refuse_old(content: bytes) -> None:
 
 
 def read_workbook(content: bytes, reading: Reading) -> Sheet:
-    """A sheet of a workbook: the first that holds a table, or that which is named.
+    """Sheet of a workbook: the first that holds a table, or that which is named.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _width(table: Sequence[Sequence[Any]]) -> int:
 
 
 def _csv(table: Sequence[Sequence[Any]]) -> str:
-    """A sheet as text; what the program shows for a cell stays exact."""
+    """Sheet as text; what the program shows for a cell stays exact."""
     width = _width(table)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
@@ -179,7 +179,7 @@ def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: i
 
 
 def table_of(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
-    """The rows up to the last that holds something, repeated ones as often as they are.
+    """Rows up to the last that holds something, repeated ones as often as they are.
 
     Raises
     ------

@@ -155,7 +155,7 @@ interior if it lies in the box of the outermost centres [D, 4.2.4].
 
 
 def colouring(name: str) -> Colouring:
-    """A colouring by its name.
+    """Colouring by its name.
 
     Raises
     ------

@@ -16,7 +16,7 @@ FARTHEST = 0.25
 
 
 def movie_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
-    """Times [s] of the pictures of a movie over frames (m,) at such times [s]."""
+    """Return the times [s] of the pictures of a movie over frames (m,) at such times [s]."""
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
@@ -24,7 +24,7 @@ def movie_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
 def bed_at(
     run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
 ) -> Iterator[BedFrame]:
-    """The bed at increasing times [s] (n,) within some frames of a run.
+    """Bed at increasing times [s] (n,) within some frames of a run.
 
     Grains go between two frames on the cubic paths that have their positions and velocities there,
     forces and velocities change evenly; a grain that is not in both frames is left out. The piston
@@ -75,7 +75,7 @@ def _shared(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _bend(before: BedFrame, after: BedFrame) -> float:
-    """The most by which a cubic path is off the straight line midway [m]."""
+    """Most by which a cubic path is off the straight line midway [m]."""
     _, first, second = _shared(before, after)
     change = before.velocity[first] - after.velocity[second]
     off = (after.time - before.time) / 8.0 * np.hypot(*change.T)

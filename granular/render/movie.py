@@ -119,7 +119,7 @@ def movie(
 
 
 def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
-    """Indices of the frames of a stage, or of the whole run.
+    """Return the indices of the frames of a stage, or of the whole run.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
 
 
 def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
-    """The pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
+    """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
         picture.show(frame)
         yield picture.pixels()

@@ -42,7 +42,7 @@ CURVE = 1.5
 def new_page(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """A figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes next to it.
+    """Figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes next to it.
 
     ``below`` is left free under the bed, which is at most ``widest`` wide [inch]. The figure's
     width and height are even numbers of pixels at 120 an inch, as movies want them.
@@ -289,7 +289,7 @@ class BedPicture:
             self._curve.show(frame.time)
 
     def pixels(self) -> np.ndarray:
-        """The picture as bytes (height, width, 3)."""
+        """Picture as bytes (height, width, 3)."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         canvas: Any = FigureCanvasAgg(self.figure)
@@ -326,13 +326,13 @@ class BedPicture:
 
 
 def view_of(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
-    """A frame as the colourings see it."""
+    """Frame as the colourings see it."""
     cells = voronoi_cells(frame.position) if with_cells else None
     return View(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
-    """Ends of the colours over some frames; (0, 1) where nothing has a value."""
+    """Return the ends of the colours over some frames; (0, 1) where nothing has a value."""
     colouring_used = colouring(colour)
     if not colouring_used.map:
         return 0.0, 1.0

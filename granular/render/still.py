@@ -30,7 +30,7 @@ def still(
     time: float | None = None,
     colour: str = "species",
 ) -> Figure:
-    """The bed at one instant: grains at their true size, walls and piston.
+    """Bed at one instant: grains at their true size, walls and piston.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def still(
 
 
 def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
-    """The index of a frame by its number (negative: from the end), or nearest to a time [s].
+    """Index of a frame by its number (negative: from the end), or nearest to a time [s].
 
     Raises
     ------

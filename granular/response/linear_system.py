@@ -90,7 +90,7 @@ def slowest_decay(host: Host) -> float:
 
 
 def _chained(held: Sequence[complex]) -> np.ndarray:
-    """Forces on bodies of a chain over their displacements (n, n), each held by the one before."""
+    """Return the stiffness matrix (n, n) of a chain of bodies, each held by the one before."""
     matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
     for k, coefficient in enumerate(held):
         matrix[k, k] += coefficient
@@ -111,7 +111,7 @@ def damper_mass(scene: Scene) -> float:
 
 
 def at_amplitude(host: Host, key: str, size: float) -> Host:
-    """The host with another amplitude of its excitation."""
+    """Host with another amplitude of its excitation."""
     plain = host.to_plain()
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
 

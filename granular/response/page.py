@@ -59,7 +59,7 @@ class PageComparison:
 def response_page(
     response: Response, beside: PageComparison | None = None, missing: str = ""
 ) -> Page:
-    """The report as a page: what is left, what the damper is to the machine, how it was simulated.
+    """Report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
@@ -85,7 +85,7 @@ def response_page(
 
 
 def response_words(response: Response) -> str:
-    """The answer in one sentence, at the greatest amplitude."""
+    """Answer in one sentence, at the greatest amplitude."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
         f"{amplitude_words(response, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
@@ -174,7 +174,7 @@ def _peaks(page: Page, response: Response) -> None:
 
 
 def add_steadiness(page: Page, response: Response) -> None:
-    """Notes on swings that are not steady, and on a sweep that was too fast, where they are."""
+    """Add notes on swings that are not steady, and on a sweep that was too fast."""
     data = response.dataset
     pace = pace_of_sweep(response)
     if pace is not None and pace > PACE:
@@ -291,7 +291,7 @@ def _swings(page: Page, response: Response, size: float) -> None:
 
 
 def _figure(value: float, digits: int) -> str:
-    """A number for a table; without an exponent where it can be."""
+    """Return the number for a table; without an exponent where it can be."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
         return number(value, digits)
     decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
@@ -353,18 +353,18 @@ def labels(response: Response) -> tuple[str, float]:
 
 
 def amplitude_words(response: Response, size: float) -> str:
-    """An amplitude, as a sentence begins with it."""
+    """Amplitude, as a sentence begins with it."""
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * size)
 
 
 def shown_rows(response: Response) -> int:
-    """Number of frequencies that the tables show."""
+    """Return the number of frequencies that the tables show."""
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
 def shown_part(response: Response, size: float) -> xarray.Dataset:
-    """The response at an amplitude, at the frequencies that tables show; its peak is one of them.
+    """Response at an amplitude, at the frequencies that tables show; its peak is one of them.
 
     On ``frequency``.
     """

@@ -84,7 +84,7 @@ class Response:
         return result
 
     def linear_curves(self, size: float) -> dict[str, np.ndarray]:
-        """Closely spaced ``frequency`` [Hz], and what is left ``alone`` and with ``ideal`` [m]."""
+        """Return fine ``frequency`` [Hz], and the amplitude ``alone`` and with ``ideal`` [m]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
@@ -244,7 +244,7 @@ def response_dataset(
     key: str, sizes: Sequence[float], frequencies: Sequence[float],
     mapping: Mapping[str, tuple[str, str, np.ndarray]],
 ) -> xarray.Dataset:  # fmt: skip
-    """A response's dataset, of fields (amplitude, frequency) with units and meanings."""
+    """Response's dataset, of fields (amplitude, frequency) with units and meanings."""
     import xarray
 
     dims = ("amplitude", "frequency")

@@ -21,7 +21,7 @@ LEAST_PERIODS = 4
 
 
 def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
-    """A of values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
+    """Of values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
     omega = math.tau * frequency
     moment = time - time.mean()
     columns = np.stack(
@@ -32,7 +32,7 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
 
 
 def whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """The last whole periods of the last part of a time [s]; at least `LEAST_PERIODS` of them."""
+    """Last whole periods of the last part of a time [s]; at least `LEAST_PERIODS` of them."""
     count = max(math.floor(SHARE * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
 

@@ -39,7 +39,7 @@ def run_sweep(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> Response:
-    """The response of a scene's host, read off one run under a slow sweep.
+    """Response of a scene's host, read off one run under a slow sweep.
 
     What shakes the host is that of the scene, a force on it or a motion of its base, with its
     amplitude and its start, as a sweep. See `swept_response` for how slow is slow; `pace_of_sweep`

@@ -74,7 +74,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
 
 
 def choose_settings(scene: Scene, text: str) -> ChosenSettings:
-    """The cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
+    """Cheapest method and step that the table promises an accuracy of, and a sum that keeps it.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def _candidates(
 
 
 def _fraction(entries: list[Rung], quantity: str, tolerance: float) -> float | None:
-    """The longest step times highest frequency that keeps a tolerance; None where none does.
+    """Longest step times highest frequency that keeps a tolerance; None where none does.
 
     Between two steps of the table, and below its shortest, by the method's order; beyond its
     longest never.
@@ -167,7 +167,7 @@ def _step(scene: Scene, fraction: float) -> str:
 
 
 def _summed(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
-    """The scene with a sum over pairs that keeps the tolerance, and its name."""
+    """Scene with a sum over pairs that keeps the tolerance, and its name."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
         raise InputError(

@@ -70,7 +70,7 @@ class Metadata:
 def _description(
     variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]
 ) -> dict[str, Any]:
-    """An array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
+    """Array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
     integer = variable is STAGE
     return _FORMAT | {
         "node_type": "array",
@@ -119,7 +119,7 @@ class StoredArray:
         self.dtype = np.dtype(plain["data_type"]).newbyteorder("<")
 
     def unwritten(self) -> np.ndarray:
-        """A chunk of fill values alone."""
+        """Chunk of fill values alone."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
@@ -134,7 +134,7 @@ class StoredArray:
         replace_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
 
     def read(self, index: int, manifest: Manifest) -> np.ndarray:
-        """The values of a chunk (depth, ...), right as far as the manifest calls them complete.
+        """Values of a chunk (depth, ...), right as far as the manifest calls them complete.
 
         Raises
         ------

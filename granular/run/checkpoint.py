@@ -65,7 +65,7 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
-    """The checkpoint of a run directory, and the manifest in it.
+    """Checkpoint of a run directory, and the manifest in it.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def file_digests(path: Path) -> dict[str, str]:
 
 
 def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
-    """The files that stay as they were first written, by their names.
+    """Files that stay as they were first written, by their names.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
 
 
 def file_bytes(file: Path) -> bytes:
-    """The content of a file of a run.
+    """Content of a file of a run.
 
     Raises
     ------

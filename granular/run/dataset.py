@@ -15,7 +15,7 @@ from granular.run.checkpoint import Manifest
 
 
 def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.Dataset:
-    """The arrays of a run directory as far as they are complete.
+    """Arrays of a run directory as far as they are complete.
 
     Raises
     ------

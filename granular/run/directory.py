@@ -53,7 +53,7 @@ def unlock(held: int | None) -> None:
 
 
 def create_part(path: Path) -> tuple[Path, int | None]:
-    """An empty directory next to a run's path, to which `move_part` moves it; and its lock.
+    """Empty directory next to a run's path, to which `move_part` moves it; and its lock.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def replace_file(file: Path, content: bytes) -> None:
 
 
 def is_run(path: Path) -> bool:
-    """True where a directory holds a run, whole or damaged."""
+    """Return True where a directory holds a run, whole or damaged."""
     try:
         return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()
     except OSError:

@@ -53,7 +53,7 @@ def evaluate(
     velocities: np.ndarray | None = None,
     piston_height: float | None = None,
 ) -> Evaluation:
-    """Forces and energies of one arrangement of the scene's grains.
+    """Return the forces and energies of one arrangement of the scene's grains.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 
 def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
-    """A time step in seconds, or a multiple of the automatic one, of a scene.
+    """Time step in seconds, or a multiple of the automatic one, of a scene.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
 
 
 def _glides(scene: Scene) -> bool:
-    """True where dry friction between grains and plates allows longer steps."""
+    """Return True where dry friction between grains and plates allows longer steps."""
     friction, contact = scene.effects.friction, scene.effects.contact
     return friction is not None and friction.scheme == "velocity" and contact is None
 
@@ -84,7 +84,7 @@ def _positional(value: float) -> str:
 
 
 def is_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """True where a scene can be run with a time step and a method."""
+    """Return True where a scene can be run with a time step and a method."""
     try:
         step = checked_step(dt, scene)
         check_method(method_of(method), step, scene)
@@ -177,7 +177,7 @@ def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
 
 
 def _durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """The stages whose duration is known before the run [s]; one that ends the run has its end."""
+    """Stages whose duration is known before the run [s]; one that ends the run has its end."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.jump(height)

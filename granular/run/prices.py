@@ -91,7 +91,7 @@ def kind_of(scene: Scene) -> str:
 
 @cache
 def table() -> tuple[Prices, ...]:
-    """The scenes of the stored table."""
+    """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     return tuple(_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
 
@@ -110,7 +110,7 @@ def _scene(plain: Mapping[str, Any], date: str) -> Prices:
 
 
 def prices_of(scene: Scene, quantity: str) -> Prices | None:
-    """The scene of the table that is most like another one; None where none is like it."""
+    """Scene of the table that is most like another one; None where none is like it."""
     if not KNOWN.issuperset(effect_names(scene)):
         return None
 
@@ -132,7 +132,7 @@ def prices_of(scene: Scene, quantity: str) -> Prices | None:
 
 
 def price_text(run: Trajectory) -> str:
-    """The price of a run: its time, what its step errs, and the same for half the step.
+    """Price of a run: its time, what its step errs, and the same for half the step.
 
     The error of a quantity is that of the table's scene most like it, scaled from the step used
     there to the one used here by the method's order; without such a scene, the energy's.
@@ -173,7 +173,7 @@ def _main(run: Trajectory) -> str | None:
 
 
 def _nearest(costs: Prices, method: str, seen: float) -> Rung | None:
-    """The rung of a method next to a step, of those at least as long; the longest without."""
+    """Rung of a method next to a step, of those at least as long; the longest without."""
     entries = sorted(
         (entry for entry in costs.rungs if entry.method == method),
         key=lambda entry: entry.frequency,

@@ -76,7 +76,7 @@ class ProgressBar:
         self._bar.update(reached - self._bar.n)
 
     def _of_stage(self, run: Run) -> tuple[Any, Settling | None]:
-        """A bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
+        """Bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
@@ -151,7 +151,7 @@ def stage_seconds(run: Run) -> float | None:
 
 
 def steps_ahead(run: Run) -> float:
-    """Steps from here to the end of a run, at the present one.
+    """Return the steps from here to the end of a run, at the present one.
 
     A stage that ends at rest or at a force counts whole, and a later one from the height that the
     piston has now.

@@ -206,7 +206,7 @@ class PistonRecord:
     def from_table(
         cls, table: Any, units: Mapping[str, str] | None = None, **said: Any
     ) -> PistonRecord:
-        """The record in a DataFrame, an xarray object, or a mapping of names to arrays.
+        """Record in a DataFrame, an xarray object, or a mapping of names to arrays.
 
         Names and units are read as those of a file; see `from_file`.
 
@@ -256,7 +256,7 @@ class PistonRecord:
 
     @classmethod
     def of_meaning(cls, meaning: Meaning) -> PistonRecord:
-        """The record that columns were taken for; see `granular.readers.meaning`.
+        """Record that columns were taken for; see `granular.readers.meaning`.
 
         Raises
         ------
@@ -320,7 +320,7 @@ class PistonRecord:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
-        """The record of such columns; those that are none of its own are further ones.
+        """Record of such columns; those that are none of its own are further ones.
 
         Raises
         ------
@@ -337,7 +337,7 @@ class PistonRecord:
         return cls(**own, extra=extra)  # type: ignore[arg-type]  # by its names
 
     def between(self, start: float, stop: float) -> PistonRecord:
-        """The samples with start <= time <= stop [s].
+        """Return the samples with start <= time <= stop [s].
 
         Examples
         --------
@@ -351,11 +351,11 @@ class PistonRecord:
         return self._chosen((self.time >= start) & (self.time <= stop))
 
     def first(self, count: int) -> PistonRecord:
-        """The first ``count`` samples."""
+        """First ``count`` samples."""
         return self._chosen(slice(count))
 
     def from_zero(self) -> PistonRecord:
-        """The same record with times that start at 0.
+        """Return the same record with times that start at 0.
 
         Examples
         --------
@@ -369,7 +369,7 @@ class PistonRecord:
         return dataclasses.replace(self, time=self.time - self.time[0])
 
     def mapped(self, shift: float, scale: float) -> PistonRecord:
-        """The record of (height - shift)/scale.
+        """Record of (height - shift)/scale.
 
         Examples
         --------
@@ -395,7 +395,7 @@ class PistonRecord:
 
 
 def _numbers(name: str, values: Any) -> np.ndarray:
-    """A copy of values in double precision: neither truth values, texts nor complex numbers."""
+    """Copy of values in double precision: neither truth values, texts nor complex numbers."""
     try:
         given = np.asarray(values)
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):

@@ -188,7 +188,7 @@ class Run(RunState):
         self.state.ledger[WORK] += self.energy(self.shorter) - before
 
     def _short_tick(self, left: float) -> None:
-        """The rest of a stage that is no whole tick, in steps that are a little shorter."""
+        """Rest of a stage that is no whole tick, in steps that are a little shorter."""
         if not left > 0.0:  # the end falls on a tick, which may lie between two records
             if self.progress.ticks % self.pace.every:
                 self._keep(self.look(self.shorter)[None])
@@ -267,7 +267,7 @@ class Run(RunState):
         }
 
     def results(self, until: float) -> list[dict[str, Any]]:
-        """The finished stages, and the present one, cut at the time ``until`` [tau]."""
+        """Finished stages, and the present one, cut at the time ``until`` [tau]."""
         if not self.progress.begun:
             return list(self.progress.results)
         cut = self._result("cut", until, float(self.state.piston[HEIGHT]), 0.0)

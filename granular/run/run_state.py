@@ -194,7 +194,7 @@ class RunState:
         return 0.0
 
     def least_time(self, share: float = 1e-6) -> float:
-        """A time [tau] below which rounding leaves something to an end that was reached."""
+        """Time [tau] below which rounding leaves something to an end that was reached."""
         return share * self.pace.h if self.progress.ticks else 0.0
 
     def ticks_ahead(self) -> int:
@@ -244,7 +244,7 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
 
     def look(self, remedy: str) -> np.ndarray:
-        """Forces and a record of the present moment."""
+        """Return the forces and a record of the present moment."""
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
         outside = look(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
@@ -297,7 +297,7 @@ class RunState:
             self._use(self.pace.with_steps(steps))
 
     def _resolved_frequency(self, frequency: float) -> float:
-        """The frequency that an automatic step is to resolve, with the drive and the drag."""
+        """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
         rate = max((effect.decay_rate(scales) for effect in effects), default=0.0)
         record = self.scene.output.scalars / scales.time

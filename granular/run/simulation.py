@@ -214,7 +214,7 @@ class _Job:
 
 
 def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
-    """The recorded data in SI, from memory."""
+    """Return the recorded data in SI, from memory."""
     import xarray
 
     return xarray.Dataset(

@@ -87,7 +87,7 @@ def _check_end(run: RunState) -> None:
 
 
 def _kept(state: State) -> dict[str, np.ndarray]:
-    """The arrays that a state cannot be made again from, by their names in a checkpoint."""
+    """Arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
     saved = {name: getattr(state, name) for name in names}
     for index, workspace in enumerate(state.rooms):
@@ -102,7 +102,7 @@ def _kept(state: State) -> dict[str, np.ndarray]:
 
 
 def kept_arrays(state: State) -> dict[str, Any]:
-    """Copies of the arrays that a state cannot be made again from."""
+    """Return the copies of the arrays that a state cannot be made again from."""
     saved = {name: array.copy() for name, array in _kept(state).items()}
     return saved | kept_lists(state.stripes or state.verlet_list)
 

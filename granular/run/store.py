@@ -116,7 +116,7 @@ class Store:
         self._held = None
 
     def resume(self) -> dict[str, np.ndarray]:
-        """The last checkpoint; what was written behind it will be written again.
+        """Last checkpoint; what was written behind it will be written again.
 
         Raises
         ------

@@ -46,7 +46,7 @@ def effect_names(scene: Scene) -> tuple[str, ...]:
 
 
 def scene_text(scene: Scene) -> str:
-    """A scene for people to read.
+    """Scene for people to read.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def run_figures(run: Trajectory) -> dict[str, Any]:
 
 
 def run_text(run: Trajectory) -> str:
-    """A run for people to read."""
+    """Run for people to read."""
     figures, scales = run_figures(run), Scales.of(run.scene.grains)
     lines = []
     for stage in run.stages:

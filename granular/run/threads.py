@@ -62,7 +62,7 @@ class Threads:
 
 
 def threads_of(scene: Scene, asked: int | None) -> int:
-    """Requested number, or the greatest that can pay off.
+    """Return the requested number, or the greatest that can pay off.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def threads_of(scene: Scene, asked: int | None) -> int:
 
 
 def _start_quickly(scene: Scene) -> bool:
-    """True where threads start within a small fraction of a step.
+    """Return True where threads start within a small fraction of a step.
 
     Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those
     of OpenMP and of TBB one or two.

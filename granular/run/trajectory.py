@@ -122,7 +122,7 @@ class Trajectory:
         return ax
 
     def view(self) -> LivePage:
-        """The bed, the piston's curve and its phase plane in motion, as a page for a notebook.
+        """Bed, the piston's curve and its phase plane in motion, as a page for a notebook.
 
         ``run.view().save("view.html")`` writes it for a browser; it needs nothing else.
 
@@ -138,7 +138,7 @@ class Trajectory:
         )
 
     def stage(self, name: str) -> StageResult:
-        """The result of a stage by its name.
+        """Return the result of a stage by its name.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class Trajectory:
         raise RecordError(unknown(name, tuple(stage.name for stage in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
-        """The piston's motion, with what drives it as further columns.
+        """Piston's motion, with what drives it as further columns.
 
         Where the cell is shaken, these are ``base_height`` [m], ``base_velocity`` [m/s] and
         ``base_acceleration`` [m/s^2], and where the piston is pushed, ``outer_force`` [N]; see
@@ -201,7 +201,7 @@ class Trajectory:
         return [stage.name for stage in self.scene.protocol].index(name)
 
     def _records_of(self, name: str) -> slice:
-        """The records of a stage, from the one at its start (which ends the stage before)."""
+        """Return records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._index(name))
         times = merge_ties(self.dataset["time"].values)
@@ -216,7 +216,7 @@ class Trajectory:
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
-        """Method, steps, versions and timings of the run."""
+        """Return the method, steps, versions and timings of the run."""
         return dict(json.loads(self.dataset.attrs["settings"]))
 
     @property
@@ -226,7 +226,7 @@ class Trajectory:
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """A run from its directory, also one that is unfinished or was cut off.
+    """Run from its directory, also one that is unfinished or was cut off.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def finished(
     outcome: dict[str, Any],
     path: Path | None,
 ) -> Trajectory:
-    """A trajectory from a run's data, with coordinates and attributes."""
+    """Trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.assignment()
     data = data.assign_coords(
         time=("time", separate_ties(data["time"].values), data["time"].attrs),
@@ -278,7 +278,7 @@ def finished(
 
 
 def separate_ties(times: np.ndarray) -> np.ndarray:
-    """Times (m,) [s] as stored, as times that grow.
+    """Return the times (m,) [s] as stored, as times that grow.
 
     Where the piston jumps upwards, one time has two records. Labelled data need times that
     grow: there the record behind the jump stands at the next number of double precision, some
@@ -291,7 +291,7 @@ def separate_ties(times: np.ndarray) -> np.ndarray:
 
 
 def merge_ties(times: np.ndarray) -> np.ndarray:
-    """Times (m,) [s] that grow, as they are stored."""
+    """Return the times (m,) [s] that grow, as they are stored."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _apart(result[:-1])):
         result[k + 1] = result[k]
@@ -303,7 +303,7 @@ def _apart(times: np.ndarray) -> np.ndarray:
 
 
 def base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
-    """The vertical motion of a shaken cell.
+    """Vertical motion of a shaken cell.
 
     Heights of the piston are those above the moving cell, so that a law of the height has the
     inertial force of the base on its right: ``z'' + ... = g0 - base_acceleration``.
@@ -332,7 +332,7 @@ def base_motion(shaking: Shaking, time: np.ndarray) -> dict[str, np.ndarray]:
 def outer_force(
     protocol: Sequence[Stage], starts: Sequence[float], stage: np.ndarray, time: np.ndarray
 ) -> np.ndarray:
-    """The force from outside on the free piston (n,), upwards [N]; 0 in stages without one.
+    """Force from outside on the free piston (n,), upwards [N]; 0 in stages without one.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ FRAME_HEIGHT = Variable(
 
 
 def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
-    """The scalar records that a scene has: what does not act is not recorded."""
+    """Scalar records that a scene has: what does not act is not recorded."""
     effects = scene.effects
     laws = list(enumerate(effects.laws))
     chosen: list[Variable] = []
@@ -109,7 +109,7 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
 
 
 def _summed(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
-    """A variable for each record, of the columns of all effects that share it."""
+    """Variable for each record, of the columns of all effects that share it."""
     columns: dict[Record, list[str]] = {}
     for column, record in records:
         if record is not None:
@@ -122,7 +122,7 @@ def _variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) ->
 
 
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
-    """The grain fields of each frame that a scene has."""
+    """Grain fields of each frame that a scene has."""
     brought = (record for effect in scene.effects.laws for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_variable(column, "", ("frame", "grain")) for column in brought))
 
@@ -142,7 +142,7 @@ def columns_of(scene: Scene) -> tuple[str, ...]:
 def si_column(
     variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
 ) -> np.ndarray:
-    """A variable's values in SI from records in natural units, with those columns."""
+    """Variable's values in SI from records in natural units, with those columns."""
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)
     return values * getattr(scales, variable.scale) if variable.scale else values

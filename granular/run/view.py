@@ -25,7 +25,7 @@ HEIGHT = 640
 
 
 def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
-    """The page of a run, its stages by name and start [s]; of many frames some are in it."""
+    """Page of a run, its stages by name and start [s]; of many frames some are in it."""
     frames, grains = data.sizes["frame"], data.sizes["grain"]
     if not frames:
         raise InputError("the run has no frames; run it for longer, or lower output.frames")

@@ -77,7 +77,7 @@ def _compressed(
     name: str, count: int, width: float, heights: tuple[float, float], speed: float,
     relaxation: float, seed: int, **more: object,
 ) -> Scene:  # fmt: skip
-    """The packaged bed, compressed from one height to another [m]; ``more`` of it is changed.
+    """Return packaged bed, compressed from one height to another [m]; ``more`` of it is changed.
 
     With about two thousand records and a hundred frames for the compression.
     """
@@ -106,7 +106,7 @@ def mono_bed(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """A bed of equal grains that is compressed and released, as in [D, chapter 3].
+    """Bed of equal grains that is compressed and released, as in [D, chapter 3].
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def bidisperse(
     relaxation: float = 5.0,
     seed: int = 1,
 ) -> Scene:
-    """A mixture of big and small grains that is compressed and released, as in [D, chapter 4].
+    """Mixture of big and small grains that is compressed and released, as in [D, chapter 4].
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def bidisperse(
 
 
 def _reference_height(big: float) -> float:
-    """Final height without small grains [m], at the packing fraction of de Paula."""
+    """Return the final height without small grains [m], at the packing fraction of de Paula."""
     return BIDISPERSE_END * (big / 0.005) ** 2
 
 
@@ -211,7 +211,7 @@ def damper(
     lift: float = 0.2,
     seed: int = 1,
 ) -> Scene:
-    """The magnetic granular damper of [D, 5.3]: dropped, at rest, lifted, released.
+    """Magnetic granular damper of [D, 5.3]: dropped, at rest, lifted, released.
 
     Parameters
     ----------

@@ -41,12 +41,12 @@ _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 
 def scene_schema() -> Schema:
-    """The schema of scene files, with the effects that are known here."""
+    """Return the schema of scene files, with the effects that are known here."""
     return {"$schema": DIALECT, "title": "scene of granular-damper", **_section(Scene)}
 
 
 def study_schema() -> Schema:
-    """The schema of study files."""
+    """Return the schema of study files."""
     step = {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, _TEXT]}
     changes = {"type": "object", "description": "keys of the scene, and their values"}
     own = {
@@ -71,7 +71,7 @@ def study_schema() -> Schema:
 
 
 def _section(section: type[Section]) -> Schema:
-    """A section as an object."""
+    """Section as an object."""
     if section is Effects:
         known = {name: result for name in names() if (result := find(name)) is not None}
         return _object({name: _effect(effect) for name, effect in known.items()}, [], section)
@@ -84,7 +84,7 @@ def _section(section: type[Section]) -> Schema:
 
 
 def _effect(effect: type[Section]) -> Schema:
-    """An effect: its section, true where no key must be given, or none."""
+    """Effect: its section, true where no key must be given, or none."""
     if issubclass(effect, Listed):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section(fields.metadata["kind"].section)
@@ -124,7 +124,7 @@ def _object(properties: Schema, required: list[str], section: type[Section]) -> 
 
 @functools.singledispatch
 def _kind(kind: Kind) -> Schema:
-    """Schema of a field; empty where its kind has none."""
+    """Return the schema of a field; empty where its kind has none."""
     return {}
 
 

@@ -33,7 +33,7 @@ def scene_names() -> tuple[str, ...]:
 
 
 def load_scene(source: str | Path) -> Scene:
-    """A packaged scene by its name, or a scene from a TOML file.
+    """Return the packaged scene by its name, or a scene from a TOML file.
 
     Raises
     ------

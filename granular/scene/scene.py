@@ -213,7 +213,7 @@ class Scene(Section):
             )
 
     def _check_periodic(self) -> None:
-        """A periodic cell has no walls, no piston, and effects that know of images alone."""
+        """Periodic cell has no walls, no piston, and effects that know of images alone."""
         workspace = self._room
         if workspace is None:
             return
@@ -274,7 +274,7 @@ class Scene(Section):
                 )
 
     def replace(self, **changes: Any) -> Scene:
-        """A new scene with some values changed.
+        """Return the new scene with some values changed.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Scene(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """A scene from plain data; the unit D means the diameter of the first species."""
+        """Scene from plain data; the unit D means the diameter of the first species."""
         return super().from_plain(plain, diameter or _first_diameter(plain))
 
     def __repr__(self) -> str:
@@ -337,7 +337,7 @@ class Scene(Section):
         return latex_text(repr(self))
 
     def to_toml(self) -> str:
-        """The scene as a TOML file's text; `load_scene` reads an equal scene from it."""
+        """Scene as a TOML file's text; `load_scene` reads an equal scene from it."""
         import tomli_w
 
         return tomli_w.dumps(self.to_plain())
@@ -363,7 +363,7 @@ class Scene(Section):
         write_text(Path(path), self.to_toml())
 
     def digest(self) -> str:
-        """A digest of the scene's content: equal scenes have equal digests."""
+        """Digest of the scene's content: equal scenes have equal digests."""
         text = json.dumps(self.to_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

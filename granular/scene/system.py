@@ -60,7 +60,7 @@ class System:
 
 
 def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = None) -> System:
-    """The scene in natural units, for a method of integration.
+    """Scene in natural units, for a method of integration.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def _far_field(
 
 
 def _rubbing(scene: Scene, method: Method | None) -> int | None:
-    """Steps that the far field goes on for where grains slide; None where it does not."""
+    """Return steps that the far field goes on for where grains slide; None where it does not."""
     wanted = scene.pairs.far_every
     if scene.effects.friction is None or wanted == 1:
         return None
@@ -201,7 +201,7 @@ def _rubbing(scene: Scene, method: Method | None) -> int | None:
 
 
 def _far_every(scene: Scene, method: Method | None) -> int | None:
-    """Steps from impulse to impulse of the far field; None where it is a part of every force."""
+    """Return the steps between impulses of the far field; None where every force holds it."""
     wanted = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
     able = method is not None and method.takes_impulses and (rubs or not hosted)

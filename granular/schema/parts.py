@@ -92,7 +92,7 @@ class Grains(Section):
         return plain
 
     def counts(self) -> tuple[int, ...]:
-        """Number of grains of each species."""
+        """Return the number of grains of each species."""
         return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
 
     def shares(self) -> tuple[float, ...]:

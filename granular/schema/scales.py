@@ -44,7 +44,7 @@ class Scales:
 
     @classmethod
     def of(cls, grains: Grains) -> Scales:
-        """The natural units of a bed: those of its first species."""
+        """Natural units of a bed: those of its first species."""
         diameter = grains.species[0].diameter
         thickness, density, remanence = (
             float(grains.of_species(name)[0]) for name in ("thickness", "density", "remanence")
@@ -55,7 +55,7 @@ class Scales:
         return cls(diameter, density * volume, force, moment / diameter**2)
 
     def unit(self, text: str) -> float:
-        """The natural unit of a quantity that is given in such an SI unit, in SI."""
+        """Natural unit of a quantity that is given in such an SI unit, in SI."""
         length, mass, time, current = unit_size(text)[1]
         return float(
             self.length**length * self.mass**mass * self.time**time * self.current**current
@@ -63,7 +63,7 @@ class Scales:
 
     @property
     def permeability(self) -> float:
-        """mu0 [H/m]"""
+        """Magnetic constant mu0 [H/m]."""
         return MAGNETIC_CONSTANT
 
     @property

@@ -45,7 +45,7 @@ def unknown(word: str, known: Sequence[str], what: str) -> str:
 
 
 def _number(value: object) -> float:
-    """A number, also NumPy's or as text; neither a truth value nor more than a float can hold."""
+    """Parse a number, also NumPy's or as text; no truth value, nothing beyond a float."""
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):
@@ -127,7 +127,7 @@ class Whole(Kind):
 
 
 def _whole(value: object) -> int | None:
-    """An integer, to its last digit; None where the text is none."""
+    """Integer, to its last digit; None where the text is none."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
     if isinstance(value, bool | np.bool_):
@@ -266,7 +266,7 @@ class Many(Kind):
 
 
 def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
-    """A dataclass field of the given kind."""
+    """Dataclass field of the given kind."""
     return dataclasses.field(default=default, metadata={"kind": kind})
 
 
@@ -280,7 +280,7 @@ def quantity(
     most: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """A number in an SI unit, also given as text with a unit of the same dimension.
+    """Return the number in an SI unit, also given as text with a unit of the same dimension.
 
     Examples
     --------
@@ -330,7 +330,7 @@ def numbers(
     above: float | None = None,
     least: float | None = None,
 ) -> Any:
-    """A list of numbers in an SI unit."""
+    """List of numbers in an SI unit."""
     return declare(Numbers(each=Quantity(unit=unit, above=above, least=least)), default)
 
 
@@ -379,7 +379,7 @@ class Section:
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """A section from plain data.
+        """Section from plain data.
 
         Raises
         ------
@@ -404,7 +404,7 @@ class Section:
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """The section as plain data, ready for TOML; `from_plain` makes an equal section of it."""
+        """Section as plain data, ready for TOML; `from_plain` makes an equal section of it."""
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)

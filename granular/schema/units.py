@@ -115,7 +115,7 @@ def _power(digits: str | None, unit: str) -> int:
 
 
 def si_value(text: str, unit: str, diameter: float | None = None) -> float:
-    """The SI value of a quantity written as text.
+    """SI value of a quantity written as text.
 
     Parameters
     ----------

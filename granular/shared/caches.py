@@ -16,7 +16,7 @@ from pathlib import Path
 
 
 def toolkit_cache() -> Path | None:
-    """The toolkit's folder among the user's caches; None where the user has no home directory.
+    """Toolkit's folder among the user's caches; None where the user has no home directory.
 
     It is in ``XDG_CACHE_HOME``, or in ``.cache`` in the home directory. An empty or relative
     ``XDG_CACHE_HOME`` is ignored, as its specification says: it would be another folder in every
@@ -32,7 +32,7 @@ def toolkit_cache() -> Path | None:
 
 
 def own_folder(folder: Path | None, variable: str) -> Path | None:
-    """A folder for compiled code, made where there is none, if it can be trusted and written to.
+    """Folder for compiled code, made where there is none, if it can be trusted and written to.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def own_folder(folder: Path | None, variable: str) -> Path | None:
 
 
 def _is_own(status: os.stat_result) -> bool:
-    """True where something belongs to the user, and only the user may write to it."""
+    """Return True where something belongs to the user, and only the user may write to it."""
     if not hasattr(os, "geteuid"):
         return True  # elsewhere other rules hold, and a user's folders are private
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)

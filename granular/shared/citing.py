@@ -57,7 +57,7 @@ def cite(*things: Any) -> str:
 
 
 def dois(text: str) -> list[str]:
-    """The DOIs that a text names; a bracket that the text opened before one is not part of it."""
+    """DOIs that a text names; a bracket that the text opened before one is not part of it."""
     return [_without_end(doi) for doi in DOI.findall(text)]
 
 
@@ -71,7 +71,7 @@ def _without_end(doi: str) -> str:
 
 @functools.cache
 def bibliography() -> dict[str, str]:
-    """The entries of the file by their keys."""
+    """Entries of the file by their keys."""
     text = FILE.read_text(encoding="utf-8").replace("VERSION", __version__)
     return {match[1]: match[0] for match in _ENTRY.finditer(text)}
 
@@ -87,5 +87,5 @@ def by_doi() -> dict[str, str]:
 
 
 def words_of_module(of: type) -> str:
-    """The docstring of the file that a class is from, where its law and its source stand."""
+    """Docstring of the file that a class is from, where its law and its source stand."""
     return sys.modules[of.__module__].__doc__ or ""

@@ -94,7 +94,7 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{where}: {cause}; {remedy}")
 
     def blaming(self, words: str) -> Self:
-        """The same error, with what is to blame before its cause."""
+        """Return the same error, with what is to blame before its cause."""
         return type(self)(words + self.cause, **self._facts())
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -161,7 +161,7 @@ NEEDED_BY = {
 
 
 def missing(error: ModuleNotFoundError) -> MissingError | None:
-    """The same in words that say what to do; None where the module is none of the toolkit's."""
+    """Return same in words that say what to do; None where the module is none of the toolkit's."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
@@ -172,7 +172,7 @@ def missing(error: ModuleNotFoundError) -> MissingError | None:
 
 
 def with_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A package's ``__getattr__`` that says so where what it imports is not installed."""
+    """Return the package's ``__getattr__`` that says so where what it imports is not installed."""
 
     def found(name: str) -> Any:
         try:

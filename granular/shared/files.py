@@ -71,7 +71,7 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
 def replacing_together(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """Function that gives the path to write each file of a directory to, by its name.
+    """Return a function that gives the path to write each file of a directory to, by its name.
 
     The directory is made if there is none. The files take their real names together, when all went
     well; names that cannot be written or may not be are refused before anything is, as `replacing`
@@ -90,7 +90,7 @@ def replacing_together(
 
 
 def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:
-    """The text of a file in UTF-8, with or without a byte-order mark.
+    """Text of a file in UTF-8, with or without a byte-order mark.
 
     Parameters
     ----------

@@ -55,22 +55,22 @@ footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6
 
 
 def _escaped(words: object) -> str:
-    """A text as HTML, also between quotes, and without control characters."""
+    """Text as HTML, also between quotes, and without control characters."""
     return html.escape(printable(words), quote=True)
 
 
 def preformatted(words: object) -> str:
-    """A text of many lines as HTML."""
+    """Text of many lines as HTML."""
     return f"<pre>{_escaped(words)}</pre>"
 
 
 def paragraph(words: object) -> str:
-    """A text of one paragraph as HTML."""
+    """Text of one paragraph as HTML."""
     return f"<p>{_escaped(words)}</p>"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table as HTML."""
+    """Table as HTML."""
     head = "".join(f"<th>{_escaped(cell)}</th>" for cell in header)
     body = "".join(
         "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
@@ -103,15 +103,15 @@ class Page:
         self._parts.append(paragraph(words))
 
     def note(self, words: str) -> None:
-        """A paragraph that must not be overlooked."""
+        """Paragraph that must not be overlooked."""
         self._parts.append(f'<p class="note">{_escaped(words)}</p>')
 
     def link(self, words: str, to: str) -> None:
-        """A line that links to another file next to the page."""
+        """Line that links to another file next to the page."""
         self._parts.append(f'<p><a href="{_escaped(to)}">{_escaped(words)}</a></p>')
 
     def listing(self, items: Sequence[str]) -> None:
-        """A list of short texts."""
+        """List of short texts."""
         rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
         self._parts.append(f"<ul>{rows}</ul>")
 
@@ -119,14 +119,14 @@ class Page:
         self._parts.append(preformatted(words))
 
     def equation(self, mathml: str) -> None:
-        """A formula as MathML, which browsers set without help."""
+        """Return the formula as MathML, which browsers set without help."""
         self._parts.append(f'<div class="equation">{mathml}</div>')
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         self._parts.append(f'<div class="scroll">{table(header, rows)}</div>')
 
     def figure(self, drawing: Figure, caption: str) -> None:
-        """A matplotlib figure, as lines that stay sharp at any size.
+        """Matplotlib figure, as lines that stay sharp at any size.
 
         On a phone it is so wide that its letters can be read, and scrolls where that is wider than
         the page.
@@ -144,7 +144,7 @@ class Page:
         self._parts.append(f"<footer>{_escaped(words)}</footer>")
 
     def render(self) -> str:
-        """The page as text."""
+        """Page as text."""
         body = "\n".join(self._parts)
         return (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
@@ -211,5 +211,5 @@ class LivePage:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number for a table."""
+    """Return the number for a table."""
     return f"{value:.{digits}g}"

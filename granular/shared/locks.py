@@ -79,7 +79,7 @@ def _taken(path: Path, wait: bool) -> int | None:
 
 
 def _still_there(held: int, path: Path) -> bool:
-    """False where the file was taken away, by who held it before, and made anew."""
+    """Return False where the file was taken away, by who held it before, and made anew."""
     try:
         return os.path.samestat(os.fstat(held), path.stat())
     except FileNotFoundError:

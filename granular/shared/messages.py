@@ -18,7 +18,7 @@ _SHORT.maxlevel = 3
 
 
 def quoted(value: object) -> str:
-    """A value as Python would write it, on one line of at most `LONGEST` characters."""
+    """Value as Python would write it, on one line of at most `LONGEST` characters."""
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
     elif isinstance(value, int) and value.bit_length() > 1000:
@@ -29,12 +29,12 @@ def quoted(value: object) -> str:
 
 
 def visible(text: object, most: int = LONGEST) -> str:
-    """A text on one line of at most so many characters, control characters as escapes."""
+    """Text on one line of at most so many characters, control characters as escapes."""
     return _cut("".join(map(_escaped, str(text)[: most + 1])), most)
 
 
 def one_line(message: object) -> str:
-    """A message on one line, control characters as escapes, the middle of a very long one left out.
+    """Message on one line, control characters as escapes, the middle of a very long one left out.
 
     Its end stays: it says what to do.
     """
@@ -45,12 +45,12 @@ def one_line(message: object) -> str:
 
 
 def printable(text: object) -> str:
-    """A text of many lines, all other control characters as escapes."""
+    """Text of many lines, all other control characters as escapes."""
     return "".join(sign if sign in "\n\t" else _escaped(sign) for sign in str(text))
 
 
 def times(value: float, digits: int = 2) -> str:
-    """A factor without a power of ten; no figure where it is absurd."""
+    """Factor without a power of ten; no figure where it is absurd."""
     if not value < _MOST_TIMES:
         return "more than a million"
     figure = f"{value:.{digits}g}"

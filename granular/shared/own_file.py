@@ -36,7 +36,7 @@ class OwnFile(NamedTuple):
 
 
 def read_own_file(path: str | Path) -> OwnFile:
-    """The file, after it was run once.
+    """File, after it was run once.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def line_look(index: int) -> dict[str, Any]:
 
 
 def plain_label(words: object) -> str:
-    """A user's words for a figure: short, and never a formula to be set."""
+    """User's words for a figure: short, and never a formula to be set."""
     return visible(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
@@ -61,7 +61,7 @@ def figure(
     make: Callable[..., Figure] | None = None,
     **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure and its axes in the common look, without a window unless ``make`` makes one.
+    """Figure and its axes in the common look, without a window unless ``make`` makes one.
 
     ``size`` is that of its letters [pt].
     """
@@ -87,7 +87,7 @@ def figure(
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    """The axes given, or those of a new figure."""
+    """Axes given, or those of a new figure."""
     if ax is not None:
         return ax
     new: Axes = new_axes(width=width, height=height)

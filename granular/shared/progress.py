@@ -13,7 +13,7 @@ LINES_EVERY = 60.0
 
 
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
-    """A bar of tqdm with its options: a widget in a notebook, else a line of a terminal.
+    """Bar of tqdm with its options: a widget in a notebook, else a line of a terminal.
 
     Where standard error is neither, as in a log file, every state is a line of its own, at least
     a minute after the one before.
@@ -28,13 +28,13 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
 
 @contextmanager
 def stages(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Function to call with the words for each stage of some work, which a line then shows."""
+    """Return a function that shows the words for each stage of some work in a line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 
 
 def say(words: str) -> None:
-    """A line on standard error, above a bar that may stand there."""
+    """Line on standard error, above a bar that may stand there."""
     _tqdm().write(words, file=sys.stderr)
 
 

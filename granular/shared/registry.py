@@ -24,7 +24,7 @@ class Registry(dict[str, Named]):
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.words().items())
 
     def words(self) -> dict[str, str]:
-        """Description of each thing, by its name."""
+        """Return the description of each thing, by its name."""
         return {name: self._said(thing) for name, thing in self.items()}
 
 

@@ -37,7 +37,7 @@ class ResultCache:
     directory: Path
 
     def path(self, key: str) -> Path:
-        """The file of a result."""
+        """File of a result."""
         return self.directory / f"{key}.json"
 
     def read(self, key: str) -> Any:

@@ -44,7 +44,7 @@ class Stop:
         return self.number is not None
 
     def error(self) -> KeyboardInterrupt:
-        """The error that the signal would have raised, with the run that is kept."""
+        """Error that the signal would have raised, with the run that is kept."""
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -98,7 +98,7 @@ def _break_off(error: KeyboardInterrupt) -> NoReturn:
 
 
 def _compiles() -> bool:
-    """True where this thread compiles: it then holds the lock of Numba's compiler."""
+    """Return True where this thread compiles: it then holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
     return module is not None and module.global_compiler_lock.is_locked()
 

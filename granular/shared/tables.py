@@ -23,7 +23,7 @@ def in_columns(rows: Sequence[Sequence[str]]) -> str:
 
 
 def latex_words(text: object) -> str:
-    """A text inside of a formula."""
+    """Text inside of a formula."""
     return r"\text{" + "".join(_SIGNS.get(sign, sign) for sign in printable(text)) + "}"
 
 
@@ -38,5 +38,5 @@ def latex_array(rows: Sequence[Sequence[object]], header: Sequence[object] = ())
 
 
 def latex_text(lines: str) -> str:
-    """A text of a few lines."""
+    """Text of a few lines."""
     return latex_array([[line] for line in lines.splitlines()])

@@ -58,7 +58,7 @@ def known_as(name: str) -> Callable[[M], M]:
 
 
 def measure_name(measure: Measure) -> str:
-    """Module and name of a measure, and a digest of its code where it has any; see `known_as`."""
+    """Return a measure's module and name, and a digest of its code; see `known_as`."""
     if hasattr(measure, "known_as"):
         return str(measure.known_as)
     name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"

@@ -39,7 +39,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @known_as("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """The piston's record of a run as lists; `PistonRecord.from_columns` makes it one again."""
+    """Piston's record of a run as lists; `PistonRecord.from_columns` makes it one again."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
@@ -108,7 +108,7 @@ class OwnMeasure:
 
 
 def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
-    """The functions and observables that a user's file defines, by their names."""
+    """Functions and observables that a user's file defines, by their names."""
     return {
         name: OwnMeasure(file, name, measure_name(function))
         for name, function in _functions(file).items()

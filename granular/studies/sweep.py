@@ -247,7 +247,7 @@ def _computed(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, Outcome]]:
-    """The cases whose workers lived, as they come; what still waits is taken back in the end.
+    """Cases whose workers lived, as they come; what still waits is taken back in the end.
 
     With each case stands whether it is waited for where another sweep computes it.
     """
@@ -268,7 +268,7 @@ def _computed(
 
 
 def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
-    """The outcome, after it is kept where its worker has not done so: its disk may be another."""
+    """Outcome, after it is kept where its worker has not done so: its disk may be another."""
     if directory is None:
         return outcome
     cache = outcomes_in(directory)
@@ -325,7 +325,7 @@ KEYS = ("scene", "measure", "dt", "t_end", "method", "changes", "grid", "cases")
 
 
 def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> dict[str, Any]:
-    """The arguments of `sweep` from a study's file.
+    """Arguments of `sweep` from a study's file.
 
     Parameters
     ----------

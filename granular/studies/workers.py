@@ -49,7 +49,7 @@ class Workers(Executor):
         self._pool: Any = None
 
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
-        """Same as of any executor."""
+        """Return the same as of any executor."""
         if self._pool is not None:
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
@@ -119,14 +119,14 @@ OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
 def outcomes_in(directory: Path) -> ResultCache:
-    """The outcomes that a study's directory keeps, by the keys of their cases."""
+    """Outcomes that a study's directory keeps, by the keys of their cases."""
     return ResultCache(directory / "cases")
 
 
 def compute(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> Outcome:
-    """The outcome of a case; one that was done before is read.
+    """Outcome of a case; one that was done before is read.
 
     A worker writes what it has done itself: it is not lost when the command that waits for it is.
     A case that another process computes is waited for, or reported.
@@ -147,7 +147,7 @@ def compute(
 
 
 def failure(error: str, cause: str) -> Outcome:
-    """An outcome that is not kept."""
+    """Outcome that is not kept."""
     return {"figures": {}, "error": error, "cause": cause}
 
 
@@ -181,7 +181,7 @@ def _computed(case: Case, measure: Measure, out: Path | None) -> Outcome:
 
 
 def _plain(value: Any) -> Any:
-    """A NumPy scalar as Python's own, so that JSON keeps every bit."""
+    """NumPy scalar as Python's own, so that JSON keeps every bit."""
     return value.item() if hasattr(value, "item") else value
 
 
@@ -191,7 +191,7 @@ RETRIES = 2
 
 @contextlib.contextmanager
 def executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
-    """The executor of a Dask cluster or of MPI's ranks; None where neither is asked for.
+    """Executor of a Dask cluster or of MPI's ranks; None where neither is asked for.
 
     Raises
     ------

@@ -162,7 +162,7 @@ def run_calibration(
     confidence: float,
     checks: bool,
 ) -> Calibration:
-    """The numbers for which a scene's simulations have the wanted features of a record.
+    """Numbers for which a scene's simulations have the wanted features of a record.
 
     Raises
     ------

@@ -127,7 +127,7 @@ class LinearEstimate(NamedTuple):
 def linear_estimate(
     centre: SimulatedPoint, slopes: np.ndarray, scatter: np.ndarray, wanted: Features
 ) -> LinearEstimate:
-    """A weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
+    """Weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance(wanted, scatter, starts), 1e-300)

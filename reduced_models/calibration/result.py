@@ -137,7 +137,7 @@ class Calibration:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """The result as plain data (numbers, texts, lists)."""
+        """Return the result as plain data (numbers, texts, lists)."""
         return {
             "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,
@@ -149,7 +149,7 @@ class Calibration:
         }
 
     def plot(self) -> Figure:
-        """The record, the simulations over it, and how far their features are apart."""
+        """Record, the simulations over it, and how far their features are apart."""
         with figure(2, 1, height=5.4, height_ratios=(2, 1)) as (drawing, (top, bottom)):
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
@@ -178,7 +178,7 @@ class Calibration:
             return drawing
 
     def page(self) -> Page:
-        """The result as a page."""
+        """Return the result as a page."""
         page = Page(f"Scene {self.scene.name!r} calibrated", "; ".join(map(str, self.parameters)))
         for note in (*map(str, self.undetermined), *self.notes):
             page.note(note)

@@ -54,7 +54,7 @@ class Features(NamedTuple):
 
 
 def features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> Features:
-    """The figures of a record.
+    """Figures of a record.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Parameter(NamedTuple):
 
 
 def parameter(scene: Scene, key: str) -> Parameter:
-    """A number of a scene that can be varied by its logarithm.
+    """Return the number of a scene that can be varied by its logarithm.
 
     Raises
     ------
@@ -224,14 +224,14 @@ class SceneSimulator:
     settings: Mapping[str, Any]
 
     def changes(self, position: np.ndarray) -> dict[str, float]:
-        """The scene's changes at a position (p,)."""
+        """Scene's changes at a position (p,)."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
-        """Simulations at some positions, side by side."""
+        """Return the simulations at some positions, side by side."""
         cases = [
             self.changes(position) | {"arrangement.seed": seed}
             for position in positions

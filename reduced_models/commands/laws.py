@@ -176,7 +176,7 @@ def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
 
 
 def _bound(words: str, missing: float, unit: str) -> float:
-    """A number in the unit of the law, or a quantity of that dimension."""
+    """Return the number in the unit of the law, or a quantity of that dimension."""
     from granular.schema.units import si_value
 
     try:

@@ -79,7 +79,7 @@ class Candidate(NamedTuple):
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
-        """The damper that falls, comes to rest, is lifted by 0.2 D and released."""
+        """Damper that falls, comes to rest, is lifted by 0.2 D and released."""
         made = damper(self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed)
         changes: dict[str, Any] = {
             "name": "design",
@@ -101,7 +101,7 @@ class Candidate(NamedTuple):
 
 
 def candidate_at(coordinates: np.ndarray) -> Candidate:
-    """The damper at a place (4,) of the box; the number of grains is rounded."""
+    """Damper at a place (4,) of the box; the number of grains is rounded."""
     low, high = _scale(LOWEST), _scale(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])

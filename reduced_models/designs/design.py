@@ -67,7 +67,7 @@ def design(
     workers: int | None = None,
     progress: bool = True,
 ) -> Design:
-    """A magnetic granular damper whose piston swings as wanted.
+    """Magnetic granular damper whose piston swings as wanted.
 
     Parameters
     ----------

@@ -163,11 +163,11 @@ class DamperMaps:
         )  # fmt: skip
 
     def at(self, name: str, coordinates: np.ndarray) -> float:
-        """A map at a place (4,); the logarithm of the first three figures."""
+        """Map at a place (4,); the logarithm of the first three figures."""
         return float(_terms(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def view(self) -> LivePage:
-        """The maps under sliders, as a page for a notebook; ``.save`` writes it for a browser."""
+        """Return the maps under sliders, as a page; ``.save`` writes it for a browser."""
         from granular.shared.html import LivePage
 
         surfaces = {
@@ -185,7 +185,7 @@ class DamperMaps:
 
 @functools.cache
 def damper_maps(path: Path = COMMITTED) -> DamperMaps:
-    """The maps of the study in a CSV file; of the one that comes with the package by default.
+    """Return maps of the study in a CSV file; of the one that comes with the package by default.
 
     Raises
     ------

@@ -180,7 +180,7 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
 
 
 def _label(axes: Axes, name: str, level: float, line: np.ndarray) -> None:
-    """The level at an end of its line, where no other line has its labels."""
+    """Level at an end of its line, where no other line has its labels."""
     along, end, offset, (left, top) = ENDS[name]
     axes.annotate(
         f"{level:g}", line[end(line[:, along])], offset, textcoords="offset points", ha=left,
@@ -200,5 +200,5 @@ def add_legend(drawing: Figure) -> None:
 
 
 def _exact(coordinates: np.ndarray, count: int) -> Candidate:
-    """The damper at a place, with the number of grains of the picture."""
+    """Damper at a place, with the number of grains of the picture."""
     return candidate_at(coordinates)._replace(grains=count)

@@ -89,7 +89,7 @@ Places = Callable[[float, float], np.ndarray | None]
 
 
 def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
-    """The damper of which the maps promise what is wished.
+    """Damper of which the maps promise what is wished.
 
     Parameters
     ----------
@@ -116,14 +116,14 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
 
 
 def candidate_targets(target: DesignTarget) -> list[DesignTarget]:
-    """The target with each number of grains that may be tried; as it is where that is settled."""
+    """Target with each number of grains that may be tried; as it is where that is settled."""
     if target.grains is not None or target.mass is not None:
         return [target]
     return [target._replace(grains=count) for count in COUNTS]
 
 
 def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -> Candidate | None:
-    """The damper of a narrowed target to which the maps give a frequency and a damping ratio.
+    """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
@@ -162,7 +162,7 @@ def _unit(value: float, low: float, high: float) -> float:
 
 
 def _solve(maps: DamperMaps, positions: Places, aim: tuple[float, float]) -> Candidate | None:
-    """The damper of a family that meets the aim; None if there is none."""
+    """Damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
     wanted = np.log(aim)

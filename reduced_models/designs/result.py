@@ -186,7 +186,7 @@ class Design:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """The design as plain data (numbers, texts, lists)."""
+        """Design as plain data (numbers, texts, lists)."""
         return {
             "wish": self.target._asdict(),
             "damper": self.damper._asdict() | {"viscosity": self.damper.viscosity},
@@ -205,7 +205,7 @@ class Design:
         }
 
     def plot(self, maps: DamperMaps) -> Figure:
-        """The map that the design lies on, and the motions of its checks."""
+        """Map that the design lies on, and the motions of its checks."""
         with figure(1, 2, width=9.0, height=3.8) as (drawing, (left, right)):
             draw_map(left, maps, self.damper.grains, self.damper.small_share)
             for k, round_ in enumerate(self.rounds):
@@ -227,7 +227,7 @@ class Design:
             return drawing
 
     def page(self, maps: DamperMaps) -> Page:
-        """A design as a page."""
+        """Design as a page."""
         chosen, target = self.damper, self.target
         page = Page(
             f"A damper of {target.frequency:g} Hz and damping ratio {target.damping:g}",

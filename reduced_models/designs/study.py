@@ -36,7 +36,7 @@ digits."""
 
 
 def design_points(count: int = POINTS) -> list[Candidate]:
-    """The dampers of a study: corners of the box, and ``count`` points of Sobol's sequence."""
+    """Dampers of a study: corners of the box, and ``count`` points of Sobol's sequence."""
     from scipy.stats import qmc
 
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))

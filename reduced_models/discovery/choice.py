@@ -30,7 +30,7 @@ def polish_front(
     judge: Judge,
     others: Sequence[CandidateEquation] = (),
 ) -> tuple[list[CandidateEquation], int]:
-    """The Pareto front, with all polished candidates, and the index of the chosen one.
+    """Pareto front, with all polished candidates, and the index of the chosen one.
 
     ``others`` are shown on the front too, but are neither polished nor chosen.
     """
@@ -65,7 +65,7 @@ def polish_front(
 def _first_with_model(
     order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
 ) -> list[CandidateEquation]:
-    """The best of those that come next which can be polished; none where none of many can."""
+    """Best of those that come next which can be polished; none where none of many can."""
     for candidate in order[:_MOST_TRIED]:
         polished = polish(candidate)
         if polished.models:
@@ -100,7 +100,7 @@ def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation])
 
 
 def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
-    """The terms whose coefficients' intervals leave out zero."""
+    """Terms whose coefficients' intervals leave out zero."""
     if candidate.model is None or candidate.terms is None:
         return []
     # The coefficients of a sum are named in the order of its terms.
@@ -110,7 +110,7 @@ def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
 
 
 def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
-    """The one with the fewest numbers of those to which no other is strongly preferred."""
+    """One with the fewest numbers of those to which no other is strongly preferred."""
     limit = min(criteria) + _STRONG
     near = [
         (candidate, value)
@@ -125,7 +125,7 @@ def _numbers(candidate: CandidateEquation) -> int:
 
 
 def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[float]:
-    """The criterion with the residuals of the solutions instead of the weak ones."""
+    """Criterion with the residuals of the solutions instead of the weak ones."""
     weighing = dataclasses.replace(judge, excess=1.0)
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(judge.weak.motions):

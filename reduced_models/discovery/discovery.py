@@ -226,7 +226,7 @@ def _library(
     known: tuple[AnyTerm, ...], derivative: DerivativeMethod, column: str | None,
     wanted: HeightMap | Literal["auto"], degree: int,
 ) -> Proposal:  # fmt: skip
-    """The terms to choose from, and the weak form of the records in the z that they mean."""
+    """Terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
     if _is_only(library, AUTO):
         proposal = propose_library(
@@ -244,7 +244,7 @@ def _height_map(
     records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
     wanted: HeightMap | Literal["auto"],
 ) -> HeightMap:  # fmt: skip
-    """The map that is wanted; own terms and libraries other than the usual mean the height."""
+    """Map that is wanted; own terms and libraries other than the usual mean the height."""
     usual = _is_only(library, AUTO) or _is_only(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
         return HeightMap()
@@ -252,7 +252,7 @@ def _height_map(
 
 
 def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
-    """The method, or what stands in for it, and whether pyoperon is lacking for it.
+    """Return the method, or what stands in for it, and whether pyoperon is lacking for it.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method,
 
 
 def _is_only(library: str | Sequence[str], name: str) -> bool:
-    """True where a library's name, or the only one of a list, is this one."""
+    """Return True where a library's name, or the only one of a list, is this one."""
     return [library] == [name] or list(library) == [name]
 
 
@@ -358,7 +358,7 @@ def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
 
 
 def _words(method: str, form: str, ensemble: bool, memory_of: str) -> str:
-    """The method in words; ``memory_of`` is the target where hidden states are searched."""
+    """Return the method in words; ``memory_of`` is the target where hidden states are searched."""
     name = "sindy and operon" if method == "auto" else method
     if memory_of:
         return f"{name}, with memory, " + ("force" if memory_of == "force" else "z''")

@@ -74,7 +74,7 @@ def _fit_numbers(
     z: np.ndarray,
     noise: float,
 ) -> tuple[sympy.Expr, float]:
-    """An expression with its numbers fitted to all samples, and its error in noise levels."""
+    """Expression with its numbers fitted to all samples, and its error in noise levels."""
     import sympy
     from scipy.optimize import least_squares
 
@@ -100,7 +100,7 @@ def _fit_numbers(
 
 
 def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
-    """The expression as it stands, with a rate in each elliptic call, and with a phase beside it.
+    """Expression as it stands, with a rate in each elliptic call, and with a phase beside it.
 
     A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer
     nodes; least squares finds the rest, once there are numbers to change. Those that are new change

@@ -53,7 +53,7 @@ class HiddenState(NamedTuple):
     tried: Callable[[float], np.ndarray]
 
     def within(self, equation: str) -> str:
-        """An equation with what of the state is in the force for its input, and the rates."""
+        """Equation with what of the state is in the force for its input, and the rates."""
         forces = re.sub(rf"\b{INPUT}\b", self.force, equation)
         return f"{forces}; {self.rates}"
 
@@ -84,7 +84,7 @@ def _relaxing(state: np.ndarray, strain: float, step: float, scale: np.ndarray) 
 def _values_along(
     step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray
 ) -> np.ndarray:
-    """The values (k, n) of a state with one scale (k,)."""
+    """Values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
     for k, (strain, value) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
@@ -151,7 +151,7 @@ class Memory(NamedTuple):
     scales: tuple[float, ...]
 
     def within(self, equation: str) -> str:
-        """An equation with numbers, the hidden state for its input, and the state's own rate."""
+        """Equation with numbers, the hidden state for its input, and the state's own rate."""
         text = self.state.within(equation)
         for name, value in zip(self.state.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)

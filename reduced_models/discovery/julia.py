@@ -88,7 +88,7 @@ def elliptic_operators() -> list[str]:
 
 
 def elliptic_mappings() -> dict[str, Callable[[Any, Any], Any]]:
-    """The same functions for SymPy, as symbols."""
+    """Return the same functions for SymPy, as symbols."""
     import sympy
 
     return {name: sympy.Function(name) for name in _SERIES}
@@ -105,7 +105,7 @@ def require_julia() -> None:
 
 
 def regressor() -> Any:
-    """The class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
+    """Class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
 
     Julia takes the signal over otherwise, and ends the process. Without its signals it may have
     but one thread, and a search that can be repeated has no more. What the user set stands.
@@ -223,7 +223,7 @@ def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
 
 
 def _packages_of(project: Path) -> set[str]:
-    """Packages of a project's manifests: Julia takes the one of its version."""
+    """Return the packages of a project's manifests: Julia takes the one of its version."""
     names: set[str] = set()
     for path in project.iterdir():
         if _MANIFEST.fullmatch(path.name):
@@ -237,7 +237,7 @@ def _packages_of(project: Path) -> set[str]:
 
 
 def _juliacall_version() -> tuple[int, ...]:
-    """The version of juliacall; (0,) where there is none."""
+    """Version of juliacall; (0,) where there is none."""
     try:
         words = re.match(r"\d+(\.\d+)*", version("juliacall"))
     except PackageNotFoundError:

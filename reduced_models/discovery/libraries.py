@@ -80,7 +80,7 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "m
 def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """The terms of libraries and of texts, each once, in order.
+    """Terms of libraries and of texts, each once, in order.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def library_terms(
 
 
 def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
-    """The terms of texts that users write.
+    """Terms of texts that users write.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
 
 
 def _slopes(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
-    """The derivatives by which the record's noise enters the term's integrals."""
+    """Return the derivatives by which the record's noise enters the term's integrals."""
     if term.total:
         return [term.by_primitive(motion.z)]
     if term.still:
@@ -259,7 +259,7 @@ def propose_library(
     wanted: HeightMap | str = AUTO,
     degree: int = _DEGREES[0],
 ) -> Proposal:
-    """The library whose best sum of terms says most of the records for its price.
+    """Library whose best sum of terms says most of the records for its price.
 
     Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
     about it, or where the map is given; negative powers where the height stays above zero.
@@ -289,7 +289,7 @@ def propose_library(
 
 
 def _chosen(proposals: Sequence[Proposal]) -> Proposal:
-    """The proposal whose best sum has the least criterion, with a note why."""
+    """Proposal whose best sum has the least criterion, with a note why."""
     scored = [
         score_subsets(
             proposal.weak, proposal.terms, proposal.terms, all_subsets(len(proposal.terms))
@@ -339,7 +339,7 @@ def _chosen(proposals: Sequence[Proposal]) -> Proposal:
 
 
 def _usual(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTerm, ...]:
-    """The physical library; its degree grows while that makes the error less that is held out."""
+    """Physical library; its degree grows while that makes the error less that is held out."""
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf
     for degree in (least_degree, *(degree for degree in _DEGREES if degree > least_degree)):

@@ -125,7 +125,7 @@ def _state(candidate: CandidateEquation) -> HiddenState | None:
 
 
 def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
-    """The best sums without a hidden state, and with each of them."""
+    """Best sums without a hidden state, and with each of them."""
     still = tuple(item for item in known if not item.driven)
     white = _White(weak, known)
     return [
@@ -156,7 +156,7 @@ class _White:
 
 
 def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _StateScores:
-    """The best sums with a hidden state, at the scales where all terms together leave least."""
+    """Best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)
     lows, highs = scales.min(axis=0), scales.max(axis=0)
@@ -181,7 +181,7 @@ def _ratio(scales: np.ndarray) -> np.ndarray:
 
 
 def _with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
-    """The weak form with the hidden state as its input, for each of the scales (k, s)."""
+    """Weak form with the hidden state as its input, for each of the scales (k, s)."""
     values = [state.values(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
         WeakForm(
@@ -212,7 +212,7 @@ def with_memory(
 def _weighed_anew(
     candidate: CandidateEquation, count: int, judged: _StateScores
 ) -> CandidateEquation:
-    """A candidate with so many numbers by the common unit of misfit, with its hidden state."""
+    """Candidate with so many numbers by the common unit of misfit, with its hidden state."""
     judge = judged.judge
     criterion = judge.criterion(judge.squares(candidate.error, count), count)
     again = dataclasses.replace(candidate, criterion=criterion)
@@ -220,7 +220,7 @@ def _weighed_anew(
 
 
 def _candidates(judged: _StateScores) -> list[CandidateEquation]:
-    """The best sums first; one that does not hold the hidden state is one without memory."""
+    """Best sums first; one that does not hold the hidden state is one without memory."""
     candidates = [
         _weighed_anew(candidate_of(candidate), len(candidate.terms), judged)
         for candidate in judged.ranked

@@ -39,7 +39,7 @@ def polish_candidate(
     seed: int = 0,
     name: str = NAME,
 ) -> CandidateEquation:
-    """A candidate with its numbers fitted by `fit`, or with a note that says why there are none.
+    """Candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def polish_candidate(
 
 
 def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
-    """An expression with symbols c0, c1 ... for its numbers, and their values.
+    """Expression with symbols c0, c1 ... for its numbers, and their values.
 
     The coefficients of a sum of library terms come in the order of the terms, so that the same
     structure is the same law; elsewhere every floating-point number is one.
@@ -116,7 +116,7 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
 def smooth_sign(
     template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
 ) -> sympy.Expr:
-    """An expression with a steep tanh(z') for sign(z'), which no solver can step across."""
+    """Expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
     _, v, _ = symbols()
@@ -130,7 +130,7 @@ def smooth_sign(
 def law_of(
     template: sympy.Expr, values: dict[str, float], column: str | None = None, name: str = NAME
 ) -> Law:
-    """The law z'' = template, whose fit starts near the given values."""
+    """Law z'' = template, whose fit starts near the given values."""
     import sympy
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -152,7 +152,7 @@ class Discovery:
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """The discovery as plain data (numbers, texts, lists)."""
+        """Discovery as plain data (numbers, texts, lists)."""
         return {
             "method": self.method,
             "chosen": self.chosen,

@@ -109,7 +109,7 @@ def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], Judge]:
-    """The best few subsets of each size, best criterion first, and the judge that weighed them.
+    """Best few subsets of each size, best criterion first, and the judge that weighed them.
 
     Parameters
     ----------

@@ -232,7 +232,7 @@ def _expressions(
 def _search_samples(
     motion: SmoothedMotion, motions: int, own: Sequence[OwnTerm] = ()
 ) -> dict[str, np.ndarray]:
-    """Samples of one of so many motions for a symbolic regression, away from its ends.
+    """Return the samples of one of so many motions for a symbolic regression, away from its ends.
 
     Own terms are variables beside z and z'.
     """
@@ -261,7 +261,7 @@ def candidate_of(scored_terms: ScoredTerms) -> CandidateEquation:
 
 
 def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
-    """A candidate that is no sum of terms, by its residuals as it stands."""
+    """Candidate that is no sum of terms, by its residuals as it stands."""
     import sympy
 
     weak = judge.weak
@@ -331,7 +331,7 @@ class Regression:
 
 
 def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> Regression:
-    """The estimates of z'' against the terms, sample by sample, away from the ends."""
+    """Estimates of z'' against the terms, sample by sample, away from the ends."""
     rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
     return Regression(np.concatenate(matrices), np.concatenate(targets))
@@ -348,7 +348,7 @@ def _inner_rows(
 
 
 def weak_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> Regression:
-    """The weak form, whitened for the noise of z''."""
+    """Weak form, whitened for the noise of z''."""
     whitening = weak.whitening((), np.zeros(0))
     return Regression(whitening @ weak.matrix(terms), whitening @ weak.target)
 

@@ -1,5 +1,7 @@
-"""Symbolic regression by pyoperon, genetic programming with fitted numbers (Burlacu, Kronberger &
-Kommenda 2020, doi:10.1145/3377929.3398099).
+"""Symbolic regression by pyoperon.
+
+Genetic programming with fitted numbers (Burlacu, Kronberger & Kommenda 2020,
+doi:10.1145/3377929.3398099).
 """
 
 from __future__ import annotations
@@ -108,7 +110,7 @@ class ScaledSamples:
     target_size: float
 
     def restore(self, expression: sympy.Expr) -> sympy.Expr:
-        """An expression of the search in the real symbols and units of the variables."""
+        """Expression of the search in the real symbols and units of the variables."""
         import sympy
 
         back = {
@@ -126,7 +128,7 @@ class ScaledSamples:
     def read(
         self, texts: Iterable[str], functions: Mapping[str, Function] = MappingProxyType({})
     ) -> list[sympy.Expr]:
-        """The expressions that a search wrote, restored; those that hold a NaN, say, are left out.
+        """Expressions that a search wrote, restored; those that hold a NaN, say, are left out.
 
         ``functions`` are those that they may name beside the usual ones.
         """
@@ -140,7 +142,7 @@ class ScaledSamples:
 
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
-    """Samples (n,) of each variable and of the target, divided by their sizes."""
+    """Return the samples (n,) of each variable and of the target, divided by their sizes."""
     sizes = {name: _size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))

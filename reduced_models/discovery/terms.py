@@ -22,7 +22,7 @@ INPUT = "u"
 
 
 def symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
-    """The real symbols z, v (for z') and u (for the input)."""
+    """Real symbols z, v (for z') and u (for the input)."""
     import sympy
 
     z, v, u = (sympy.Symbol(name, real=True) for name in ("z", "v", INPUT))
@@ -30,7 +30,7 @@ def symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
 
 
 def text_of(expression: sympy.Expr) -> str:
-    """An expression as a law writes it, with z' for v."""
+    """Expression as a law writes it, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
@@ -114,7 +114,7 @@ class OwnTerm:
 
 
 def own_term(expression: sympy.Expr) -> OwnTerm:
-    """A term of an exact expression in the symbols of `symbols`; max(z, 0) is max(0, z)."""
+    """Term of an exact expression in the symbols of `symbols`; max(z, 0) is max(0, z)."""
     return OwnTerm(expression.replace(_is_extreme, _in_order))
 
 
@@ -123,7 +123,7 @@ def _is_extreme(expression: sympy.Basic) -> bool:
 
 
 def _in_order(extreme: sympy.Expr) -> sympy.Expr:
-    """A maximum or minimum, each of its operands once, in one order."""
+    """Maximum or minimum, each of its operands once, in one order."""
     from sympy import default_sort_key
 
     pair = type(extreme)
@@ -185,7 +185,7 @@ def _read(text: str, column: str | None) -> sympy.Expr:
 
 
 def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
-    """Derivative by z (0) or z' (1); that of a jump is left out."""
+    """Return the derivative by z (0) or z' (1); that of a jump is left out."""
     import sympy
 
     return sympy.diff(expression, symbols()[index]).replace(
@@ -288,7 +288,7 @@ def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
 
 @functools.cache
 def library(degree: int, driven: bool = False) -> tuple[Term, ...]:
-    """The physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z').
+    """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z').
 
     Springs, dampings that depend on the height, drag and dry friction; and the input where there
     is one.
@@ -299,7 +299,7 @@ def library(degree: int, driven: bool = False) -> tuple[Term, ...]:
 
 
 def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """The terms of an expression with their coefficients.
+    """Terms of an expression with their coefficients.
 
     None where it is no sum of terms with numbers before them: where a number stands within a
     function, or as an exponent.
@@ -322,7 +322,7 @@ def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
 
 def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """The products of powers in an expression; None where it holds anything else."""
+    """Products of powers in an expression; None where it holds anything else."""
     import sympy
 
     z, v, u = symbols()
@@ -344,7 +344,7 @@ def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
 
 def sum_of(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
-    """The expression of a linear combination of terms."""
+    """Expression of a linear combination of terms."""
     import sympy
 
     pairs = zip(terms, coefficients, strict=True)
@@ -352,7 +352,7 @@ def sum_of(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Exp
 
 
 def sum_text(terms: Sequence[AnyTerm]) -> str:
-    """A structure in words, with a number before each term: "a*z' + b*sin(z)"."""
+    """Structure in words, with a number before each term: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 

@@ -86,7 +86,7 @@ class Integrals:
     target: np.ndarray
 
     def column(self, term: AnyTerm) -> np.ndarray:
-        """The integrals (r,) of a term."""
+        """Integrals (r,) of a term."""
         motion = self.motion
         if term.total:
             return -np.asarray(self.slope @ term.primitive(motion.z))
@@ -94,11 +94,11 @@ class Integrals:
         return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
 
     def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
-        """The integrals (r, p) of terms."""
+        """Integrals (r, p) of terms."""
         return np.stack([self.column(term) for term in terms], axis=1)
 
     def integral(self, expression: sympy.Expr) -> np.ndarray:
-        """The integrals (r,) of any expression in z, v and u."""
+        """Integrals (r,) of any expression in z, v and u."""
         motion = self.motion
         return np.asarray(self.bump @ evaluate(expression, motion))
 
@@ -125,7 +125,7 @@ class Integrals:
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
     def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
-        """The matrix (q, r) that makes the residuals of an equation white, of unit variance."""
+        """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
         weights = self.noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
         strengths, directions = np.linalg.eigh(covariance)
@@ -161,27 +161,27 @@ class WeakForm:
         return np.concatenate([part.target for part in self.parts])
 
     def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
-        """The integrals (r, p) of terms."""
+        """Integrals (r, p) of terms."""
         return np.concatenate([part.matrix(terms) for part in self.parts])
 
     def integral(self, expression: sympy.Expr) -> np.ndarray:
-        """The integrals (r,) of any expression in z, v and u."""
+        """Integrals (r,) of any expression in z, v and u."""
         return np.concatenate([part.integral(expression) for part in self.parts])
 
     def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
-        """The matrix (q, r) that makes the residuals of an equation white, of unit variance."""
+        """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
         from scipy.linalg import block_diag
 
         return np.asarray(block_diag(*(part.whitening(terms, coefficients) for part in self.parts)))
 
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
-    """The weak form of some motions."""
+    """Weak form of some motions."""
     return WeakForm(tuple(map(_integrals, motions)))
 
 
 def _integrals(motion: SmoothedMotion) -> Integrals:
-    """The integrals of a motion, with bumps that overlap all along it."""
+    """Integrals of a motion, with bumps that overlap all along it."""
     from scipy.sparse import csr_array
 
     time = motion.time
@@ -232,7 +232,7 @@ def motion_of(
     derivative: DerivativeMethod,
     drive: str | None = None,
 ) -> SmoothedMotion:
-    """The motion of a record in z, with estimates of its derivatives and noise."""
+    """Motion of a record in z, with estimates of its derivatives and noise."""
     guess = first_guesses(record)
     smooth = derivatives(record, derivative)
     size = abs(height_map.scale)
@@ -251,7 +251,7 @@ def motion_of(
 
 
 def map_of(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
-    """The map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
+    """Map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
@@ -281,7 +281,7 @@ class ForceIntegrals(Integrals):
 
 
 def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
-    """The weak form of the measured forces [N] of some motions.
+    """Weak form of the measured forces [N] of some motions.
 
     Of a piston whose motion is prescribed z'' tells nothing, and a force that was measured tells
     all. Its integrals against bumps take the place of those of z''; the noise is that of the force.
@@ -310,7 +310,7 @@ def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion
 
 
 def without_noise(weak: WeakForm) -> WeakForm:
-    """A weak form of z'' whose errors are white noise of z'', as large as in its estimate.
+    """Weak form of z'' whose errors are white noise of z'', as large as in its estimate.
 
     Where no equation comes near to a record's noise, as of a simulated bed, which has none, the
     noise says nothing of how errors are to be weighed either: that of heights would count the

@@ -90,7 +90,7 @@ class DropScores:
         return ("law", "numbers fitted", *self.labels, "median")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """A law a row: errors in % of the drop."""
+        """Law a row: errors in % of the drop."""
         rows = []
         for row in self.rows:
             if row.model is None:

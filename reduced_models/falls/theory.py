@@ -93,7 +93,7 @@ class PredictedLaw(FittedLaw):
 
 
 def predict(scene: Scene) -> PredictedLaw:
-    """The law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
+    """Law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
 
     Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
@@ -129,7 +129,7 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """That the law's accelerations are of [kg], by its `parameters_of`."""
+    """Mass [kg] that the law's accelerations belong to, by its `parameters_of`."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -138,7 +138,7 @@ def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
 
 
 def parameters_of(scene: Scene) -> dict[str, float]:
-    """The parameters of ``elastoplastic-bed`` for a scene.
+    """Parameters of ``elastoplastic-bed`` for a scene.
 
     Raises
     ------
@@ -264,7 +264,7 @@ LOSS_ERROR = 0.13
 
 
 def shaking_range(scene: Scene) -> ShakingRange:
-    """The range in which ``annealing-bed`` may stand in for the bed of a scene.
+    """Range in which ``annealing-bed`` may stand in for the bed of a scene.
 
     Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured.
 

@@ -138,7 +138,7 @@ def joint_covariance(
 
 
 def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Common variance over that of each record, where all are as noisy; otherwise ones."""
+    """Return common variance over that of each record, where all are as noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
         return np.ones(len(levels))

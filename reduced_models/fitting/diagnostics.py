@@ -93,7 +93,7 @@ def autocorrelation_time(values: np.ndarray) -> float:
 
 
 def _sign_score(residuals: np.ndarray) -> float:
-    """Standard score of the number of runs of equal sign, against that of white noise."""
+    """Return standard score of the number of runs of equal sign, against that of white noise."""
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
     count = up + down
@@ -129,7 +129,7 @@ class Autoregression(NamedTuple):
         return np.asarray(self.variance / np.abs(np.fft.rfft(self.filter, size)) ** 2)
 
     def new(self, residuals: np.ndarray) -> np.ndarray:
-        """New part of residuals (n,), from the first that has enough before it on."""
+        """Return the new part of residuals (n,), from the first that has enough before it on."""
         result = np.convolve(residuals, self.filter)[: len(residuals)]
         return np.asarray(result[len(self.weights) :])
 
@@ -165,7 +165,7 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
 
 
 def _remembering(autoregression: Autoregression, count: int) -> Autoregression:
-    """A single weight without its bias: residuals of a fit seem to forget sooner than the noise.
+    """Single weight without its bias: residuals of a fit seem to forget sooner than the noise.
 
     By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a
     long memory feels: its variance goes with 1 / (1 - w)^2.

@@ -142,7 +142,7 @@ class LawEstimator:
 
 
 def _times(given: Any) -> np.ndarray:
-    """Times (n,) of a column or a vector."""
+    """Return the times (n,) of a column or a vector."""
     array = _real(given, "the times X")
     if array.ndim == 2 and array.shape[1] == 0:
         raise InputError(
@@ -175,7 +175,7 @@ def _heights(given: Any) -> np.ndarray:
 
 
 def _real(given: Any, name: str) -> np.ndarray:
-    """An array of real numbers."""
+    """Array of real numbers."""
     if hasattr(given, "tocsr"):
         raise InputError(f"{name} are a sparse matrix; give a dense array, as by .toarray()")
     array = np.asarray(given)
@@ -191,7 +191,7 @@ def _real(given: Any, name: str) -> np.ndarray:
 
 
 def _not_fitted(message: str) -> InputError:
-    """An error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
+    """Error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
     kind = _of_sklearn("NotFittedError", InputError)
     return (
         kind(message) if kind is InputError else type("NotFitted", (InputError, kind), {})(message)
@@ -199,6 +199,6 @@ def _not_fitted(message: str) -> InputError:
 
 
 def _of_sklearn(name: str, otherwise: type[Any]) -> type[Any]:
-    """A class of scikit-learn's exceptions, where that is loaded."""
+    """Class of scikit-learn's exceptions, where that is loaded."""
     result: type[Any] = getattr(sys.modules.get("sklearn.exceptions"), name, otherwise)
     return result

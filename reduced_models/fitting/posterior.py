@@ -100,7 +100,7 @@ def posterior(
 
 
 def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
-    """Records on their grids, and the fit."""
+    """Return the records on their grids, and the fit."""
     records = [entry.from_zero() for entry in records_of(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):

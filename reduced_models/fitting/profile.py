@@ -58,7 +58,7 @@ def profile_ends(
     variance: np.ndarray,
     quantile: float,
 ) -> Bounds:
-    """Ends of profile intervals: infinite where the data do not bound an entry, NaN elsewhere.
+    """Return ends of profile intervals: infinite where the data bound no entry, else NaN.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ class SearchResult:
     solver_errors: tuple[float, ...] = ()
 
     def trained_as(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
-        """The result with another fit to the training stretches."""
+        """Return the result with another fit to the training stretches."""
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
 
@@ -143,7 +143,7 @@ def refine(
 
 
 def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
-    """A search vector that means the same, its angles and signs in their canonical form."""
+    """Search vector that means the same, its angles and signs in their canonical form."""
     unknowns = joint.unknowns
     saved = {*problem.own, *problem.bounds}
     theta = theta.copy()
@@ -271,7 +271,7 @@ def judge(result: SearchResult) -> SearchResult:
 
 
 def _finer(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
-    """The record on twice as many steps, because its solution is off by an error."""
+    """Record on twice as many steps, because its solution is off by an error."""
     finer = grid.grid.finer
     if finer.steps > FINEST or not complete:
         cause = f"is off by {error:.2g} amplitudes on a grid of {grid.grid.steps} steps"

@@ -236,7 +236,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
 
 
 def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
-    """Normal equations of the first swings of coarse records, and the prior about the starts."""
+    """Return the normal equations of the first swings of coarse records, with the prior."""
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
         means = grid.samples

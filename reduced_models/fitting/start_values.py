@@ -130,7 +130,7 @@ def _matched(
     draws: np.ndarray,
     bounds: Pairs | None = None,
 ) -> np.ndarray:
-    """The draws after a fit of the accelerations, the best one first, the poor ones left out."""
+    """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
     z, v, a, nodes = local_cubics(record.time, record.height, guess.period, _NODES)
@@ -213,7 +213,7 @@ def _hidden_starts(
 def along(
     law: Law, motion: np.ndarray, drive: np.ndarray
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Function of parameters (p, m): accelerations (n, m) and hidden states (h, m) at the end.
+    """Return a function of parameters (p, m): accelerations (n, m), last hidden states (h, m).
 
     Hidden states go from zero along the motion (4, n) that `smoothed` gives, by Heun's method;
     ``drive`` (n, inputs) holds the inputs.
@@ -246,7 +246,7 @@ def along(
 
 
 def _normal(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
-    """The normal equations of logarithms (m, p) of factors of the units, by differences."""
+    """Return the normal equations of logarithms (m, p) of factors of the units, by differences."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count, size = theta.shape
@@ -344,7 +344,7 @@ def swing_draws(
 def swing_unknowns(
     unknowns: Unknowns, form: SwingForm, draws: Mapping[str, np.ndarray]
 ) -> Unknowns:
-    """The unknowns of a swing form, in units that some draws tell."""
+    """Unknowns of a swing form, in units that some draws tell."""
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
         for name in form.law.parameters

@@ -63,7 +63,7 @@ class Candidates(NamedTuple):
 
 
 def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
-    """The laws that can win on a record, driven by one of its columns where that is named.
+    """Laws that can win on a record, driven by one of its columns where that is named.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
-    """A law of the package with a column of a record, times a gain that is fitted, added to z''.
+    """Law of the package with a column of a record, times a gain that is fitted, added to z''.
 
     Raises
     ------

@@ -187,7 +187,7 @@ def _refit(
 
 
 def step_check(run: Trajectory) -> StepCheck:
-    """The scene of a run with twice its time step, or half of it where twice is too coarse.
+    """Scene of a run with twice its time step, or half of it where twice is too coarse.
 
     A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
@@ -205,7 +205,7 @@ def step_check(run: Trajectory) -> StepCheck:
 
 
 def seed_checks(run: Trajectory) -> list[RunCheck]:
-    """The scene of a run from other random starts, all else alike."""
+    """Scene of a run from other random starts, all else alike."""
     first = run.scene.arrangement.seed + 1
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed})
@@ -214,7 +214,7 @@ def seed_checks(run: Trajectory) -> list[RunCheck]:
 
 
 def held_out_lift(scene: Scene) -> RunCheck | None:
-    """The scene with a lift three times as high; None where not just one stage lifts."""
+    """Scene with a lift three times as high; None where not just one stage lifts."""
     from granular.protocol.prescribed import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -228,7 +228,7 @@ def held_out_lift(scene: Scene) -> RunCheck | None:
 def checked_records(
     run: Trajectory, checks: Sequence[RunCheck], executor: Executor | None, progress: bool
 ) -> list[PistonRecord | Failure]:
-    """The records of further runs, or why there is none, in the order of the checks.
+    """Return the records of further runs, or why there is none, in the order of the checks.
 
     They are run side by side, where `granular.sweep` runs cases or by an executor that is given.
     """
@@ -270,7 +270,7 @@ def _forced_end(run: Trajectory) -> float | None:
 
 
 def fall_of(run: Trajectory, period: float) -> PistonRecord | None:
-    """The fall with which a run begins; None where it begins otherwise."""
+    """Fall with which a run begins; None where it begins otherwise."""
     from granular.protocol.free import Free
 
     scene = run.scene
@@ -291,7 +291,7 @@ def fall_of(run: Trajectory, period: float) -> PistonRecord | None:
 
 
 def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Runs of the fall alone, from other heights that the grains fit under, and other starts."""
+    """Run the fall alone, from other heights that the grains fit under, and other starts."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
@@ -328,7 +328,7 @@ def falls_of(
     checks: Sequence[RunCheck],
     records: Sequence[PistonRecord | Failure],
 ) -> DropScores | Failure:
-    """The laws judged on the falls that could be run."""
+    """Laws judged on the falls that could be run."""
     unseen = {
         check.what: record
         for check, record in zip(checks, records, strict=True)

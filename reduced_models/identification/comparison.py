@@ -1,4 +1,4 @@
-"""`compare`: which law do the data speak for, and can they tell?
+"""Comparison of laws: the one that the data speak for, if they can tell.
 
 Laws are ranked by their errors on what they have not seen: simulations over the held-out end of
 each record, and over held-out records. Laws whose errors are alike, or all down at the noise, are
@@ -101,7 +101,7 @@ def compare(
 
 
 def judge_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
-    """A comparison whose models are judged on further records that no fit has seen.
+    """Comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
     that diverges there.
@@ -129,7 +129,7 @@ class _Entry(NamedTuple):
 
 
 def law_name(law: str | Law | ReducedModel) -> str:
-    """The name under which `compare` lists a law."""
+    """Name under which `compare` lists a law."""
     if isinstance(law, ReducedModel):
         return law.law.name
     if isinstance(law, Law):
@@ -203,7 +203,7 @@ def _noise(model: ReducedModel) -> float:
 
 
 def _score(row: Row, correlation: float) -> Row:
-    """A row with its information criteria, for samples that follow each other so far."""
+    """Row with its information criteria, for samples that follow each other so far."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
         count * max(model.quality.residual, _LEAST * _swing(model)) ** 2

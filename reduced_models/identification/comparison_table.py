@@ -65,7 +65,7 @@ class Row:
         return sum(math.isinf(error) for error in errors)
 
     def to_plain(self) -> dict[str, Any]:
-        """The row as plain data."""
+        """Row as plain data."""
         return {
             "law": self.name,
             "parameters": self.parameters,
@@ -106,7 +106,7 @@ class Comparison:
         return self.rows[0].models[0]
 
     def model_as_good(self, name: str) -> ReducedModel | None:
-        """The model of a law that predicts as well as the best one; None where it does not."""
+        """Model of a law that predicts as well as the best one; None where it does not."""
         limit = tie_limit(self.rows[0].error, self.noise)
         for row in self.rows:
             if row.name == name and len(row.models) == 1 and row.error <= limit:
@@ -128,7 +128,7 @@ class Comparison:
         )  # fmt: skip
 
     def cells(self) -> list[tuple[str, ...]]:
-        """The table as texts: errors in per cent of the rms swing, AIC and BIC above the least."""
+        """Table as texts: errors in per cent of the rms swing, AIC and BIC above the least."""
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
         lines = []
         for row in self.rows:
@@ -185,7 +185,7 @@ class Comparison:
         return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out."""
+        """Law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out."""
         import pandas
 
         rows = [
@@ -251,5 +251,5 @@ def pool(errors: Sequence[float]) -> float:
 
 
 def percent(share: float) -> str:
-    """An error as people read it."""
+    """Error as people read it."""
     return "diverges" if math.isinf(share) else f"{number(100.0 * share, 3)} %"

@@ -28,7 +28,7 @@ _MOST_LOST = 0.5
 
 
 def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion | None:
-    """The elliptic motion that a Duffing law starts with in a record of so many seconds.
+    """Elliptic motion that a Duffing law starts with in a record of so many seconds.
 
     None where it is a cosine, or drag takes too much of the amplitude for one function.
     """

@@ -77,7 +77,7 @@ def decimals(value: float, low: float, high: float) -> int:
 
 
 def format_fixed(value: float, digits: int) -> str:
-    """A number with so many decimals, in powers of ten where it is very large or small."""
+    """Return the number with so many decimals, in powers of ten where it is very large or small."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
@@ -86,7 +86,7 @@ def format_fixed(value: float, digits: int) -> str:
 
 
 def format_interval(low: float, high: float, digits: int) -> str:
-    """An interval with so many decimals, rounded outwards: what is in it is in the printed one."""
+    """Interval with so many decimals, rounded outwards: what is in it is in the printed one."""
     last = 10.0**-digits
     slack = 1e-6 * last  # of numbers that are short in decimals
     if round(low, digits) > low + slack:
@@ -208,7 +208,7 @@ def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
 
 
 def swing_words(model: ReducedModel) -> str:
-    """The swing that a model's figures are of."""
+    """Swing that a model's figures are of."""
     rest = model.at_rest
     return "small swing" if rest is None or rest.equivalent is None else "swing"
 
@@ -236,7 +236,7 @@ def _by_ratio(
     function: Callable[[float], float], ratio: float, low: float, high: float, name: str,
     symbol: str, unit: str,
 ) -> Quantity:  # fmt: skip
-    """A quantity that grows with the damping ratio; or falls, where its ends change places."""
+    """Quantity that grows with the damping ratio; or falls, where its ends change places."""
     ends = [function(value) if 0.0 < value < _UNDERDAMPED else math.inf for value in (low, high)]
     return Quantity(name, symbol, unit, function(ratio), *ends)
 
@@ -333,14 +333,14 @@ def swing_text(
 
 
 def _widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
-    """A quantity whose interval is no narrower than its step error and scatter."""
+    """Quantity whose interval is no narrower than its step error and scatter."""
     errors = [error_of(quantity, figures, name) for name in ("step_error", "seed_spread")]
     wide = max([0.5 * (quantity.high - quantity.low), *(float(error) for error in errors if error)])
     return quantity._replace(low=quantity.value - wide, high=quantity.value + wide)
 
 
 def _damping_text(known: Mapping[str, Quantity]) -> str:
-    """The damping, behind the frequency of small swings."""
+    """Damping, behind the frequency of small swings."""
     if DAMPING_RATIO in known:
         words = f" and a damping ratio of {known[DAMPING_RATIO].text}"
         if "logarithmic decrement" in known:

@@ -185,7 +185,7 @@ def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | Non
 
 
 def _with_drive(law: str | Law, record: PistonRecord, drive: str | None) -> str | Law:
-    """A law that is asked for; one of the package's is driven, where a drive is named."""
+    """Law that is asked for; one of the package's is driven, where a drive is named."""
     if drive is not None and isinstance(law, str) and law in LAWS:
         return driven_law(LAWS[law], record, drive)
     return law

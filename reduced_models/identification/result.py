@@ -207,7 +207,7 @@ class Identification:
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     def page(self) -> Page:
-        """The report: the answer in an engineer's words, the record, then the rest."""
+        """Report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
         page = Page(f"The equation of {name}", self.summary)
         averaging = "" if self.averaging is None else self.averaging.text
@@ -291,7 +291,7 @@ def lift_verdict(table: Comparison) -> str:
 
 
 def checked_price_text(run: Trajectory, height: Figure | None) -> str:
-    """The price of a run whose rest height [m] was checked; without a check, `price_text`."""
+    """Price of a run whose rest height [m] was checked; without a check, `price_text`."""
     if height is None or height.step_error is None or not height.value > 0.0:
         from granular.run.prices import price_text  # fits alone need nothing of the simulation
 

@@ -38,7 +38,7 @@ LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
 
 
 def law_named(name: str) -> Law:
-    """The law of that name.
+    """Law of that name.
 
     Raises
     ------

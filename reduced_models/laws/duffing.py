@@ -29,7 +29,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 def _with_two_wells(
     result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Some of the starts, the last ones, moved to a spring that pushes away from its rest."""
+    """Move the last of the starts to a spring that pushes away from its rest."""
     count = len(result["k"])
     least = int(count >= _FEW)
     across, within = (max(least, round(fraction * count)) for fraction in (_ACROSS, _WITHIN))

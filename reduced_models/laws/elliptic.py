@@ -52,7 +52,7 @@ class EllipticMotion(NamedTuple):
     m: float
 
     def text(self, digits: int = 4) -> str:
-        """The motion as a formula, at any phase."""
+        """Motion as a formula, at any phase."""
         numbers = (f"{value:.{digits}g}" for value in (self.amplitude, self.rate, self.m))
         amplitude, rate, m = numbers
         rest = f"{self.rest:.{digits}g} + " if abs(self.rest) > 1e-3 * abs(self.amplitude) else ""
@@ -62,7 +62,7 @@ class EllipticMotion(NamedTuple):
 def elliptic_motion(
     k: float, beta: float, rest: float, z0: float, v0: float
 ) -> EllipticMotion | None:
-    """The motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 with the velocity v0.
+    """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 with the velocity v0.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillato
 
 
 def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
-    """The backbone (n,) [Hz] at amplitudes (n,) [m]."""
+    """Backbone (n,) [Hz] at amplitudes (n,) [m]."""
     from scipy.special import ellipk
 
     rate, m = _rate_and_parameter(amplitude, oscillator)
@@ -156,7 +156,7 @@ def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndar
 
 
 def critical_share(amplitude: float, oscillator: Oscillator) -> float:
-    """The greatest damping within a swing over its rate: averaging holds well below 1."""
+    """Greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)
     return float(
@@ -165,7 +165,7 @@ def critical_share(amplitude: float, oscillator: Oscillator) -> float:
 
 
 def turns_about_rest(amplitude: np.ndarray, oscillator: Oscillator) -> bool:
-    """True where swings go through rest and turn back: not within one well, nor off a barrier."""
+    """Return True where swings go through rest and turn back."""
     stiffening = oscillator.beta * amplitude**2
     return bool(
         (np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all()

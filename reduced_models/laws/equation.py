@@ -120,7 +120,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 
 
 def trees_of(equation: str) -> Trees:
-    """The formulas of a law; names and primes mean something in each of them."""
+    """Formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quoted(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(
@@ -160,7 +160,7 @@ def trees_of(equation: str) -> Trees:
 
 
 def _coordinate(law: str, *trees: formulas.Node) -> str:
-    """The name that has two primes; z where there is none."""
+    """Name that has two primes; z where there is none."""
     result = tuple(dict.fromkeys(item.name for item in formulas.names(*trees) if item.primes == 2))
     if not result or result == ("z",):
         return "z"
@@ -179,7 +179,7 @@ def _coordinate(law: str, *trees: formulas.Node) -> str:
 
 
 def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
-    """A formula with z for its coordinate."""
+    """Return the formula with z for its coordinate."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Applied):
@@ -212,7 +212,7 @@ def compiled_field(
 
 @functools.lru_cache(maxsize=COMPILED)
 def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Derivatives of z'' and the rates of the hidden states, as a function of the same numbers.
+    """Return the derivatives of z'' and of the hidden states' rates, as a function.
 
     An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
     jumps, as dry friction does at z' = 0.
@@ -230,7 +230,7 @@ def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[.
 def jacobian_of(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
+    """Return the derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:

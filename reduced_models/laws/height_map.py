@@ -32,15 +32,15 @@ class HeightMap:
         return self.text()
 
     def text(self, digits: int = 5, name: str = "height", unit: str = "m") -> str:
-        """The map in words, its numbers cut to so many digits."""
+        """Map in words, its numbers cut to so many digits."""
         sign = "-" if self.shift >= 0.0 else "+"
         shift, scale = f"{abs(self.shift):.{digits}g}", f"{self.scale:.{digits}g}"
         return f"z = ({name} {sign} {shift} {unit})/({scale} {unit})"
 
     def to_law(self, height: Any) -> Any:
-        """The coordinate z of the law at a height [m]."""
+        """Coordinate z of the law at a height [m]."""
         return (height - self.shift) / self.scale
 
     def to_height(self, z: Any) -> Any:
-        """The height [m] at a coordinate z of the law."""
+        """Height [m] at a coordinate z of the law."""
         return self.shift + self.scale * z

@@ -109,7 +109,7 @@ class Law:
         return self.parsed.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:
-        """The equation in z(t), with numbers where ``values`` gives them.
+        """Equation in z(t), with numbers where ``values`` gives them.
 
         Hidden states stay symbols; `sympy_hidden` has their equations.
         """
@@ -128,7 +128,7 @@ class Law:
         return sympy.Eq(*sides, evaluate=False)
 
     def sympy_hidden(self, values: Mapping[str, float] | None = None) -> dict[str, sympy.Expr]:
-        """The rate of each hidden state, in z(t) and z'(t)."""
+        """Rate of each hidden state, in z(t) and z'(t)."""
         import sympy
 
         parsed, t = self.parsed, sympy.Symbol("t")

@@ -115,7 +115,7 @@ def acceleration_of(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]
 
 
 def _found_or_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
-    """The swing; where the law jumps with the sign of the velocity, that of the mean of both."""
+    """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
     result = _found(rates, slopes, state)
     if result is not JUMPS or len(state) > 2:
         return result
@@ -216,13 +216,13 @@ class Cycles(NamedTuple):
 
 
 def rates_of(law: Law, values: Sequence[Any]) -> Rates:
-    """The rates of a law with values of its parameters, numbers or arrays; inputs are at zero."""
+    """Rates of a law with values of its parameters, numbers or arrays; inputs are at zero."""
     field, still = compiled_field(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
 def rates_of_equation(equation: sympy.Eq) -> Rates:
-    """The rate of an equation in z(t) with numbers for all parameters."""
+    """Rate of an equation in z(t) with numbers for all parameters."""
     from granular.formulas.algebra import function_of
 
     rate, state = acceleration_of(equation)
@@ -232,7 +232,7 @@ def rates_of_equation(equation: sympy.Eq) -> Rates:
 def cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> Cycles:
-    """The cycles of given amplitudes (n,), from guesses of their centres and frequencies.
+    """Cycles of given amplitudes (n,), from guesses of their centres and frequencies.
 
     Free ones swing at the frequency at which the equivalent stiffness carries the inertia, others
     at the given one. A stiffness that is not above zero is returned as it is.

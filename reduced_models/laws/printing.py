@@ -24,7 +24,7 @@ _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
+    """Parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
     match = _NAME.fullmatch(name)
     if match is None:
         return name
@@ -32,12 +32,12 @@ def symbol(name: str) -> str:
 
 
 def rounded(value: float, digits: int) -> float:
-    """A number cut to so many significant digits."""
+    """Return the number cut to so many significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
-    """An equation with all its numbers, as they stand in the end, cut to so many digits."""
+    """Equation with all its numbers, as they stand in the end, cut to so many digits."""
     import sympy
 
     sides = (rounded_expression(side, digits) for side in (equation.lhs, equation.rhs))
@@ -53,7 +53,7 @@ def rounded_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
 
 
 def _terms(side: Any) -> list[Any]:
-    """The terms of a side, the highest derivative first."""
+    """Terms of a side, the highest derivative first."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -73,7 +73,7 @@ def _terms(side: Any) -> list[Any]:
 
 
 def latex(equation: sympy.Eq) -> str:
-    """An equation in z(t) as LaTeX."""
+    """Equation in z(t) as LaTeX."""
     import sympy
 
     def side(expression: Any) -> str:
@@ -91,12 +91,12 @@ def latex(equation: sympy.Eq) -> str:
 
 
 def mathml(equation: sympy.Eq) -> str:
-    """An equation in z(t) as presentation MathML, a formula a term: lines break between them."""
+    """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
     return _formulas(_side(equation.lhs), _side(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
-    """The equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
+    """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
     return _formulas([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _side(rate))
 
 
@@ -107,7 +107,7 @@ def _formulas(left: list[str], right: list[str]) -> str:
 
 
 def _side(expression: Any) -> list[str]:
-    """The terms of a side, with their signs."""
+    """Terms of a side, with their signs."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()

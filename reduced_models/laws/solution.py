@@ -64,7 +64,7 @@ MOST_STEPS = 2**18
 
 
 def grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Steps of a grid over a record with at least that many steps a period.
+    """Return the steps of a grid over a record with at least that many steps a period.
 
     Raises
     ------
@@ -81,12 +81,12 @@ def grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def whole_chunks(steps: float) -> int:
-    """Number of steps in whole chunks, at least that many."""
+    """Return the number of steps in whole chunks, at least that many."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
 def padded_steps(steps: int) -> int:
-    """Number of grid steps that code is compiled for: few values, so that records share it."""
+    """Return the number of grid steps that code is compiled for, which records share."""
     size = 2 * CHUNK
     while size < steps:
         size *= 2
@@ -148,7 +148,7 @@ def _stacked(parts: Sequence[Value], like: jax.Array) -> jax.Array:
 def _moved(
     state: jax.Array, weights: Sequence[float], slopes: Sequence[jax.Array], step: Value
 ) -> jax.Array:
-    """A state moved along some slopes."""
+    """State moved along some slopes."""
     for weight, slope in zip(weights, slopes, strict=True):
         if weight:
             state = state + weight * step * slope
@@ -245,7 +245,7 @@ def solution(
     hidden: Sequence[float] = (),
     how: Interpolation = "spline",
 ) -> Solution:
-    """The motion of a law at increasing times.
+    """Motion of a law at increasing times.
 
     ``size`` is the amplitude of z, which the absolute tolerance refers to. ``inputs`` are those of
     the law, each (n,) at the times, and ``how`` what they do between them; ``hidden`` the hidden

@@ -42,7 +42,7 @@ def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
 
 
 def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
-    """Normal equations of all records as those of the joint search vector."""
+    """Return the normal equations of all records as those of the joint search vector."""
     size = _size(entries)
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -109,7 +109,7 @@ class JointRecords:
         ]
 
     def normal(self, counts: Sequence[int] | None = None) -> Normal:
-        """Normal equations of the first samples of each record, or of all."""
+        """Return the normal equations of the first samples of each record, or of all."""
         first: Sequence[int | None] = counts or [None] * len(self.grids)
         normals = [grid.normal(count) for grid, count in zip(self.grids, first, strict=True)]
         return joint_normal(normals, self.entries)

@@ -149,12 +149,12 @@ def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: fl
 
 
 def agreement(cost: np.ndarray, samples: float) -> float:
-    """The cost up to which starts have led to the best fit."""
+    """Cost up to which starts have led to the best fit."""
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
 def in_the_running(cost: np.ndarray, samples: float) -> np.ndarray:
-    """The starts (s,) that may still lead to the best fit."""
+    """Return the starts (s,) that may still lead to the best fit."""
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 
@@ -185,7 +185,7 @@ def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
 def _moved(
     best: Point, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
 ) -> tuple[jax.Array, jax.Array]:
-    """The next search vectors, within the bounds, and what of the cost they promise to save."""
+    """Next search vectors, within the bounds, and what of the cost they promise to save."""
     theta, cost, *_ = best
     slope, matrix, scale = _scaled(best, start, precision)
     resting = (

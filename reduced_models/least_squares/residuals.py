@@ -113,7 +113,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
-    """Normal equations of samples, for many search vectors side by side."""
+    """Return the normal equations of samples, for many search vectors side by side."""
     function, scales = residual_function(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.numbers)
 
@@ -225,7 +225,7 @@ class GriddedRecord:
         return without_walk(value[0], self.gain), without_walk(value[1], self.gain)
 
     def normal(self, count: int | None = None) -> Normal:
-        """The normal equations of the first ``count`` samples, or of all.
+        """Return the normal equations of the first ``count`` samples, or of all.
 
         Those of several vectors together leave a drift in.
         """
@@ -248,7 +248,7 @@ class GriddedRecord:
         return self.samples.weighted(weight)
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
-        """The same with other heights (n,)."""
+        """Return the same with other heights (n,)."""
         padded = self.samples.height.copy()
         padded[: len(height)] = height
         record = dataclasses.replace(self.record, height=height)
@@ -256,7 +256,7 @@ class GriddedRecord:
         return dataclasses.replace(self, record=record, samples=samples)
 
     def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:
-        """The same on another grid, or with inputs that are something else between samples."""
+        """Return same on another grid, or with inputs that are something else between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)

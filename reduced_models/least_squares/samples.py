@@ -45,7 +45,7 @@ class Samples(NamedTuple):
     chunks: int
 
     def weighted(self, weight: np.ndarray) -> Samples:
-        """The same with other weights; the solution ends behind the last that is not zero."""
+        """Return same with other weights; the solution ends behind the last that is not zero."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
@@ -58,7 +58,7 @@ def grid_over(
     per_period: int,
     how: Interpolation = "spline",
 ) -> Grid:
-    """A grid over a record that starts at time 0, with at least so many steps a period.
+    """Grid over a record that starts at time 0, with at least so many steps a period.
 
     Where something drives the law, and samples are even, steps end at the samples: what an input
     does between them is smooth, not at them.

@@ -112,7 +112,7 @@ def compare_response(response: Response) -> ResponseComparison:
 
 
 def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
-    """The report of a response with the law; the law; and why, where there is none."""
+    """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)
     except InputError as error:

@@ -68,7 +68,7 @@ class DamperDesign:
 
 
 def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDesign:
-    """The damper of the packaged kind of at most so much mass that makes the peak least.
+    """Damper of the packaged kind of at most so much mass that makes the peak least.
 
     Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are searched. The
     law has no memory of how a real bed scatters from start to start: simulate the scene.

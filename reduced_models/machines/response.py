@@ -93,7 +93,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> CoupledSystem:
-        """The equation of a scene whose host carries the cell.
+        """Equation of a scene whose host carries the cell.
 
         Raises
         ------
@@ -242,14 +242,14 @@ class PredictedResponse:
 
     @property
     def peak(self) -> float:
-        """[m]"""
+        """Greatest displacement [m]."""
         return float(self.displacement.max())
 
 
 def predicted_response(
     scene: Scene, frequencies: Sequence[float], force: float | None = None
 ) -> PredictedResponse:
-    """The response of a scene's host by the law alone, in milliseconds a frequency.
+    """Response of a scene's host by the law alone, in milliseconds a frequency.
 
     Parameters
     ----------

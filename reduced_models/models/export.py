@@ -124,7 +124,7 @@ def _safe_names(names: Sequence[str]) -> dict[str, str]:
 
 
 def _quotable(words: str) -> str:
-    """A text that can stand in a docstring, whatever it holds."""
+    """Text that can stand in a docstring, whatever it holds."""
     return visible(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 
 

@@ -183,7 +183,7 @@ class FittedLaw:
         return "angle" if self.angle else "height"
 
     def unit_of(self, name: str) -> str:
-        """Unit of a parameter, of ``shift`` or of ``scale``."""
+        """Return the unit of a parameter, of ``shift`` or of ``scale``."""
         result = self.law.units.get(name, "m" if name in ("shift", "scale") else "")
         return _METRE.sub("rad", result) if self.angle else result
 
@@ -275,7 +275,7 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """The motion that the law predicts.
+        """Motion that the law predicts.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class FittedLaw:
         return PistonRecord(times, height, velocity, angle=self.angle)
 
     def follow(self, record: PistonRecord) -> PistonRecord:
-        """The motion at the times of a record, with its inputs, from the fitted initial state.
+        """Motion at the times of a record, with its inputs, from the fitted initial state.
 
         Raises
         ------

@@ -116,7 +116,7 @@ class ReducedModel(FittedLaw):
         inputs: Mapping[str, np.ndarray] | None = None,
         confidence: float | None = None,
     ) -> prediction.Band:
-        """The motion at increasing times [s] with its confidence band; see `simulate`.
+        """Motion at increasing times [s] with its confidence band; see `simulate`.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class ReducedModel(FittedLaw):
         return prediction.Band(times, height, height - width, height + width, noise, level)
 
     def _moved(self, name: str, value: float) -> ReducedModel:
-        """The model with another value of one of what was fitted."""
+        """Model with another value of one of what was fitted."""
         if name in self.parameters:
             return dataclasses.replace(self, parameters={**self.parameters, name: value})
         if name == "shift":
@@ -311,7 +311,7 @@ class ReducedModel(FittedLaw):
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """The model as plain data (numbers, texts, lists)."""
+        """Model as plain data (numbers, texts, lists)."""
         return {
             "format": FORMAT,
             "law": self.law.name,
@@ -348,7 +348,7 @@ class ReducedModel(FittedLaw):
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """A model from plain data.
+        """Model from plain data.
 
         Raises
         ------
@@ -388,7 +388,7 @@ def _at_rest(plain: Mapping[str, Any]) -> AtRest:
 
 
 def load_model(path: str | Path) -> ReducedModel:
-    """A model from the JSON file that `ReducedModel.save` wrote.
+    """Model from the JSON file that `ReducedModel.save` wrote.
 
     Raises
     ------

@@ -115,7 +115,7 @@ def _change(
 
 
 def value_of(model: FittedLaw, name: str) -> float:
-    """The value of a parameter, of the map, or of the start, by its name."""
+    """Value of a parameter, of the map, or of the start, by its name."""
     known = {
         **model.parameters, "shift": model.map.shift, "scale": model.map.scale,
         "height": model.initial[0], "velocity": model.initial[1],
@@ -124,7 +124,7 @@ def value_of(model: FittedLaw, name: str) -> float:
 
 
 def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes) -> Axes:
-    """The model's motion, over a record where one is given."""
+    """Model's motion, over a record where one is given."""
     from granular.shared.plotting import COLOURS, GREY, plain_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)

@@ -82,7 +82,7 @@ def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRe
 
 
 def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """A harmonic cycle of a model.
+    """Harmonic cycle of a model.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def frequency_response(
 
 
 def forced_law(law: Law, name: str = "drive") -> Law:
-    """The law under a force per kilogram, in the units of z'', that is an input of that name.
+    """Law under a force per kilogram, in the units of z'', that is an input of that name.
 
     Raises
     ------

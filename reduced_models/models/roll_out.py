@@ -118,7 +118,7 @@ def theta_of_model(
 
 
 def _motion(record: PistonRecord, height: np.ndarray) -> PistonRecord:
-    """A record with other heights, cut where they end."""
+    """Record with other heights, cut where they end."""
     count = len(height) if np.isfinite(height).all() else int(np.argmin(np.isfinite(height)))
     return PistonRecord(record.time[: max(count, 2)], np.nan_to_num(height[: max(count, 2)]))
 

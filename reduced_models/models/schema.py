@@ -131,7 +131,7 @@ def _table(each: Check) -> Check:
 
 
 def _shape(known: Mapping[str, Check]) -> Check:
-    """A table with given keys."""
+    """Table with given keys."""
 
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping):
@@ -235,7 +235,7 @@ _MODEL = _shape(
 
 
 def checked(data: object) -> dict[str, Any]:
-    """The plain data of a model, if they are such; pairs with infinite ends for null.
+    """Plain data of a model, if they are such; pairs with infinite ends for null.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def checked(data: object) -> dict[str, Any]:
 
 
 def read_model(path: Path) -> dict[str, Any]:
-    """The plain data in a model's file, not checked yet.
+    """Plain data in a model's file, not checked yet.
 
     Raises
     ------

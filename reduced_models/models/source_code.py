@@ -113,14 +113,14 @@ def safe_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _ascii_name(character: str) -> str:
-    """A letter as it is, or a Greek one by its name."""
+    """Letter as it is, or a Greek one by its name."""
     if character.isascii() and (character.isalnum() or character == "_"):
         return character
     return unicodedata.name(character, "x").split()[-1].lower()
 
 
 def comment(words: str) -> str:
-    """A text that can stand in a comment of any language, whatever it holds."""
+    """Text that can stand in a comment of any language, whatever it holds."""
     plain = visible(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
@@ -357,7 +357,7 @@ def _modelica(expression: sympy.Expr) -> str:
 
 
 def _unit(unit: str) -> str:
-    """Unit as Modelica writes it; nothing where it is a user's own word."""
+    """Return the unit as Modelica writes it; nothing where it is a user's own word."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if plain in _UNITS else ""
 

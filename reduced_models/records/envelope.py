@@ -139,7 +139,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
 
 
 def _extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times and heights of alternating extremes, and the noise of their times."""
+    """Return the times and heights of alternating extremes, and the noise of their times."""
     from scipy.signal import find_peaks
 
     time, height = smooth.time, smooth.height

@@ -51,7 +51,7 @@ class FirstGuesses:
     rivals: tuple[float, ...] = ()
 
     def seen_as(self, shift: float, scale: float) -> FirstGuesses:
-        """The same guesses for z = (height - shift)/scale."""
+        """Return the same guesses for z = (height - shift)/scale."""
         return dataclasses.replace(
             self,
             rest=(self.rest - shift) / scale,
@@ -102,7 +102,7 @@ class FirstGuesses:
 
 
 def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarray:
-    """Times at which a swing passes zero, counted once it has gone beyond the threshold."""
+    """Return times at which a swing passes zero, counted once it has gone beyond the threshold."""
     beyond = np.flatnonzero(np.abs(swing) > threshold)
     if len(beyond) < 2:
         return np.empty(0)
@@ -178,7 +178,7 @@ def spectral_peak(time: np.ndarray, swing: np.ndarray) -> float:
 
 
 def noise_level(height: np.ndarray, time: np.ndarray) -> float:
-    """Standard deviation of white noise on a smooth record, from its third differences.
+    """Return the standard deviation of white noise on a smooth record, from its third differences.
 
     The differences are divided ones, which a smooth motion leaves small also where the samples are
     irregular, and each is scaled to the standard deviation of the noise.

@@ -48,7 +48,7 @@ class Grid(NamedTuple):
 
 
 def column(record: PistonRecord, name: str) -> np.ndarray:
-    """The column (n,) of a record that an input names.
+    """Column (n,) of a record that an input names.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def driving(names: Sequence[str]) -> bool:
 def drive_on_grid(
     record: PistonRecord, names: tuple[str, ...], grid: Grid, how: Interpolation = "spline"
 ) -> np.ndarray:
-    """Inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
+    """Return inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [column(record, name) for name in names]
     if how == "previous" and columns:

@@ -60,7 +60,7 @@ class Look:
     useful: float
 
     def to_plain(self) -> dict[str, Any]:
-        """The figures as plain data."""
+        """Figures as plain data."""
         record = self.record
         return {
             "form": self.meaning.form,
@@ -140,7 +140,7 @@ def look(path: str | Path, said: Reading | None = None) -> Look:
 
 
 def _level(height: np.ndarray) -> float | None:
-    """The least step of a sensor that rounds; None for one that does not."""
+    """Least step of a sensor that rounds; None for one that does not."""
     steps = np.abs(np.diff(height))
     size = np.abs(height).max()
     moved = steps[steps > 1e-9 * size] if size else steps[:0]
@@ -160,7 +160,7 @@ def _useful(record: PistonRecord, noise: float) -> float:
 
 
 def _drawn(record: PistonRecord) -> list[str]:
-    """The motion in characters, for a terminal."""
+    """Motion in characters, for a terminal."""
     span = float(np.ptp(record.height)) or 1.0
     place = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
     columns = np.minimum((place * _WIDTH).astype(int), _WIDTH - 1)
@@ -171,7 +171,7 @@ def _drawn(record: PistonRecord) -> list[str]:
 
 
 def plot_look(found: Look) -> Figure:
-    """The motion over time, with where it is above its noise."""
+    """Motion over time, with where it is above its noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

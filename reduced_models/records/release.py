@@ -41,7 +41,7 @@ _DRIVES = ("force", "base", "drive", "input")
 
 
 def from_release(record: PistonRecord) -> PistonRecord:
-    """The record from its release on, where it stands still before it moves; else as it is.
+    """Record from its release on, where it stands still before it moves; else as it is.
 
     Warns
     -----
@@ -65,12 +65,12 @@ def from_release(record: PistonRecord) -> PistonRecord:
 
 
 def part_from(record: PistonRecord, start: int) -> PistonRecord:
-    """The record from a sample on."""
+    """Record from a sample on."""
     return record.between(float(record.time[start]), math.inf)
 
 
 def words(record: PistonRecord, start: int) -> str:
-    """A line on a record that is cut at a sample."""
+    """Line on a record that is cut at a sample."""
     return (
         f"the record stands still until {record.time[start]:.4g} s and is cut there, at the "
         "release; to keep all of it: --between :"
@@ -100,7 +100,7 @@ class _Release(NamedTuple):
 
 
 def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
-    """The moment at which a height leaves the level of its start, and how long it then rises."""
+    """Moment at which a height leaves the level of its start, and how long it then rises."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
         way = np.abs(height - level)
@@ -136,7 +136,7 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
 
 
 def _crossings(time: np.ndarray, way: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
-    """Times at which a monotonic displacement passes three levels."""
+    """Return the times at which a monotonic displacement passes three levels."""
     first, last = (int(np.argmax(way >= x)) for x in levels[1:])
     still = np.flatnonzero(way[:first] < levels[0])
     if len(still) < 4:
@@ -167,7 +167,7 @@ def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: flo
 
 
 def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
-    """The moment between two from which on a level best goes over into a cubic motion."""
+    """Moment between two from which on a level best goes over into a cubic motion."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)
     moments = np.linspace(low, high, 41)
@@ -189,7 +189,7 @@ def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool
 
 
 def _change(values: np.ndarray, early: int, start: int) -> int:
-    """The sample shortly before a release at which a column changes: what set the motion off."""
+    """Sample shortly before a release at which a column changes: what set the motion off."""
     if early < 4:
         return start
     away = np.abs(values[:start] - np.median(values[:early]))

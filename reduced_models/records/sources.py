@@ -33,7 +33,7 @@ class RunOptions(NamedTuple):
 def record_of(
     source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
 ) -> tuple[PistonRecord, Trajectory | None]:
-    """The record, and the run it comes from.
+    """Record, and the run it comes from.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def record_of(
 
 
 def prepared(out: str | Path | None) -> Path | None:
-    """The directory to write to, made where it is not there yet.
+    """Directory to write to, made where it is not there yet.
 
     Raises
     ------
@@ -85,14 +85,14 @@ def prepared(out: str | Path | None) -> Path | None:
 
 
 def shown(path: Path, most: int = 80) -> str:
-    """A path for a message, cut where it is long."""
+    """Path for a message, cut where it is long."""
     return visible(path, most)
 
 
 def read_record(
     path: str | Path, units: Mapping[str, str] | None = None, **said: Any
 ) -> PistonRecord:
-    """The motion in a file: what `PistonRecord.from_file` reads, from its release on.
+    """Motion in a file: what `PistonRecord.from_file` reads, from its release on.
 
     What stands still before the release is left out (`from_release`), unless times are given, here
     or in the ``record.toml`` that is read.
@@ -219,7 +219,7 @@ def run_notes(run: Trajectory) -> tuple[str, ...]:
 
 
 def step_text(run: Trajectory) -> str:
-    """The time step of a run in words, an automatic one also in seconds."""
+    """Time step of a run in words, an automatic one also in seconds."""
     settings = run.settings()
     dt = settings["dt"]
     if not isinstance(dt, str):

@@ -152,7 +152,7 @@ def candidates(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[Solve
 
 
 def starts_of(scene: Scene, seeds: int) -> tuple[Scene, ...]:
-    """The scene, and the same from that many further random starts, as far as there are any."""
+    """Scene, and the same from that many further random starts, as far as there are any."""
     first = scene.arrangement.seed
     count = seeds if seeds and varies(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
@@ -196,7 +196,7 @@ def truths(
 
 
 def finest(scene: Scene) -> SolverSettings:
-    """A setting far more accurate than any that is worth while: order six where it can run."""
+    """Return setting far more accurate than any that is worth while: order six where it can run."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if is_allowed(scene, best.dt, best.method):
         return best
@@ -204,7 +204,7 @@ def finest(scene: Scene) -> SolverSettings:
 
 
 def run(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """The run of a setting, without its warnings: its error is measured, and shown."""
+    """Run of a setting, without its warnings: its error is measured, and shown."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
@@ -223,7 +223,7 @@ def points(
     until: float | None,
     repeats: int,
 ) -> list[Point]:
-    """A point for each quantity, from the same runs."""
+    """Point for each quantity, from the same runs."""
     try:
         _warm(scenes[0], setting)
         runs, seconds = zip(
@@ -266,7 +266,7 @@ def deviation(
 
 
 def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
-    """Standard deviation of a quantity over starts, as an error."""
+    """Return the standard deviation of a quantity over starts, as an error."""
     if len(values) < 2 or quantity.of_start:
         return 0.0
     series = np.array([np.asarray(value) for value in values])
@@ -279,7 +279,7 @@ def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
 def _timed(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int
 ) -> tuple[Trajectory, float]:
-    """A run, and the least time of its repeats [s]."""
+    """Run, and the least time of its repeats [s]."""
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()

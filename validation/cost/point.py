@@ -54,7 +54,7 @@ USUAL = ("stormer-verlet", "auto")
 
 @cache
 def certainty(starts: int) -> float:
-    """Standard errors to add to a mean over starts for a bound: two, and more for few starts.
+    """Return the standard errors to add to a mean for a bound: two, more for few starts.
 
     By Student's distribution, since the scatter is estimated from the same starts; 0 for one start,
     which shows no scatter.
@@ -113,7 +113,7 @@ def cost(point: Point) -> tuple[float, float]:
 
 
 def families(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
-    """The points by family, from coarse to fine."""
+    """Points by family, from coarse to fine."""
     result: dict[str, list[Point]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
@@ -171,7 +171,7 @@ class Advice(NamedTuple):
 
 
 def duration(seconds: float) -> str:
-    """A time as it is read: 0.3 s, 12 minutes, 5 days."""
+    """Time as it is read: 0.3 s, 12 minutes, 5 days."""
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
         if seconds >= size:
@@ -180,7 +180,7 @@ def duration(seconds: float) -> str:
 
 
 def starts_for(floor: float, tolerance: float) -> int:
-    """Number of starts for two standard errors of their mean to be a tolerance."""
+    """Return the number of starts for two standard errors of their mean to be a tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
@@ -203,7 +203,7 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
 
 
 def holding(family: Sequence[Point], tolerance: float) -> list[Point]:
-    """The points of a family that are accurate to a tolerance, and not so by luck.
+    """Points of a family that are accurate to a tolerance, and not so by luck.
 
     The error's bound must be within the tolerance, and no point of the family with more steps may
     be clearly above it.
@@ -218,7 +218,7 @@ def holding(family: Sequence[Point], tolerance: float) -> list[Point]:
 
 
 def unbiased(family: Sequence[Point]) -> list[Point]:
-    """The points of a family whose errors, and all finer ones', cannot be told from nought."""
+    """Points of a family whose errors, and all finer ones', cannot be told from nought."""
     result = []
     for point in reversed(family):
         if point.failed or point.least > 0.0:

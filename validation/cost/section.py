@@ -79,7 +79,7 @@ def work_precision_task(
     options: dict[str, Any],
     **more: Any,
 ) -> Task:
-    """A scene with many settings; ``more`` tells it from others with methods of the names."""
+    """Scene with many settings; ``more`` tells it from others with methods of the names."""
     key = {
         "scene": scene.digest(), "quantities": quantities, "settings": str(settings),
         "options": str(options), **more,
@@ -101,7 +101,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 
 
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
-    """The piston's force on 1472 grains as they settle, by ways of summing pairs."""
+    """Piston's force on 1472 grains as they settle, by ways of summing pairs."""
     scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [SolverSettings("stormer-verlet", "auto", sums) for sums in SUMS]
     exact = SolverSettings("stormer-verlet", "auto/2", SUMS[0])
@@ -109,7 +109,7 @@ def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict
 
 
 def _exact_grain() -> list[Any]:
-    """The lone grain's exact energy error and position [D] after 1 s."""
+    """Lone grain's exact energy error and position [D] after 1 s."""
     problem = exact_problem("bounce")
     return [0.0, problem.exact(1.0).positions / Scales.of(problem.scene.grains).length]
 

@@ -53,7 +53,7 @@ class WorkPrecision(PlainData):
     reference: str
 
     def front(self) -> tuple[Point, ...]:
-        """The Pareto front, from fast to accurate: no setting is both faster and more accurate."""
+        """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
         own = [point for point in self.points if not point.failed and not point.setting.outside]
         front: list[Point] = []
         for point in sorted(own, key=cost):
@@ -66,17 +66,17 @@ class WorkPrecision(PlainData):
         return advice(self.points, self.floor, tolerance)
 
     def cheapest(self, tolerance: float) -> Point | None:
-        """The fastest setting one run of which is accurate to a tolerance, and not so by luck."""
+        """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
         result = self.advice(tolerance)
         return None if result.below_floor else result.point
 
     def usual(self) -> Point | None:
-        """The default method and step, in the first form that was tried and did not fail."""
+        """Default method and step, in the first form that was tried and did not fail."""
         finished = (point for point in self.points if not point.failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
     def families(self) -> dict[str, tuple[Point, ...]]:
-        """The points by family, from coarse to fine."""
+        """Points by family, from coarse to fine."""
         return families(self.points)
 
     def digit(self) -> float | None:

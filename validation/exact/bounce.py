@@ -63,7 +63,7 @@ class Well(NamedTuple):
 
 
 def problem(start: float = START, time: float = TIME) -> Problem:
-    """The bounce from a height [D], compared after a time [s]."""
+    """Bounce from a height [D], compared after a time [s]."""
     scene = bounce_scene(start, time)
     return Problem(
         "bounce", "a grain bouncing on the magnetic wall", scene, time, partial(snapshot, scene),
@@ -72,14 +72,14 @@ def problem(start: float = START, time: float = TIME) -> Problem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """A lone grain at a height [D] over the bottom wall, held for a time [s]."""
+    """Lone grain at a height [D] over the bottom wall, held for a time [s]."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return lone_scene(name, time, effects, arrangement=arrangement)
 
 
 def well(scene: Scene) -> Well:
-    """The well of a scene with a lone grain at rest; within mpmath's working precision."""
+    """Well of a scene with a lone grain at rest; within mpmath's working precision."""
     from mpmath import findroot, mpf
 
     units = natural_units(scene.grains)

@@ -21,7 +21,7 @@ from validation.exact.problem import (
 
 
 def free_fall(time: float = 0.25) -> Problem:
-    """A grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2).
+    """Grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2).
 
     Every method of order two or more is exact here, so only rounding is left; a method of order one
     misses by g t h/2, the controls' slope.
@@ -32,7 +32,7 @@ def free_fall(time: float = 0.25) -> Problem:
 
 
 def _fallen(scene: Scene, time: float) -> Snapshot:
-    """The grain at a time [s]."""
+    """Grain at a time [s]."""
     from mpmath import mpf, workdps
 
     assert scene.effects.gravity is not None
@@ -67,7 +67,7 @@ def drag(time: float = 0.1) -> Problem:
 
 
 def _dragged(scene: Scene, time: float) -> Snapshot:
-    """The grain at a time [s]."""
+    """Grain at a time [s]."""
     from mpmath import exp, expm1, mpf, workdps
 
     assert scene.effects.drag is not None
@@ -94,7 +94,7 @@ LOAD = 0.01
 
 
 def sliding(time: float = SLIDING_TIME) -> Problem:
-    """A grain stopped by Coulomb friction under a constant normal load N.
+    """Grain stopped by Coulomb friction under a constant normal load N.
 
     It loses a = mu_d N/m of its speed per time until it stops at t_s = v0/a, after v0^2/(2 a). A
     method of order two is exact while the grain slides; the step within which it stops is cut into
@@ -111,7 +111,7 @@ def sliding(time: float = SLIDING_TIME) -> Problem:
 
 
 def _slid(scene: Scene, time: float) -> Snapshot:
-    """The grain at a time [s]."""
+    """Grain at a time [s]."""
     from mpmath import mpf, sqrt, workdps
 
     friction = scene.effects.friction

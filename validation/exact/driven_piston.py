@@ -31,7 +31,7 @@ GAP = 4.0
 
 
 def problem(speed: float = SPEED, time: float = TIME) -> Problem:
-    """The grain struck by the piston."""
+    """Grain struck by the piston."""
     top = 40.0
     scene = lone_scene(
         "driven-piston",

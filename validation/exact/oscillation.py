@@ -27,7 +27,7 @@ TIME = 0.12
 
 
 def problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
-    """The oscillation from a fraction of the height of rest above it."""
+    """Oscillation from a fraction of the height of rest above it."""
     height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
     return Problem(

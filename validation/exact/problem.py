@@ -42,7 +42,7 @@ class Units(NamedTuple):
 
 
 def natural_units(grains: Grains) -> Units:
-    """The natural units; to be called within mpmath's working precision."""
+    """Natural units; to be called within mpmath's working precision."""
     from mpmath import mpf, pi, sqrt
 
     diameter = mpf(grains.species[0].diameter)
@@ -101,7 +101,7 @@ class Problem:
     smooth: bool = True
 
     def nudged(self, bits: int) -> Problem:
-        """The same problem with its start moved by a few units in the last place.
+        """Return the same problem with its start moved by a few units in the last place.
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from
         one of this is the rounding that both suffer.
@@ -121,7 +121,7 @@ RECORDS = 16
 
 
 def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
-    """A scene of grains of 5 mm in a cell 60 D wide, held for a time [s].
+    """Scene of grains of 5 mm in a cell 60 D wide, held for a time [s].
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def integral(integrand: Potential, end: Number) -> Number:
 
 
 def _inverse(integrand: Potential, time: Number, guess: Number) -> Number:
-    """The upper end at which the integral from zero equals the time."""
+    """Upper end at which the integral from zero equals the time."""
     from mpmath import mp, mpf
 
     end = guess
@@ -42,7 +42,7 @@ def _inverse(integrand: Potential, time: Number, guess: Number) -> Number:
 
 
 def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
-    """A first guess of the upper end, by Simpson's rule over ever longer stretches."""
+    """First guess of the upper end, by Simpson's rule over ever longer stretches."""
     width, end, reached = scale / 64, 0 * scale, 0 * scale
     before = integrand(width / 10**6)
     while True:

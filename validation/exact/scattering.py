@@ -77,7 +77,7 @@ def problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> P
 
 
 def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
-    """The relative motion and the direction at the start (angle, distance)."""
+    """Relative motion and the direction at the start (angle, distance)."""
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)

@@ -17,7 +17,7 @@ from validation.hard_cases.case import HardCase, Measure, few_grains
 
 
 def _drop(**changes: Any) -> Scene:
-    """The damper's first fall alone, up to any time."""
+    """Damper's first fall alone, up to any time."""
     return load_scene("damper").replace(
         **{
             "protocol": [{"kind": "free", "name": "drop", "duration": 60.0}],
@@ -28,7 +28,7 @@ def _drop(**changes: Any) -> Scene:
 
 
 def _squeezed() -> Scene:
-    """A bed whose piston comes down until the grains' area is more than the cell's."""
+    """Bed whose piston comes down until the grains' area is more than the cell's."""
     return few_grains(
         "bed",
         **{
@@ -94,7 +94,7 @@ def piston_cases() -> tuple[HardCase, ...]:
 
 
 def _sizes(**fractions: tuple[str, float]) -> Scene:
-    """A bed of several species: diameter and share of each, by its name."""
+    """Bed of several species: diameter and share of each, by its name."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
@@ -136,7 +136,7 @@ FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
 
 
 def _flight() -> Scene:
-    """A grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
+    """Grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
     rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
     return few_grains(
         "bed",
@@ -156,7 +156,7 @@ def _flight() -> Scene:
 
 
 def _with_list(radius: float) -> Scene:
-    """A bed of 92 grains whose list is made anew as its grains move."""
+    """Bed of 92 grains whose list is made anew as its grains move."""
     return load_scene("bed").replace(
         **{
             "grains.count": 92,
@@ -173,7 +173,7 @@ MANY = 100_000
 
 
 def _many() -> Scene:
-    """The packaged bed with 1e5 grains at the same packing, by the mesh."""
+    """Return the packaged bed with 1e5 grains at the same packing, by the mesh."""
     scale = (MANY / 368.0) ** 0.5
     return load_scene("bed").replace(
         **{

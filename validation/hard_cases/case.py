@@ -134,7 +134,7 @@ def momentum_change(run: Trajectory) -> float:
 
 
 def few_grains(name: str, **changes: Any) -> Scene:
-    """A packaged scene cut down to 23 grains."""
+    """Return the packaged scene cut down to 23 grains."""
     size = {
         "grains.count": 23,
         "cell.width": "15 D",

@@ -19,7 +19,7 @@ from validation.hard_cases.case import (
 
 
 def _loaded(load: float) -> Scene:
-    """A grain under its weight, pressed on the plates [N]."""
+    """Grain under its weight, pressed on the plates [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
     return lone_scene(
         "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
@@ -32,7 +32,7 @@ def _slow(**changes: Any) -> Scene:
 
 
 def _strong() -> Scene:
-    """Static and dynamic friction alike, and the torque that presses to second order."""
+    """Return the static and dynamic friction alike, and the torque that presses to second order."""
     return _slow(**{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}})
 
 

@@ -44,7 +44,7 @@ def head_on(closest: float) -> Problem:
 
 
 def _shot(speed: float) -> Scene:
-    """A grain shot at the bottom wall from 20 D [D/tau], and away again."""
+    """Grain shot at the bottom wall from 20 D [D/tau], and away again."""
     scales = Scales.of(load_scene("single-particle").grains)
     arrangement = {
         "positions": [["30 D", "20 D"]],
@@ -56,7 +56,7 @@ def _shot(speed: float) -> Scene:
 
 
 def collision_cases() -> tuple[HardCase, ...]:
-    """Forces that rise steeply within a step."""
+    """Return the forces that rise steeply within a step."""
     cases = []
     for closest in (0.5, 0.1, 0.02):
         problem = head_on(closest)
@@ -85,7 +85,7 @@ def _same(scene: Scene) -> Scene:
 
 
 def _unequal(ratio: float) -> Scene:
-    """A light grain shot at a heavy one of that many times its mass."""
+    """Light grain shot at a heavy one of that many times its mass."""
     small = 5e-3 / math.sqrt(ratio)
     speed, apart = 0.5, 0.02
     grains = {
@@ -129,7 +129,7 @@ def _pair(gap: str, **effects: Any) -> Scene:
 
 
 def start_cases() -> tuple[HardCase, ...]:
-    """Starts that are none, and one that contact bears."""
+    """Return the starts that are none, and one that contact bears."""
     refused = {
         "coincident grains": ("two grains at one place", "0.0"),
         "nearly coincident grains": ("two grains 1e-9 D apart", "1e-9"),
@@ -151,7 +151,7 @@ def start_cases() -> tuple[HardCase, ...]:
 
 
 def _overdamped(ratio: float) -> Scene:
-    """A drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
+    """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
     mass = Scales.of(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = lone_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
@@ -159,7 +159,7 @@ def _overdamped(ratio: float) -> Scene:
 
 
 def _hardly_swinging(drag: float) -> Scene:
-    """A small damper, released above its place of rest."""
+    """Small damper, released above its place of rest."""
     return few_grains("damper", **{"effects.drag.coefficient": drag})
 
 
@@ -191,7 +191,7 @@ linear to rounding, and its energy below what the ledger judges."""
 
 
 def near_limit(share: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
-    """A grain where the wall carries it, and that share of the longest stable step, 2/omega.
+    """Grain where the wall carries it, and that share of the longest stable step, 2/omega.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def unheard_cases() -> tuple[HardCase, ...]:
 
 
 def injection_cases() -> tuple[HardCase, ...]:
-    """A number that is none, in a scene's every kind of number, and as the step."""
+    """Return the number that is none, in a scene's every kind of number, and as the step."""
     keys = {
         "a position": "arrangement.positions",
         "a velocity": "arrangement.velocities",
