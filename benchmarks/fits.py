@@ -55,8 +55,8 @@ def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
     -------
     list of one dict
         ``cold``, ``next process``, ``warm`` (the median) [s]; ``error``, the greatest relative
-        error of a parameter in the median of the records; ``converged``, the least share of random
-        starts that led to a fit.
+        error of a parameter in the median of the records; ``converged``, the least fraction of
+        random starts that led to a fit.
 
     Raises
     ------

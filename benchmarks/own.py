@@ -12,10 +12,10 @@ from benchmarks.engine import bed_of
 from benchmarks.process import finished
 from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.custom import import_user_code
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.registry import register
 from granular.kernel_data.state import Bed
-from granular.own import import_own
 from granular.schema.sections import quantity
 from validation.effect_costs import EngineSteps
 
@@ -64,7 +64,7 @@ class BuiltInSpring(Effect):
     k: float = quantity("N/m", above=0.0)
     height: float = quantity("m", default=0.0)
 
-    def law(self, setting: Setting) -> BuiltInSpringLaw:
+    def law(self, setting: EffectContext) -> BuiltInSpringLaw:
         """The law in natural units."""
         scales = setting.scales
         return BuiltInSpringLaw(self.k / scales.unit("N/m"), self.height / scales.length)
@@ -78,7 +78,9 @@ class BuiltInSpringLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: BuiltInSpringLaw, room: None, place: int, bed: Bed, time: float) -> int:
+    def add_forces(
+        law: BuiltInSpringLaw, workspace: None, place: int, bed: Bed, time: float
+    ) -> int:
         """Add the forces."""
         state = bed.state
         for i in range(bed.constants.grains):
@@ -88,7 +90,7 @@ class BuiltInSpringLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: BuiltInSpringLaw, room: None, place: int, bed: Bed, time: float, stiffness: Array,
+        law: BuiltInSpringLaw, workspace: None, place: int, bed: Bed, time: float, stiffness: Array,
         energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy, and what the spring adds to the stiffness."""
@@ -103,7 +105,7 @@ class BuiltInSpringLaw(NamedTuple):
 def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     """Time of a step with the spring brought in each way [s], over that of the one built in."""
     with tempfile.TemporaryDirectory() as folder:
-        import_own([_class_file(folder)])
+        import_user_code([_class_file(folder)])
     register(BuiltInSpring)
     steps = max(64, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}

@@ -126,7 +126,7 @@ SHEETS: dict[str, Sheet] = {
         "A sweep over masses and starts of small dampers, in processes",
         (_plain("cases"), _plain("grains"), _plain("cores"),
          _number("seconds", ".1f", "wall time [s]"), _number("run alone", ".2f", "a run alone [s]"),
-         _number("filled", ".2f", "share of the cores' time that is runs"), _plain("failed")),
+         _number("filled", ".2f", "fraction of the cores' time that is runs"), _plain("failed")),
     ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",

@@ -67,8 +67,8 @@ class PlainVerletList(NamedTuple):
     built: np.ndarray
 
 
-def verlet_list_room(count: int, partners: int) -> PlainVerletList:
-    """Room for that many partners a grain, on the mean."""
+def verlet_list_workspace(count: int, partners: int) -> PlainVerletList:
+    """Workspace for that many partners a grain, on the mean."""
     return PlainVerletList(
         np.zeros(count + 1, dtype=np.int64),
         np.zeros(max(1, count * partners), dtype=np.int32),

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.options import checked_step
-from granular.run.prices import kind_of
+from granular.run.work_precision import kind_of
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -98,14 +98,14 @@ def prices(path: Path, progress: bool = True) -> dict[str, Any]:
     failed = next((one for one in known if FAILED in one), None)
     if failed is not None:
         raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
-    rungs = iter(measure("settings", _rungs(scenes, known), kept, progress=progress))
+    entries = iter(measure("settings", _rungs(scenes, known), kept, progress=progress))
     rows = [
-        _row(one, truth, [next(rungs) for _ in _settings(one)])
+        _row(one, truth, [next(entries) for _ in _settings(one)])
         for one, truth in zip(scenes, known, strict=True)
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     found = {"made": made, "scenes": rows}
-    head = "# Measured by: python -m benchmarks --prices. See granular/run/prices.py.\n\n"
+    head = "# Measured by: python -m benchmarks --prices. See granular/run/work_precision.py.\n\n"
     write_text(path, head + tomli_w.dumps(found))
     return found
 
@@ -168,13 +168,13 @@ def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     }  # fmt: skip
 
 
-def _row(one: Priced, truth: Plain, rungs: Sequence[Plain]) -> Plain:
+def _row(one: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
     """A scene of the table."""
     return {
         "name": one.scene.name, "grains": one.scene.grains.count, "kind": kind_of(one.scene),
         "starts": one.starts, "reference": one.reference,
         "floors": {name: rounded(each["floor"]) for name, each in truth.items()},
-        "rungs": [rung for rung in rungs if "method" in rung],
+        "entries": [rung for rung in entries if "method" in rung],
     }  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from benchmarks.peers import (
     plain_loop,
     plain_loop_with_load,
     plain_verlet_list,
-    verlet_list_room,
+    verlet_list_workspace,
 )
 from benchmarks.timing import least_seconds
 from granular.compiled import entry
@@ -29,7 +29,7 @@ from granular.pairs.direct import (
     padded_values,
     part_buffers,
 )
-from granular.pairs.stripes import Stripes, stripes_room
+from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 
 _direct_sum = entry(direct_sum)
@@ -84,7 +84,7 @@ class PaddedGrains:
         self.weight = padded_values(np.ones(self.count))
 
     def sums(self) -> np.ndarray:
-        """Room for three sums."""
+        """Workspace for three sums."""
         return np.zeros((3, self.x.size))
 
     def timed(self, sums: np.ndarray, call: Callable[[], Any]) -> TimedSum:
@@ -186,12 +186,14 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
 def by_cut_off(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
     size = PaddedGrains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_room(size, moments=False, loaded=False))
+    return _in_motion(
+        positions, _cut_off_steps, stripes_workspace(size, moments=False, loaded=False)
+    )
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
-    return _in_motion(positions, _list_steps, verlet_list_room(len(positions), 200))
+    return _in_motion(positions, _list_steps, verlet_list_workspace(len(positions), 200))
 
 
 def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -28,8 +28,8 @@ from granular.observables.plots import plot_correlation_function, plot_defect_pa
 from granular.render import movie, save, still
 from granular.response import frequency_response
 from granular.run.accuracy import FLOORS
-from granular.run.prices import Prices
-from granular.run.prices import table as prices
+from granular.run.work_precision import WorkPrecisionTable
+from granular.run.work_precision import table as prices
 from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
@@ -503,11 +503,11 @@ def write_prices() -> None:
     write_block("prices", words, DOCS / "guide" / "methods.md")
 
 
-def fastest(scene: Prices, quantity: str, level: float) -> str:
+def fastest(scene: WorkPrecisionTable, quantity: str, level: float) -> str:
     """The fastest rung whose bound is within a level, and its seconds; or why there is none."""
     if level < FLOORS * scene.floors[quantity]:
         return "more starts"
-    found = [one for one in scene.rungs if one.bounds[quantity] <= level]
+    found = [one for one in scene.entries if one.bounds[quantity] <= level]
     if not found:
         return "finer than the table"
     best = min(found, key=lambda one: one.seconds)

@@ -1,4 +1,4 @@
-from .effects.own import effect, wall_law
+from .effects.custom import effect, wall_law
 from .methods import Method
 from .run.evaluation import Evaluation, evaluate
 from .run.record import PistonRecord

@@ -9,9 +9,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from granular.shared.caches import own_folder, toolkit_cache
+from granular.shared.caches import private_folder, toolkit_cache
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from granular.shared.stops import deferred_stop
 
 with deferred_stop():  # broken off, the import of JAX's C++ ended in a segmentation fault
@@ -22,10 +22,10 @@ _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def _cache_folder() -> Path | None:
-    """Folder where compiled code is kept; see `granular.shared.caches.own_folder`."""
+    """Folder where compiled code is kept; see `granular.shared.caches.private_folder`."""
     chosen = os.environ.get(_VARIABLE)
     home = toolkit_cache()
-    return own_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
+    return private_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
 
 
 def _check_platform(chosen: str) -> None:
@@ -41,7 +41,7 @@ def _check_platform(chosen: str) -> None:
     except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing
         why = f", {error}" if str(error) else ""
         raise InputError(
-            f"JAX_PLATFORMS = {quoted(chosen)}, which JAX cannot use here{visible(why)}; unset it, "
+            f"JAX_PLATFORMS = {quote(chosen)}, which JAX cannot use here{visible(why)}; unset it, "
             "or set it to cpu"
         ) from None
 

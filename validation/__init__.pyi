@@ -3,7 +3,7 @@ from .cost import SolverSettings, work_precision
 from .exact import exact_problem
 from .hard_cases import catalogue, energy_change, head_on, near_limit
 from .order import convergence
-from .own_method import method_report
+from .custom_method import method_report
 from .recommendation import recommend_settings
 from .stability import outcome
 from .trend import energy_trend

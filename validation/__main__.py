@@ -148,10 +148,10 @@ mine.py:
 )  # fmt: skip
 def method(options: Any) -> None:
     """Measure methods of the user's own."""
-    from granular.own import import_own
-    from validation.own_method import method_report
+    from granular.custom import import_user_code
+    from validation.custom_method import method_report
 
-    import_own(options.own_files)
+    import_user_code(options.user_files)
     if options.scene is None and options.changes:
         raise InputError("--set changes a scene; give one by --scene")
     result = method_report(

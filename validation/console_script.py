@@ -55,7 +55,7 @@ def run(arguments: Sequence[str]) -> None:
     }
     homes[_VALIDATE] = "validation"
     if not arguments or arguments[0].startswith("-"):
-        _own_parser(modules).parse_args(arguments)
+        _top_parser(modules).parse_args(arguments)
     command, *words = arguments
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
@@ -65,7 +65,7 @@ def run(arguments: Sequence[str]) -> None:
     modules[homes[command]].main([name, *words], PROG)
 
 
-def _own_parser(modules: dict[str, ModuleType]) -> Parser:
+def _top_parser(modules: dict[str, ModuleType]) -> Parser:
     """Parser that answers where no command is given."""
     parser = Parser(
         prog=PROG,

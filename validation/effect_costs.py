@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.engine.columns import width
 from granular.engine.loop import Window, advance
-from granular.engine.step_size import Pace, Step
+from granular.engine.step_size import Step, StepSchedule
 from granular.methods import method_named
 from granular.run.run import Run
 from granular.run.summary import effect_names
@@ -45,7 +45,7 @@ class EngineSteps:
     def make(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
-        pace = Pace(steps * self.step, self.step, 1, 1, steps, 0)
+        pace = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
         advance(
             Window(0.0, 0.0, math.inf, 0, 1), pace, run.plan, run.state, run.constants,
@@ -71,7 +71,7 @@ SUMS = ("direct", "cut-off", "mesh")
 WHOLE, NOTHING = "all effects", "no effect"
 
 AGREE = 0.2
-"""Share of the greater one by which the two prices of an effect may differ to be called one."""
+"""Fraction of the greater one by which the two prices of an effect may differ to be called one."""
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             list(pool.map(_compiled, builds.values()))
     calls, steps = _calls(builds)
-    seconds = _timed(calls, rounds)
+    seconds = _time_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     rows = []
     for name in names:
@@ -124,13 +124,13 @@ def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
         WHOLE: lambda: scene,
         **{
             f"{name} alone": partial(
-                _replaced, scene, {key: None for key in none if key != f"effects.{name}"}
+                _replace_effect, scene, {key: None for key in none if key != f"effects.{name}"}
             )
             for name in names
         },
-        **{f"without {name}": partial(_replaced, scene, {f"effects.{name}": None})
+        **{f"without {name}": partial(_replace_effect, scene, {f"effects.{name}": None})
            for name in names},
-        **{name: partial(_replaced, scene, {"pairs.method": name}) for name in SUMS},
+        **{name: partial(_replace_effect, scene, {"pairs.method": name}) for name in SUMS},
     }  # fmt: skip
     result = {}
     for name, made in wanted.items():
@@ -141,7 +141,7 @@ def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
     return result
 
 
-def _replaced(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+def _replace_effect(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return scene.replace(**changes)
 
 
@@ -165,7 +165,7 @@ def _calls(
     return calls, steps
 
 
-def _timed(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
+def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
     """Seconds of processor time of each call in each round: other programs take none of it."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):

@@ -130,11 +130,11 @@ def swing(method: str, periods: int) -> EnergyRun:
     """Grain that swings above the wall, with a method and so many periods."""
     start, dt = oscillation.problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * oscillation.harmonic_period(start.scene, 0.5)
-    return EnergyRun("swing above the wall", _recorded(start.scene, dt, time), method, dt, time)
+    return EnergyRun("swing above the wall", _with_records(start.scene, dt, time), method, dt, time)
 
 
 def _bounce(method: str, dt: float, time: float) -> EnergyRun:
-    scene = _recorded(bounce.problem().scene, dt, time)
+    scene = _with_records(bounce.problem().scene, dt, time)
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
 
@@ -148,10 +148,10 @@ def variable_bounces() -> EnergyRun:
 
 def _bed(method: str, dt: float, time: float) -> EnergyRun:
     scene = load_scene("bed").replace(**{"effects.drag": None})
-    return EnergyRun("bed without friction", _recorded(scene, dt, time), method, dt, time)
+    return EnergyRun("bed without friction", _with_records(scene, dt, time), method, dt, time)
 
 
-def _recorded(scene: Scene, dt: float, time: float) -> Scene:
+def _with_records(scene: Scene, dt: float, time: float) -> Scene:
     """Scene with so many records, whole numbers of steps apart, and frames of a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
@@ -288,7 +288,7 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             low, high = axes.get_ylim()
             axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
             axes.set_ylabel("greatest energy error")
-            axes.set_xlabel("share of the run")
+            axes.set_xlabel("fraction of the run")
             legend(axes)
             page.figure(
                 drawing,

@@ -204,7 +204,7 @@ def _neighbours(problem: Problem, count: int) -> range:
 
 
 def _rounding(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
-    differences = [solve(problem.nudged(bits), count).positions - plain for bits in NUDGES]
+    differences = [solve(problem.nudge_start(bits), count).positions - plain for bits in NUDGES]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
         differences.append((less - plain) + (more - plain))

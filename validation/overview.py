@@ -53,7 +53,7 @@ MANY_STARTS, FEW_STARTS = 8, 3
 """Starts of a scene whose runs are short, and of one whose are long."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods beside Verlet's, in steps as long as their share of the time allows."""
+"""Methods beside Verlet's, in steps as long as their fraction of the time allows."""
 
 SHARE = 0.25
 """Fraction of the time for each other method."""
@@ -100,7 +100,7 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
     """Studies of a scene's quantities, and how one fresh start met what they advise."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in quantities_of(scene)]
-    ladder, scenes, reference = planned(scene, until, seconds)
+    ladder, scenes, reference = plan_runs(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
     truth = truths(scenes, chosen, given, until)
     rows = [points(scenes, chosen, item, truth, until, 1) for item in ladder]
@@ -116,7 +116,7 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
     }
 
 
-def planned(
+def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
     """Return the settings, starts and a reference whose runs fit into a time.
@@ -302,7 +302,7 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
     """Row an effect: one price, or what it adds first and what it saves last."""
     rows = []
     for effect in plain["effects"]:
-        first, last = _priced(effect, "first"), _priced(effect, "last")
+        first, last = _price(effect, "first"), _price(effect, "last")
         both = effect["first"] is not None and effect["last"] is not None
         shown = "yes" if both and agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
@@ -311,7 +311,7 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
     return table(header, rows)
 
 
-def _priced(mapping: Mapping[str, Any], which: str) -> str:
+def _price(mapping: Mapping[str, Any], which: str) -> str:
     value, doubt = mapping[which], mapping[f"{which}_doubt"]
     return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
 
@@ -361,9 +361,9 @@ def overview_of(scenes: Sequence[Scene]) -> Section:
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 
 
-def _packaged(full: bool) -> list[Task]:
+def _packaged_scenes(full: bool) -> list[Task]:
     """Return the packaged damper, and the compression with dry friction."""
     return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
 
 
-OVERVIEW = Section("overview", "", _packaged, dict, _tables, _verdict, show_overview)
+OVERVIEW = Section("overview", "", _packaged_scenes, dict, _tables, _verdict, show_overview)

@@ -198,7 +198,7 @@ def _by_halving(
             scenes, quantity, settings, SolverSettings(REFERENCE, dt), tolerance, until, progress
         )
         own = [point for point in study.points if point.setting.method == REFERENCE]
-        if _settled(own, study.floor, tolerance, 1):
+        if _is_settled(own, study.floor, tolerance, 1):
             break
     if study is None:
         raise InputError(
@@ -227,7 +227,7 @@ def _study(
             own: list[Point] = []
             for setting in (setting for setting in settings if setting.family == family):
                 best = advice(tried + own, truth.floor, tolerance)
-                if _settled(own, truth.floor, tolerance) or _too_dear(own, best):
+                if _is_settled(own, truth.floor, tolerance) or _too_dear(own, best):
                     break
                 if not own and _hopeless(setting, tried, best):
                     break
@@ -238,7 +238,7 @@ def _study(
     return study_of(scenes[0], quantity, until, tried, truth)
 
 
-def _settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
+def _is_settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
     """Tell if the finest points of a family are good enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:

@@ -232,7 +232,7 @@ def stability_tasks(full: bool) -> list[Task]:
     tasks = [task(case, "stormer-verlet", None, late=full) for case in cases]
     if full:
         tasks += [
-            task(_varied(case, times), method, dt, late=False)
+            task(_vary(case, times), method, dt, late=False)
             for method, dt, times in VARIATIONS
             for case in cases
             if case.dt == "auto"
@@ -240,7 +240,7 @@ def stability_tasks(full: bool) -> list[Task]:
     return tasks
 
 
-def _varied(case: HardCase, times: float) -> HardCase:
+def _vary(case: HardCase, times: float) -> HardCase:
     """Case with other settings than its own, which may end it, but never silently."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True,

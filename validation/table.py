@@ -37,10 +37,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
 
 def tabulate(page: Page, shown: TextTable) -> None:
     """Add a table whose numbers are not broken to a page."""
-    page.table(shown.header, [tuple(map(unbroken, row)) for row in shown.rows])
+    page.table(shown.header, [tuple(map(keep_together, row)) for row in shown.rows])
 
 
-def unbroken(cell: str) -> str:
+def keep_together(cell: str) -> str:
     """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
     if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
         return cell

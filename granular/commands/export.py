@@ -41,9 +41,9 @@ examples:
 )  # fmt: skip
 def export(options: Any) -> None:
     """Write a run, or a LAMMPS deck of a scene."""
-    from granular.own import import_own
+    from granular.custom import import_user_code
 
-    import_own(options.own_files)
+    import_user_code(options.user_files)
     if options.format == "lammps":
         _export_deck(options)
     else:

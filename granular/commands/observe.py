@@ -48,11 +48,11 @@ mine.py:
 )
 def observe(options: Any) -> None:
     """Make a table of observables."""
+    from granular.custom import import_user_code
     from granular.observables.catalogue import find_observable, frame_table
-    from granular.own import import_own
     from granular.run.trajectory import load_trajectory
 
-    own = import_own(options.own_files).observables
+    own = import_user_code(options.user_files).observables
     run = load_trajectory(options.run)
     table = frame_table(run, [find_observable(name, own) for name in options.names])
     if options.out is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from granular.commands.console import group, option
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import parse_toml
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -21,7 +21,7 @@ CHANGES = option(
     "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
 )  # fmt: skip
 IMPORT = option(
-    "--import", dest="own_files", metavar="FILE", action="append", default=[],
+    "--import", dest="user_files", metavar="FILE", action="append", default=[],
     help="run this Python file of yours first: its effects, methods and measures are then "
     "known by their names (repeatable)",
 )  # fmt: skip
@@ -62,10 +62,10 @@ def scene_of(options: Any) -> Scene:
     InputError
         If the code, the scene or a change is none.
     """
-    from granular.own import import_own
+    from granular.custom import import_user_code
     from granular.scene.loading import load_scene
 
-    import_own(getattr(options, "own_files", ()))
+    import_user_code(getattr(options, "user_files", ()))
     return load_scene(options.scene).replace(**changes_from(options.changes))
 
 
@@ -82,7 +82,7 @@ def changes_from(items: Sequence[str]) -> dict[str, Any]:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():
             raise InputError(
-                f"--set {quoted(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
+                f"--set {quote(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
             )
         try:
             changes[key.strip()] = parse_toml(f"value = {value}")["value"]

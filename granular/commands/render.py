@@ -8,7 +8,7 @@ from typing import Any
 from granular.commands.console import command, emit, option
 from granular.commands.options import IMPORT, OUTPUT, RUN, in_unit
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 
 @command(
@@ -54,10 +54,10 @@ colours:
 )  # fmt: skip
 def render(options: Any) -> None:
     """Draw a still or a movie."""
-    from granular.own import import_own
+    from granular.custom import import_user_code
     from granular.render.movie import WRITERS
 
-    import_own(options.own_files)
+    import_user_code(options.user_files)
     if Path(options.out).suffix.lower() in WRITERS:
         _render_movie(options)
     else:
@@ -111,5 +111,5 @@ def _speed(words: str | None) -> float | None:
         return 1.0 if words is None else si_value(words, "1")
     except SceneError:
         raise InputError(
-            f"--speed {quoted(words)}; give a number such as 0.1, or 'frames'"
+            f"--speed {quote(words)}; give a number such as 0.1, or 'frames'"
         ) from None

@@ -20,7 +20,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from granular.response.response import Response
@@ -31,8 +31,8 @@ POINTS, SINE = 25, 20.0
 """Frequencies of sines, and how long each acts [s], if not given."""
 
 LENGTH, SHARE, WATCHED = 0.02, 0.1, 10.0
-"""Length of an impulse [s], share of its peak within which the machine is down, and how long it is
-looked at [s], if not given."""
+"""Length of an impulse [s], fraction of its peak at which the machine counts as settled, and how
+long it is observed [s], if not given."""
 
 
 @command(
@@ -66,7 +66,7 @@ looked at [s], if not given."""
     option("--length", type=in_unit("s"), metavar="T", help="of the impulse (20 ms)"),
     option(
         "--share", type=in_unit("1"), metavar="S",
-        help="share of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
+        help="fraction of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
     ),
     option(
         "-o", "--out", metavar="DIR",
@@ -102,8 +102,10 @@ def _shake(options: Any) -> None:
             f"--from {options.lowest:g} --to {options.highest:g} --points {points}: give "
             "two frequencies, the lower one first, and at least 2 points"
         )
-    scene, sizes = _shaken(options)
-    result = _stepped(options, scene, sizes) if options.sweep is None else _swept(options, scene)
+    scene, sizes = _driven_scene(options)
+    result = (
+        _run_stepped(options, scene, sizes) if options.sweep is None else _run_swept(options, scene)
+    )
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
         from granular.response.transients import pace_of_sweep
@@ -130,14 +132,14 @@ def _strike(options: Any) -> None:
         raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
     result = run_impulse(
         scene_of(options), options.force[0],
-        share=SHARE if options.share is None else options.share,
+        fraction=SHARE if options.fraction is None else options.fraction,
         length=LENGTH if options.length is None else options.length,
         duration=WATCHED if options.duration is None else options.duration,
         dt=time_step(options.dt), out=options.out, progress=not options.quiet,
     )  # fmt: skip
     figures: dict[str, Any] = {
         "seconds": result.seconds, "alone": result.alone if math.isfinite(result.alone) else None,
-        "share": result.share, "peak": result.peak, "out": options.out,
+        "fraction": result.fraction, "peak": result.peak, "out": options.out,
     }  # fmt: skip
     lines = [str(result)]
     if options.out is not None:
@@ -156,7 +158,7 @@ def _write_impulse(result: Impulse, path: Path) -> str:
     return f"written to {path}: impulse.csv, impulse.png"
 
 
-def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
+def _driven_scene(options: Any) -> tuple[Scene, list[float] | None]:
     """Scene under the first amplitude that was given, and all of them."""
     from granular.response.response import AMPLITUDES
 
@@ -167,12 +169,12 @@ def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
     host = scene.effects.host
     if host is None:
         raise InputError(
-            f"the scene {quoted(scene.name)} has no host; give it effects.host, or take the "
+            f"the scene {quote(scene.name)} has no host; give it effects.host, or take the "
             "packaged scene 'machine'"
         )
     if not given and host.excitation is None:
         raise InputError(
-            f"nothing shakes the host of {quoted(scene.name)}; give --force, --acceleration or "
+            f"nothing shakes the host of {quote(scene.name)}; give --force, --acceleration or "
             "--displacement"
         )
     for name, sizes in given.items():
@@ -183,7 +185,7 @@ def _shaken(options: Any) -> tuple[Scene, list[float] | None]:
     return scene, next(iter(given.values()), None)
 
 
-def _stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Response:
+def _run_stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Response:
     import numpy as np
 
     from granular.response.response import frequency_response
@@ -199,7 +201,7 @@ def _stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Response:
     )  # fmt: skip
 
 
-def _swept(options: Any, scene: Scene) -> Response:
+def _run_swept(options: Any, scene: Scene) -> Response:
     from granular.response.steady import POINTS as READ
     from granular.response.transients import run_sweep
 

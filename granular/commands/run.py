@@ -58,8 +58,8 @@ def run(options: Any) -> None:
 
 
 def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
-    from granular.run.prices import price_text
     from granular.run.summary import run_figures, run_text
+    from granular.run.work_precision import price_text
 
     figures = run_figures(done) | {"price": price_text(done)}
     lines = [run_text(done)]
@@ -94,12 +94,12 @@ study.toml:
 )  # fmt: skip
 def sweep(options: Any) -> None:
     """Run a study."""
-    from granular.own import import_own
+    from granular.custom import import_user_code
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
     from granular.studies.workers import executor
 
-    study = load_study(options.study, import_own(options.own_files).measures)
+    study = load_study(options.study, import_user_code(options.user_files).measures)
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give at least 1")
     with executor(options.dask, options.mpi) as pool:

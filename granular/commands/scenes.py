@@ -29,9 +29,9 @@ examples:
 )  # fmt: skip
 def scenes(options: Any) -> None:
     """List the packaged scenes or the methods, or compile what scenes need."""
-    from granular.own import import_own
+    from granular.custom import import_user_code
 
-    import_own(options.own_files)
+    import_user_code(options.user_files)
     if options.warm_up is not None:
         _warm_up(options)
         return

@@ -27,8 +27,8 @@ from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
 from granular.compiled.linking import rebuilt
-from granular.compiled.source import PACKAGE, raw_digest, source_files, syntax_digest
-from granular.shared.caches import own_folder, read_sealed, toolkit_cache, write_sealed
+from granular.compiled.source import PACKAGE, kernel_files, raw_digest, syntax_digest
+from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
@@ -44,11 +44,11 @@ def cache_folder() -> Path | None:
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
     home = Path(chosen) if chosen else toolkit_cache()
-    return own_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
+    return private_folder(home and home / f"kernels-{here[:16]}", "NUMBA_CACHE_DIR")
 
 
 @functools.cache
-def source_stamp() -> str:
+def digest_of_sources() -> str:
     """Digest of all that the code of kernels depends on, but for arguments and processor."""
     versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
     return hashlib.sha256(f"{versions} {_known_syntax_digest()}".encode()).hexdigest()
@@ -56,7 +56,7 @@ def source_stamp() -> str:
 
 def _known_syntax_digest() -> str:
     """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
-    files, folder = source_files(), cache_folder()
+    files, folder = kernel_files(), cache_folder()
     if folder is None:
         return syntax_digest(files)
     known, label = folder / "source", raw_digest(files)
@@ -83,7 +83,7 @@ def _warn_once(why: str) -> None:
 @functools.cache
 def _tidy(folder: Path) -> None:
     """Take out what former sources left, and parts of files that nobody will finish."""
-    stamp = source_stamp()[:16]
+    stamp = digest_of_sources()[:16]
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             stale = path.suffix == ".kernel" and not path.stem.endswith(stamp)
@@ -126,7 +126,7 @@ class KernelCache(_Cache):
         folder = cache_folder()
         if folder is None or not self.enabled:
             return None
-        stamp = source_stamp()
+        stamp = digest_of_sources()
         label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {stamp}"
         key = hashlib.sha256(label.encode()).hexdigest()
         return folder / f"{self.name}-{key[:16]}-{stamp[:16]}.kernel", label

@@ -56,7 +56,7 @@ def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
         indices = _places(hook, _classes(laws), backward)
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _unrolled(calls, empty, _sum, (laws, workspaces, *others))
+        return _unroll(calls, empty, _sum, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -76,7 +76,7 @@ def greatest_over(hook: str, rest: str) -> Kernel:
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
         indices = _places(hook, _classes(laws))
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _unrolled(calls, 0.0, _greater, (laws, workspaces, *others))
+        return _unroll(calls, 0.0, _greater, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -96,7 +96,7 @@ def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
         indices = _places(hook, _classes(laws), backward=True)[:1]
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         calls = calls or [_call(context, otherwise, others, range(2, 2 + len(others)))]
-        return _unrolled(calls, 0, _sum, (laws, workspaces, *others))
+        return _unroll(calls, 0, _sum, (laws, workspaces, *others))
 
     return _made(call, choose, f"laws rooms {rest}")
 
@@ -113,7 +113,7 @@ def by_law(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(law.instance_class, hook, otherwise)
         call_law = _call(context, kernel, (law, *others), range(1 + len(others)))
-        return _unrolled([call_law], 0, _sum, (law, *others))
+        return _unroll([call_law], 0, _sum, (law, *others))
 
     return _made(call, choose, f"law {rest}")
 
@@ -174,7 +174,7 @@ def _greater(builder: Any, first: Any, second: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", first, second), first, second)
 
 
-def _unrolled(
+def _unroll(
     calls: Sequence[_Call], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
     """Return the calls, one after another, and what joins their results."""
@@ -187,7 +187,7 @@ def _unrolled(
             return context.get_constant(none, empty)
         total = None
         for call in calls:
-            output = _written(context, builder, call, values, given)
+            output = _write_call(context, builder, call, values, given)
             if result == types.none:
                 total = context.get_dummy_value()
             else:
@@ -198,7 +198,7 @@ def _unrolled(
     return signature(result, *given), write
 
 
-def _written(
+def _write_call(
     context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]
 ) -> Any:
     arguments = []

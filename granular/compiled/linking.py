@@ -16,7 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
 
-def _with_all_below(libraries: list[Any]) -> list[Any]:
+def _libraries_below(libraries: list[Any]) -> list[Any]:
     """Libraries and those that they link, each once, callers before what they call."""
     result: dict[Any, None] = {}
 
@@ -57,7 +57,7 @@ class LinkedLibrary(JITCodeLibrary):
         self._ensure_finalized()
         if self._shared_module is None:
             total = self._final_module.clone()
-            for library in _with_all_below(self._linking_libraries):
+            for library in _libraries_below(self._linking_libraries):
                 total.link_in(_module(library), preserve=True)
             self._shared_module = total
         return self._shared_module
@@ -73,7 +73,7 @@ class EntryLibrary(JITCodeLibrary):
 
     def finalize(self) -> None:
         self._raise_if_finalized()
-        for library in _with_all_below(self._linking_libraries):
+        for library in _libraries_below(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module(library), preserve=True)
         self._linking_libraries = []

@@ -41,10 +41,10 @@ class Reference(types.Type):
         if name not in self.whole.fields:
             return None
         number = self.whole.fields.index(name)
-        return number, _referred(self.whole.types[number])
+        return number, _refer(self.whole.types[number])
 
 
-def _referred(kind: Any) -> Any:
+def _refer(kind: Any) -> Any:
     return Reference(kind) if _is_named_tuple(kind) else kind
 
 

@@ -14,7 +14,7 @@ ROOMS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "p
 _DECORATORS = {"compiled", "entry", "intrinsic"}
 
 
-def source_files() -> dict[str, bytes]:
+def kernel_files() -> dict[str, bytes]:
     """Content of every file in the rooms, by its place in the package."""
     paths = sorted(path for workspace in ROOMS for path in (PACKAGE / workspace).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
@@ -35,13 +35,13 @@ def syntax_digest(files: dict[str, bytes]) -> str:
     """
     trees = {name: ast.parse(content) for name, content in files.items()}
     digest = hashlib.sha256()
-    for name in sorted(_reached(trees)):
+    for name in sorted(_reachable_files(trees)):
         _take_texts_out(trees[name])
         digest.update(f"{name}\0{ast.dump(trees[name])}\0".encode())
     return digest.hexdigest()
 
 
-def _reached(trees: dict[str, ast.Module]) -> set[str]:
+def _reachable_files(trees: dict[str, ast.Module]) -> set[str]:
     """Files that hold kernels, and those that they import from, all the way."""
     waiting = [name for name, tree in trees.items() if _has_kernels(tree)]
     result: set[str] = set()
@@ -49,7 +49,7 @@ def _reached(trees: dict[str, ast.Module]) -> set[str]:
         name = waiting.pop()
         if name not in result:
             result.add(name)
-            waiting += [module for module in _imported(trees[name]) if module in trees]
+            waiting += [module for module in _imports_of(trees[name]) if module in trees]
     return result
 
 
@@ -62,7 +62,7 @@ def _has_kernels(tree: ast.Module) -> bool:
     return False
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
+def _imports_of(tree: ast.Module) -> Iterator[str]:
     """Files of this package that a file may import from."""
     for node in ast.walk(tree):
         modules: list[str] = []

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.vector import lane_sum
@@ -84,7 +84,7 @@ class Bath(Effect):
                     "effects", "bath",
                 )  # fmt: skip
 
-    def law(self, setting: Setting) -> BathLaw:
+    def law(self, setting: EffectContext) -> BathLaw:
         """Law in natural units."""
         return BathLaw(
             self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed
@@ -109,7 +109,7 @@ class BathLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def glide(law: BathLaw, room: None, index: int, dt: float, bed: Bed) -> int:
+    def glide(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
         """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift."""
         state, constants = bed.state, bed.constants
         left = math.exp(-law.rate * dt)

@@ -18,10 +18,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.constants import Constants, value_of
 from granular.kernel_data.state import LOSSES, Bed
-from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import pair_energy
 from granular.schema.sections import quantity
 
@@ -48,7 +48,7 @@ class Contact(Effect):
     modulus: float = quantity("Pa", above=0.0)
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
-    def law(self, setting: Setting) -> ContactLaw:
+    def law(self, setting: EffectContext) -> ContactLaw:
         """Law in natural units."""
         scales = setting.scales
         diameters = np.array([specy.diameter for specy in setting.grains.species]) / scales.length
@@ -85,18 +85,20 @@ class ContactLaw(NamedTuple):
     widest: float
     narrowest: float
 
-    def room(self, size: int, count: int) -> ClosePairs:
-        """Room for the grains in contact."""
-        return close_pairs_room(count, PLACES_A_GRAIN * count)
+    def workspace(self, size: int, count: int) -> ClosePairs:
+        """Workspace for the grains in contact."""
+        return close_pairs_workspace(count, PLACES_A_GRAIN * count)
 
     @staticmethod
     @compiled
-    def add_forces(law: ContactLaw, room: ClosePairs, index: int, bed: Bed, time: float) -> int:
+    def add_forces(
+        law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float
+    ) -> int:
         """Add the forces of the grains in contact; 1 where the buffer is too short for them."""
         state, constants = bed.state, bed.constants
-        find_close_pairs(room, state.x, state.y, constants.grains, law.widest, law.radius)
-        for p in range(room.filled[0]):
-            i, j = room.first[p], room.second[p]
+        find_close_pairs(workspace, state.x, state.y, constants.grains, law.widest, law.radius)
+        for p in range(workspace.filled[0]):
+            i, j = workspace.first[p], workspace.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
@@ -107,20 +109,20 @@ class ContactLaw(NamedTuple):
                 state.fy[i] += ratio * dy
                 state.fx[j] -= ratio * dx
                 state.fy[j] -= ratio * dy
-        return int(room.filled[0] < 0)
+        return int(workspace.filled[0] < 0)
 
     @staticmethod
     @compiled
     def measure(
-        law: ContactLaw, room: ClosePairs, index: int, bed: Bed,
+        law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the contacts."""
         state, constants = bed.state, bed.constants
         total = 0.0
         masses = constants.masses
-        for p in range(room.filled[0]):
-            i, j = room.first[p], room.second[p]
+        for p in range(workspace.filled[0]):
+            i, j = workspace.first[p], workspace.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
             if overlap > 0.0:
@@ -135,14 +137,14 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def flow(
-        law: ContactLaw, room: ClosePairs, index: int, dt: float, bed: Bed, opening: bool
+        law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Apply the dashpots to the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
         masses = constants.masses
-        for turn in range(room.filled[0]):
-            p = turn if opening else room.filled[0] - 1 - turn
-            i, j = room.first[p], room.second[p]
+        for turn in range(workspace.filled[0]):
+            p = turn if opening else workspace.filled[0] - 1 - turn
+            i, j = workspace.first[p], workspace.second[p]
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
@@ -165,7 +167,7 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def collision(
-        law: ContactLaw, room: None, index: int, speed: float, constants: Constants
+        law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Square of the highest angular frequency in an impact at that speed."""
         barrier = 0.0
@@ -200,7 +202,7 @@ def _stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def decay(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Share of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
+    """Fraction of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
 

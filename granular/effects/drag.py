@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.compensation import speed_up
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
@@ -51,7 +51,7 @@ class Drag(Effect):
         """Decay rate c = gamma tau / m of the velocity, in natural units."""
         return self.coefficient * scales.time / scales.mass
 
-    def law(self, setting: Setting) -> DragLaw:
+    def law(self, setting: EffectContext) -> DragLaw:
         """Law in natural units."""
         return DragLaw(self.decay_rate(setting.scales))
 
@@ -79,24 +79,28 @@ class DragLaw(NamedTuple):
 
     rate: float
 
-    def room(self, size: int, count: int) -> LastFlow:
+    def workspace(self, size: int, count: int) -> LastFlow:
         """Buffer of the last flow: steps of equal length share it, and exponentials take long."""
         return LastFlow(np.full(7, np.nan))
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: DragLaw, room: LastFlow, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(
+        law: DragLaw, workspace: LastFlow, index: int, dt: float, bed: Bed, opening: bool
+    ) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
         _kick(
-            state.rounding, room.values, law.rate, dt, state, constants.grains,
+            state.rounding, workspace.values, law.rate, dt, state, constants.grains,
             constants.masses, LOSSES + index,
         )  # fmt: skip
         return 0
 
     @staticmethod
     @compiled
-    def slow(law: DragLaw, room: LastFlow, index: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def slow(
+        law: DragLaw, workspace: LastFlow, index: int, slopes: Array, dt: float, bed: Bed
+    ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
         for i in range(constants.grains):
@@ -159,14 +163,14 @@ def flow(rate: float, dt: float) -> tuple[float, float, float, float, float]:
 
 
 @compiled
-def way(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
+def displacement(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
     """Way in ``dt`` from a speed, under drag and an acceleration; ``gain`` as `flow` has it."""
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
 
 
 @compiled
-def stopping_way(rate: float, speed: float, brake: float) -> float:
+def stopping_distance(rate: float, speed: float, brake: float) -> float:
     """Way to rest under drag and the deceleration ``brake``.
 
     With the time of the stop t, e^(c t) = 1 + c v/brake, it is v/c - brake t/c.

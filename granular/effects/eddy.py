@@ -15,7 +15,7 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.constants import moments_of, value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.schema.scales import Scales
@@ -60,7 +60,7 @@ class Eddy(Effect):
         """Decay rate of a grain of the first species [1/tau]."""
         return self.coefficient(scales) * scales.time / scales.mass
 
-    def law(self, setting: Setting) -> EddyLaw:
+    def law(self, setting: EffectContext) -> EddyLaw:
         """Law in natural units."""
         return EddyLaw(self.decay_rate(setting.scales))
 
@@ -78,7 +78,7 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(law: EddyLaw, room: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def flow(law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0
@@ -94,7 +94,7 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(law: EddyLaw, room: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def slow(law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0

@@ -41,14 +41,14 @@ grains and piston by their forces, so the loop itself moves it: `granular.engine
     Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
     a heat bath wants it; for Störmer-Verlet's coefficients alone.
 
-``room(size, count)``, where the law has it, makes the scratch that the loop hands over as ``room``;
-its field ``kept``, if it has one, is part of the run's state.
+``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
+over as ``workspace``; its field ``kept``, if it has one, is part of the run's state.
 
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
-written: a class with the functions of one of them, decorated with `granular.effects.own.effect` as
-a user's own, becomes an effect of this form, and so does a formula. `granular.effects.gradient` is
-written so. The file's own test aside, nothing else has to be touched: `granular.effects.registry`
-finds it.
+written: a class with the functions of one of them, decorated with
+`granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
+formula. `granular.effects.gradient` is written so. The file's own test aside, nothing else has to
+be touched: `granular.effects.registry` finds it.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Record(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Setting:
+class EffectContext:
     """Context in which an effect makes its law.
 
     Attributes
@@ -163,7 +163,7 @@ class Effect(Section):
         """Digests of a user's functions and texts in it, for the run's settings."""
         return ()
 
-    def check_compiling(self, setting: Setting) -> None:
+    def check_compiling(self, setting: EffectContext) -> None:
         """Raise `InputError` if a user's function does not compile."""
 
     @property
@@ -171,7 +171,7 @@ class Effect(Section):
         """True for a flow that Runge-Kutta methods cannot integrate."""
         return False
 
-    def law(self, setting: Setting) -> Any:
+    def law(self, setting: EffectContext) -> Any:
         """Law in natural units; None for what is no law of its own."""
         raise NotImplementedError
 
@@ -180,7 +180,7 @@ class Effect(Section):
     ) -> None:
         """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
 
-    def load_weight(self, setting: Setting) -> np.ndarray | None:
+    def load_weight(self, setting: EffectContext) -> np.ndarray | None:
         """Weights of the grains (m,) in the sums over 1/r^3 that the pass over pairs also makes."""
         return None
 

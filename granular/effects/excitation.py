@@ -12,7 +12,7 @@ from granular.compiled import compiled
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, numbers, quantity, text, whole
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 SINE, SWEEP, IMPULSE, TABLE = range(4)
 
@@ -88,10 +88,10 @@ class Excitation(Section):
             raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
         for name in _NEEDED[self.kind]:
             if getattr(self, name) is None:
-                raise FieldError(f"must be given for {quoted(self.kind)}", name)
+                raise FieldError(f"must be given for {quote(self.kind)}", name)
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
-                f"only a sine or a sweep has one; {quoted(self.kind)} takes an acceleration",
+                f"only a sine or a sweep has one; {quote(self.kind)} takes an acceleration",
                 "displacement",
             )
         if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
@@ -113,7 +113,7 @@ class Excitation(Section):
             raise FieldError(str(error), "file") from None
         if len(times) < LEAST_ROWS:
             raise FieldError(
-                f"{quoted(self.file)} holds {len(times)} times with a number; give at least "
+                f"{quote(self.file)} holds {len(times)} times with a number; give at least "
                 f"{LEAST_ROWS}",
                 "file",
             )
@@ -240,7 +240,7 @@ def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> floa
 def _while_it_acts(drive: Drive, t: float) -> float:
     """Value at a time since its begin [tau]."""
     if drive.kind == TABLE:
-        return drive.size * _tabled(drive, t)
+        return drive.size * _tabulate(drive, t)
     if drive.kind == IMPULSE:
         inside = t < drive.duration
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
@@ -255,7 +255,7 @@ def _while_it_acts(drive: Drive, t: float) -> float:
 
 
 @compiled
-def _tabled(drive: Drive, t: float) -> float:
+def _tabulate(drive: Drive, t: float) -> float:
     h = drive.times[1]
     k = min(int(t / h), drive.times.size - 2)
     s = t / h - k

@@ -15,10 +15,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.custom_definition import Grain, Kind
+from granular.effects.custom_law import CustomLaw
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.formula import Formula, Functions, Listed
-from granular.effects.own_definition import Grain, Kind
-from granular.effects.own_law import OwnLaw
 from granular.formulas import names, parse
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct import padded_values
@@ -26,7 +26,7 @@ from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Many, declare, quantity, unknown
 from granular.schema.sections import Kind as FieldKind
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,12 +35,12 @@ class _Factors(FieldKind):
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
-            raise FieldError(f"{quoted(value)} must be a table of numbers by species")
+            raise FieldError(f"{quote(value)} must be a table of numbers by species")
         try:
             result = {str(name): float(number) for name, number in dict(value).items()}
             return tuple(sorted(result.items()))
         except (TypeError, ValueError):
-            raise FieldError(f"{quoted(value)} holds something that is not a number") from None
+            raise FieldError(f"{quote(value)} holds something that is not a number") from None
 
     def to_plain(self, value: Any) -> Any:
         return dict(value)
@@ -119,7 +119,7 @@ class FieldText(Formula, Effect):
     def drive_frequency(self, scales: Scales) -> float:
         return 2.0 * math.pi * self.frequency * scales.time
 
-    def law(self, setting: Setting) -> OwnLaw:
+    def law(self, setting: EffectContext) -> CustomLaw:
         """Law in natural units."""
         factor = None
         if self.factor:
@@ -127,7 +127,7 @@ class FieldText(Formula, Effect):
             value = [numbers.get(specy.name, 1.0) for specy in setting.grains.species]
             factor = padded_values(np.array(value)[setting.species])
         kind = Kind(self.definition.digest)
-        return OwnLaw(kind, self.natural(setting.scales), math.inf, factor)
+        return CustomLaw(kind, self.natural(setting.scales), math.inf, factor)
 
 
 class Field(Listed):

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numba
 
 from granular.compiled.dispatch import OPTIONS
+from granular.effects.custom_definition import DEFINITIONS, Definition
 from granular.effects.effect import Effect
-from granular.effects.own_definition import DEFINITIONS, Definition
 from granular.formulas import parse
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, text
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     import sympy
@@ -173,7 +173,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
         tree = expression(parse(self.energy), symbols | given)
         forms = self.kind.derived(tree, symbols)
         if forms["force"].has(sympy.DiracDelta):
-            raise InputError(f"the energy {quoted(self.energy)} jumps; write one without jumps")
+            raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
         made = {name: function_of(arguments, _smooth(form)) for name, form in forms.items()}
         if not numba.config.DISABLE_JIT:

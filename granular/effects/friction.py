@@ -26,7 +26,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from granular.effects.effect import Effect, Record, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, Record, in_joules
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct import padded_values
@@ -113,7 +113,7 @@ class Friction(Effect):
     ) -> None:
         self.factors(grains, cell)
 
-    def law(self, setting: Setting) -> FrictionLaw:
+    def law(self, setting: EffectContext) -> FrictionLaw:
         """Law in natural units; it takes the drag along."""
         scales, other = setting.scales, setting.effects.get("drag")
         own, _ = self.factors(setting.grains, setting.cell)
@@ -129,7 +129,7 @@ class Friction(Effect):
             drag=None if other is None else LOSSES + setting.places["drag"],
         )
 
-    def load_weight(self, setting: Setting) -> np.ndarray:
+    def load_weight(self, setting: EffectContext) -> np.ndarray:
         weight = self.factors(setting.grains, setting.cell)[1][setting.species]
         return padded_values(weight * setting.grains.spread_factors())
 

@@ -41,7 +41,9 @@ class FrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(law: FrictionLaw, room: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def kick(
+        law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
+    ) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
         _dry_kick(law.threshold, law, drag.rate_of(law.rate), dt, bed, opening)
         return 0
@@ -80,11 +82,11 @@ def _length(x: float, y: float) -> float:
 
 @compiled(inline=True)
 def _push_grain(
-    entry: int | None, flow: Flow, share: float, state: State, i: int, mass: float
+    entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float
 ) -> None:
     """Kick and drag of a grain under a fraction of its force."""
     decay, gain, a, b, c = flow
-    ax, ay = share * state.fx[i] / mass, share * state.fy[i] / mass
+    ax, ay = fraction * state.fx[i] / mass, fraction * state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     state.vx[i] = decay * vx + gain * ax
     state.vy[i] = decay * vy + gain * ay
@@ -103,7 +105,7 @@ def _start_grain(
         return
     fraction = 1.0 - law.dynamic * load / force
     _push_grain(law.drag, flow, fraction, state, i, mass)
-    displacement = drag.way(rate, dt, flow[1], 0.0, fraction * force / mass)
+    displacement = drag.displacement(rate, dt, flow[1], 0.0, fraction * force / mass)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
@@ -166,7 +168,7 @@ def _slide_grain(
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     drag.enter(law.drag, state, mass * lost)
-    displacement = drag.way(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    displacement = drag.displacement(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
@@ -244,7 +246,7 @@ def _stop_grain(
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
-    displacement = drag.stopping_way(rate, speed, (friction + against) / mass)
+    displacement = drag.stopping_distance(rate, speed, (friction + against) / mass)
     state.ledger[law.entry] += friction * displacement
     drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement)
     state.vx[i] = state.vy[i] = 0.0

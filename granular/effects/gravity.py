@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -29,7 +29,7 @@ class Gravity(Effect):
         """G = m g / F*, the acceleration in natural units."""
         return self.acceleration / scales.acceleration
 
-    def law(self, setting: Setting) -> GravityLaw:
+    def law(self, setting: EffectContext) -> GravityLaw:
         """Law in natural units."""
         host: Any = setting.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
@@ -50,7 +50,7 @@ class GravityLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: GravityLaw, room: None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: GravityLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the grains' weight, -G times the mass."""
         state, constants = bed.state, bed.constants
         _add_weight(law.pull, constants.grains, constants.masses, state.fy)
@@ -59,7 +59,7 @@ class GravityLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: GravityLaw, room: None, index: int, bed: Bed, time: float,
+        law: GravityLaw, workspace: None, index: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the sum of m g y over the grains [F* D], zero at the bottom."""

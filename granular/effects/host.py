@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Record, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, Record, in_joules
 from granular.effects.excitation import Drive, Excitation
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
@@ -176,7 +176,7 @@ class Host(Effect):
         """Mass of what moves as the piston [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
-    def law(self, setting: Setting) -> HostLaw:
+    def law(self, setting: EffectContext) -> HostLaw:
         """Law in natural units."""
         scales, piston = setting.scales, setting.piston
         masses = np.array([body.mass for body in self.bodies]) / scales.mass
@@ -202,7 +202,7 @@ class Host(Effect):
             driven=self.excitation is not None,
         )
 
-    def _reacts(self, setting: Setting) -> bool:
+    def _reacts(self, setting: EffectContext) -> bool:
         """Return whether anything in the cell dissipates, and so reacts on the frame."""
         piston = setting.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
@@ -220,17 +220,17 @@ class Chain(NamedTuple):
     Attributes
     ----------
     masses, stiffness, damping : float64 (n,)
-    share : float64 (n,)
+    fraction : float64 (n,)
         Fraction of the outer force that acts on each body.
     """
 
     masses: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    share: np.ndarray
+    fraction: np.ndarray
 
 
-class HostRoom(NamedTuple):
+class HostWorkspace(NamedTuple):
     """The motion of the host, and scratch.
 
     Attributes
@@ -290,10 +290,10 @@ class HostLaw(NamedTuple):
     entry: int
     driven: bool
 
-    def room(self, size: int, count: int) -> HostRoom:
-        """Room for the motion of the host."""
+    def workspace(self, size: int, count: int) -> HostWorkspace:
+        """Workspace for the motion of the host."""
         bodies = max(len(self.chain.masses), 1)
-        return HostRoom(
+        return HostWorkspace(
             kept=np.zeros((2, bodies)),
             present=np.zeros(2),
             forces=np.zeros(bodies),
@@ -307,7 +307,7 @@ class HostLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: HostLaw, room: HostRoom, index: int, bed: Bed, time: float,
+        law: HostLaw, workspace: HostWorkspace, index: int, bed: Bed, time: float,
         stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the bodies and springs, and of the frame's motion."""
@@ -315,13 +315,13 @@ class HostLaw(NamedTuple):
         chain, last = law.chain, law.chain.masses.size - 1
         total, below = 0.0, 0.0
         for k in range(last + 1):
-            x, speed = room.kept[0, k], room.kept[1, k]
+            x, speed = workspace.kept[0, k], workspace.kept[1, k]
             total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
             if k < last:
                 total += 0.5 * chain.masses[k] * speed * speed
             below = x
         if law.mount != FIXED:
-            frame, piston = room.kept[1, last], state.piston[SPEED]
+            frame, piston = workspace.kept[1, last], state.piston[SPEED]
             momentum = bed_momentum(bed)
             total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
             total += law.piston_mass * frame * (0.5 * frame + piston)
@@ -330,9 +330,9 @@ class HostLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def last_speed(law: HostLaw, room: HostRoom, state: State) -> float:
+def last_speed(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of the last body over the base."""
-    speed = room.kept[1, law.chain.masses.size - 1]
+    speed = workspace.kept[1, law.chain.masses.size - 1]
     return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
 
 

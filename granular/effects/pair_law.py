@@ -12,11 +12,11 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.custom_check import check
+from granular.effects.custom_definition import Grain, Kind
+from granular.effects.custom_law import CustomLaw
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.formula import Formula, Functions, Listed
-from granular.effects.own_check import check
-from granular.effects.own_definition import Grain, Kind
-from granular.effects.own_law import OwnLaw
 from granular.formulas import names, parse
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import Many, declare, quantity
@@ -66,13 +66,13 @@ class PairText(Formula, Effect):
 
         return {"pair_energy": energy, "pair_force": force, "pair_stiffness": stiffness}
 
-    def law(self, setting: Setting) -> OwnLaw:
+    def law(self, setting: EffectContext) -> CustomLaw:
         """Law in natural units."""
         definition, values = self.definition, self.natural(setting.scales)
         if any(name.text in ("q1", "q2") for name in names(parse(self.energy))):
             check(definition, values, setting)  # that both are treated alike
         reach = math.inf if self.reach is None else self.reach / setting.scales.length
-        return OwnLaw(Kind(definition.digest), values, reach, None)
+        return CustomLaw(Kind(definition.digest), values, reach, None)
 
 
 class PairLaw(Listed):

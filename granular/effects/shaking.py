@@ -12,7 +12,7 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -48,7 +48,7 @@ class Shaking(Effect):
         """Angular frequency of the motion [1/tau]."""
         return self._swing(scales).omega
 
-    def law(self, setting: Setting) -> Swing:
+    def law(self, setting: EffectContext) -> Swing:
         """Apparent acceleration in natural units."""
         return self._swing(setting.scales)
 
@@ -67,7 +67,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: Swing, room: None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: Swing, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the apparent forces."""
         state, constants = bed.state, bed.constants
         _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
@@ -76,7 +76,13 @@ class Swing(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: Swing, room: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
+        law: Swing,
+        workspace: None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
+        energies: Array,
     ) -> int:
         """Enter -m A(t) . r of the grains [F* D]."""
         energies[index] = _inertia_energy(law, time, bed)
@@ -84,7 +90,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: Swing, room: None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def work(law: Swing, workspace: None, index: int, dt: float, bed: Bed, time: float) -> int:
         """Enter the work that the shaking does on grains and piston in ``dt``, at a time."""
         state, constants = bed.state, bed.constants
         rx, ry = _acceleration_rate(law, time)
@@ -96,7 +102,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def lift(law: Swing, room: None, index: int, time: float) -> float:
+    def lift(law: Swing, workspace: None, index: int, time: float) -> float:
         """Upward part of the apparent acceleration."""
         return law.y * math.sin(law.omega * time)
 

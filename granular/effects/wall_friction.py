@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 from granular.compiled import compiled
 from granular.compiled.dispatch import by_law
 from granular.effects import drag
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.constants import moments_of, value_of
 from granular.kernel_data.state import LOSSES, Bed
 from granular.schema.parts import Cell, Grains, Piston
@@ -57,7 +57,7 @@ class WallFriction(Effect):
                 "a slab has no law of the distance; take 'infinite'", "effects", self.key
             )
 
-    def law(self, setting: Setting) -> WallFrictionLaw:
+    def law(self, setting: EffectContext) -> WallFrictionLaw:
         """Law in natural units; it takes the drag along."""
         scales, width = setting.scales, setting.cell.width
         walls, other = setting.effects["walls"], setting.effects.get("drag")
@@ -96,7 +96,7 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(
-        law: WallFrictionLaw, room: None, index: int, dt: float, bed: Bed, opening: bool
+        law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
@@ -138,7 +138,7 @@ def _normal(law: Any, w: float) -> float:
 def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.flow(rate, dt)
-    displacement = drag.way(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
+    displacement = drag.displacement(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
     return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
 
 
@@ -161,7 +161,7 @@ def slide(
         if sign * after > 0.0:
             return after, (path, lost)
         brake = -sign * net
-        displacement = drag.stopping_way(rate, abs(v), brake)
+        displacement = drag.stopping_distance(rate, abs(v), brake)
         dragged = 0.5 * v * v - brake * displacement
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
         v = 0.0

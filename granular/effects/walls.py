@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.effect import Effect, Setting, in_joules
+from granular.effects.custom_definition import Kind as OwnKind
+from granular.effects.custom_law import CustomWallLaw
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.formula import Formula, Functions
-from granular.effects.own_definition import Kind as OwnKind
-from granular.effects.own_law import OwnWallLaw
 from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
@@ -66,14 +66,14 @@ class WallText(Formula):
 
     @staticmethod
     def functions_of(made: Functions) -> Functions:
-        def wrapped(of: Any) -> Any:
+        def wrap_law(of: Any) -> Any:
             return lambda p, w: of(w, *p)
 
-        return {name: wrapped(of) for name, of in made.items()}
+        return {name: wrap_law(of) for name, of in made.items()}
 
-    def law(self, scales: Scales) -> OwnWallLaw:
+    def law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units."""
-        return OwnWallLaw(OwnKind(self.definition.digest), self.natural(scales))
+        return CustomWallLaw(OwnKind(self.definition.digest), self.natural(scales))
 
 
 class Wall(Section):
@@ -91,7 +91,7 @@ class Wall(Section):
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
     own : section or None
         Of a law of one's own; in a scene its keys stand next to ``law``. See
-        `granular.effects.own`.
+        `granular.effects.custom`.
     """
 
     law: str = declare(LawName(), default="experimental")
@@ -222,7 +222,7 @@ class Walls(Effect):
     def has_gap(self) -> bool:
         return self.bottom is not None and self.bottom.has_gap
 
-    def law(self, setting: Setting) -> WallLaws:
+    def law(self, setting: EffectContext) -> WallLaws:
         """Laws in natural units; see `Wall.law_of`."""
         width, scales = setting.cell.width, setting.scales
         return WallLaws(

@@ -22,7 +22,7 @@ from granular.effects.wall_side import (
     distance_energies,
     distance_forces,
 )
-from granular.kernel_data.constants import Constants, moments_of, over_mass, value_of
+from granular.kernel_data.constants import Constants, divide_by_mass, moments_of, value_of
 from granular.kernel_data.state import HEIGHT, Bed
 from granular.pairs.vector import lane_sum
 
@@ -35,14 +35,16 @@ class WallLaws(NamedTuple):
     bottom: Any
     top: Any
 
-    def room(self, size: int, count: int) -> np.ndarray | None:
-        """Room for the forces along a wall, which slabs alone have."""
+    def workspace(self, size: int, count: int) -> np.ndarray | None:
+        """Workspace for the forces along a wall, which slabs alone have."""
         slabs = any(hasattr(law, "add_forces") for law in self)
         return np.zeros(size) if slabs else None
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: WallLaws, room: Array | None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(
+        law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float
+    ) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall.
 
         The count is of grains on the wrong side of a wall, or at no number.
@@ -50,13 +52,13 @@ class WallLaws(NamedTuple):
         state, constants = bed.state, bed.constants
         return _add_wall_forces(
             law, constants.grains, moments_of(constants), state.x, state.y, state.fx, state.fy,
-            constants.width, state.piston[HEIGHT], state.scratch, room, state.wall_forces,
+            constants.width, state.piston[HEIGHT], state.scratch, workspace, state.wall_forces,
         )  # fmt: skip
 
     @staticmethod
     @compiled
     def measure(
-        law: WallLaws, room: Array | None, index: int, bed: Bed,
+        law: WallLaws, workspace: Array | None, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy of the grains at the walls."""
@@ -66,13 +68,13 @@ class WallLaws(NamedTuple):
             law, constants.grains, moments_of(constants), state.x, state.y,
             constants.width, state.piston[HEIGHT], stiffness, state.scratch,
         )  # fmt: skip
-        over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
         return 0
 
     @staticmethod
     @compiled
     def collision(
-        law: WallLaws, room: None, index: int, speed: float, constants: Constants
+        law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
         ratio = constants.least_ratio
@@ -91,12 +93,12 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
     state, constants = bed.state, bed.constants
     side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
     _measure_side(law, constants.grains, moments_of(constants), side, slopes, state.scratch)
-    over_mass(slopes, constants.moments, constants.masses, constants.grains)
+    divide_by_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 
 @compiled
 def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
-    """Undo `over_mass`: for terms of the walls that count a grain's moment as 1."""
+    """Undo `divide_by_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= value_of(masses, i) / moments[i]

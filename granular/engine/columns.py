@@ -58,10 +58,10 @@ def all_columns(laws: int, own: int = 0) -> tuple[str, ...]:
     """Every column of a record, with that many laws, and as many records of their own."""
     numbers = range(laws)
     known = (*COLUMNS, *map(energy_column, numbers), *map(loss_column, numbers))
-    return (*known, *map(own_column, range(own)))
+    return (*known, *map(custom_column, range(own)))
 
 
-def own_column(index: int) -> str:
+def custom_column(index: int) -> str:
     """Column of one of the laws' own records."""
     return f"own {index}"
 

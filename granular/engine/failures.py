@@ -22,7 +22,7 @@ from granular.shared.errors import (
 )
 
 
-def misplaced(
+def misplaced_grain_error(
     state: State, constants: Constants, scales: Scales, step: int, time: float, remedy: str
 ) -> RunError:
     """Error for a grain that is where it cannot be, after so many steps, at a time [s]."""
@@ -64,7 +64,9 @@ def misplaced(
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 
-def unbalanced(residual: float, limit: float, step: int, time: float, remedy: str) -> EnergyError:
+def unbalanced_energy_error(
+    residual: float, limit: float, step: int, time: float, remedy: str
+) -> EnergyError:
     """Error for an energy ledger that is off by that fraction of the energy turned over."""
     return EnergyError(
         f"the energy ledger is off by {residual:.2g} of the energy turned over, "
@@ -111,7 +113,7 @@ def countless(what: str, steps: float, limit: float, step: int, time: float) -> 
 
 
 @contextlib.contextmanager
-def unfinite_as(failure: Callable[[], Exception]) -> Iterator[None]:
+def raise_where_not_finite(failure: Callable[[], Exception]) -> Iterator[None]:
     """Without the compiler, let arithmetic that fails in a kernel be what compiled code reports."""
     try:
         yield

@@ -6,7 +6,7 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_over
 from granular.compiled.reference import by_reference
 from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
-from granular.kernel_data.constants import Constants, moments_of, over_mass
+from granular.kernel_data.constants import Constants, divide_by_mass, moments_of
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
@@ -85,7 +85,7 @@ def compute_forces(bed: Bed, time: float) -> int:
     _pair_forces(acting.dipole, acting.weight, bed, None, None)
     crowded = refresh_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
-    return crowded + _add_forces(acting.laws, state.rooms, bed, time)
+    return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
 
 
 @compiled
@@ -96,7 +96,7 @@ def measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
     _pair_forces(acting.dipole, acting.weight, bed, measurement.stiffness, measurement.extremes)
     crowded = find_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
-    return crowded + _add_forces(acting.laws, state.rooms, bed, time)
+    return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
 
 
 @compiled
@@ -132,9 +132,9 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
     stiffness = measurement.stiffness
     for i in range(constants.grains):
         stiffness[i] *= 6.0
-    over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+    divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
-    _measure(constants.acting.laws, state.rooms, bed, time, stiffness, energies)
+    _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
     return ENERGY * measurement.extremes[0] + far_energy(state.far_forces)
 
 

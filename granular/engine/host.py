@@ -39,7 +39,7 @@ from granular.effects.host import (
     PUSH,
     Chain,
     HostLaw,
-    HostRoom,
+    HostWorkspace,
     bed_momentum,
     last_speed,
 )
@@ -53,86 +53,88 @@ from granular.protocol.motion import Motion, outer_force
 
 @compiled(inline=True)
 def kick_host(
-    law: HostLaw, room: HostRoom, dt: float, bed: Bed, motion: Motion,
+    law: HostLaw, workspace: HostWorkspace, dt: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick host, grains and piston."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
     if apart and not opening:
-        _damp(law, room, dt, state)
-    _kick(law, room, dt, bed, motion, time, start, opening)
+        _damp(law, workspace, dt, state)
+    _kick(law, workspace, dt, bed, motion, time, start, opening)
     if apart and opening:
-        _damp(law, room, dt, state)
+        _damp(law, workspace, dt, state)
 
 
 @compiled(inline=True)
-def drift_host(law: HostLaw | None, room: HostRoom | None, dt: float, state: State) -> None:
+def drift_host(
+    law: HostLaw | None, workspace: HostWorkspace | None, dt: float, state: State
+) -> None:
     """Move the bodies, where there is a host."""
-    if law is not None and room is not None:
+    if law is not None and workspace is not None:
         last = law.chain.masses.size - 1
         for k in range(last):
-            room.kept[0, k] += dt * room.kept[1, k]
+            workspace.kept[0, k] += dt * workspace.kept[1, k]
         if last >= 0:
-            room.kept[0, last] += dt * last_speed(law, room, state)
+            workspace.kept[0, last] += dt * last_speed(law, workspace, state)
 
 
 @compiled
 def record_host(
-    law: HostLaw | None, room: HostRoom | None, state: State, time: float, values: Array
+    law: HostLaw | None, workspace: HostWorkspace | None, state: State, time: float, values: Array
 ) -> None:
     """Enter motion and drive, where there is a host."""
-    if law is not None and room is not None:
+    if law is not None and workspace is not None:
         last, at = law.chain.masses.size - 1, 0
         if last >= 0:
-            values[at] = room.kept[0, last]
-            values[at + 1] = last_speed(law, room, state)
+            values[at] = workspace.kept[0, last]
+            values[at + 1] = last_speed(law, workspace, state)
             at += 2
         for k in range(last):
-            values[at] = room.kept[0, k]
+            values[at] = workspace.kept[0, k]
             at += 1
         if law.driven:
             values[at] = excitation_at(law.drive, time)
 
 
 @compiled
-def _momentum(law: HostLaw, room: HostRoom, grains: float, speed: float) -> float:
+def _momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: float) -> float:
     """Momentum of the whole over the base; ``grains`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
     total = grains + law.piston_mass * speed
     for k in range(last):
-        total += law.chain.masses[k] * room.kept[1, k]
+        total += law.chain.masses[k] * workspace.kept[1, k]
     if law.mount != FIXED:
-        total += (law.frame_mass + law.bed_mass + law.piston_mass) * room.kept[1, last]
+        total += (law.frame_mass + law.bed_mass + law.piston_mass) * workspace.kept[1, last]
     return total
 
 
 @compiled
-def _power(law: HostLaw, room: HostRoom, state: State) -> float:
+def _power(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of what the outer force acts on."""
     last = law.chain.masses.size - 1
     total = 0.0
     for k in range(last):
-        total += law.chain.share[k] * room.kept[1, k]
+        total += law.chain.fraction[k] * workspace.kept[1, k]
     if last >= 0:
-        total += law.chain.share[last] * last_speed(law, room, state)
+        total += law.chain.fraction[last] * last_speed(law, workspace, state)
     return total
 
 
 @compiled
 def _kick_in_frame(
-    push: float, room: HostRoom, dt: float, bed: Bed, motion: Motion,
+    push: float, workspace: HostWorkspace, dt: float, bed: Bed, motion: Motion,
     time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     """Kick grains and piston in a frame of the acceleration ``push``."""
     state, constants = bed.state, bed.constants
-    room.present[PUSH] = push
+    workspace.present[PUSH] = push
     for i in range(constants.grains):
-        state.fy[i] = room.push[i] - value_of(constants.masses, i) * push
+        state.fy[i] = workspace.push[i] - value_of(constants.masses, i) * push
     kick_grains(dt, bed, opening)
     kick_piston(dt, bed, motion, time, start, opening)
     for i in range(constants.grains):
-        state.fy[i] = room.push[i]
+        state.fy[i] = workspace.push[i]
 
 
 @compiled
@@ -144,27 +146,27 @@ def _share(first: float, second: float) -> float:
 
 
 @compiled
-def _keep(room: HostRoom, bed: Bed) -> None:
+def _keep(workspace: HostWorkspace, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
-        room.speeds[0, i], room.speeds[1, i] = state.vx[i], state.vy[i]
+        workspace.speeds[0, i], workspace.speeds[1, i] = state.vx[i], state.vy[i]
     for k in range(state.ledger.size):
-        room.ledger[k] = state.ledger[k]
+        workspace.ledger[k] = state.ledger[k]
 
 
 @compiled
-def _take_back(room: HostRoom, bed: Bed, speed: float) -> None:
+def _take_back(workspace: HostWorkspace, bed: Bed, speed: float) -> None:
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
-        state.vx[i], state.vy[i] = room.speeds[0, i], room.speeds[1, i]
+        state.vx[i], state.vy[i] = workspace.speeds[0, i], workspace.speeds[1, i]
     for k in range(state.ledger.size):
-        state.ledger[k] = room.ledger[k]
+        state.ledger[k] = workspace.ledger[k]
     state.piston[SPEED] = speed
 
 
 @compiled
 def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
-    law: HostLaw, room: HostRoom, dt: float, bed: Bed,
+    law: HostLaw, workspace: HostWorkspace, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     state, constants = bed.state, bed.constants
@@ -172,21 +174,21 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
-    chain = _chain_forces(law.chain, room, force)
+    chain = _chain_forces(law.chain, workspace, force)
     outer, top = 0.0, 0.0
     if free:
         outer = outer_force(motion, time)
         top = state.wall_forces[TOP] - constants.piston_weight
     weight, bed_force = law.frame_mass, 0.0
     for i in range(constants.grains):
-        room.push[i] = state.fy[i]
+        workspace.push[i] = state.fy[i]
         bed_force += state.fy[i]
-    room.present[PULL] = 0.0
+    workspace.present[PULL] = 0.0
     if law.mount == FIXED:
         push = base
     elif free:
         if law.mount == PISTON_MOUNT:
-            room.present[PULL] = chain
+            workspace.present[PULL] = chain
             push = -(bed_force + top) / weight
         else:
             push = (chain - bed_force - top) / weight
@@ -194,22 +196,22 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         weight += law.piston_mass
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
-    power, total = _power(law, room, state), _momentum(law, room, grains, speed)
-    frame = room.kept[1, max(last, 0)]
+    power, total = _power(law, workspace, state), _momentum(law, workspace, grains, speed)
+    frame = workspace.kept[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
     dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
     if passes > 1:
-        _keep(room, bed)
+        _keep(workspace, bed)
     before, first = push, 0.0
     for attempt in range(passes):
-        held = _kick_bodies(law.chain, room, dt, base, dt * (push - base), dashpots)
-        _kick_in_frame(push, room, dt, bed, motion, time, start, opening)
+        held = _kick_bodies(law.chain, workspace, dt, base, dt * (push - base), dashpots)
+        _kick_in_frame(push, workspace, dt, bed, motion, time, start, opening)
         if attempt == passes - 1:
             break
         gain = dt * (bed_force - law.bed_mass * push) - (bed_momentum(bed) - grains)
         if free:
-            pull = top + outer + room.present[PULL] - law.piston_mass * push
+            pull = top + outer + workspace.present[PULL] - law.piston_mass * push
             gain += dt * pull - law.piston_mass * (state.piston[SPEED] - speed)
         missing = before + (held + gain / dt) / weight - push
         if attempt == 0:
@@ -217,85 +219,89 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             push += missing
         else:
             push += missing * _share(first, missing)
-        _take_back(room, bed, speed)
+        _take_back(workspace, bed, speed)
     if law.mount != FIXED:
         taken = bed_momentum(bed) - grains
         if free:
             taken += law.piston_mass * (state.piston[SPEED] - speed)
         mass = law.frame_mass + law.piston_mass + law.bed_mass
         change = (dt * (chain + held + outer) - taken) / mass - dt * base
-        room.changes[last] = change
+        workspace.changes[last] = change
         if dashpots:
-            _enter_dashpots(law, room, dt, state)
+            _enter_dashpots(law, workspace, dt, state)
         for k in range(last + 1):
-            room.kept[1, k] += room.changes[k]
-        state.ledger[WORK] += dt * outer * 0.5 * (frame + room.kept[1, last])
-    power += _power(law, room, state)
-    total += _momentum(law, room, bed_momentum(bed), state.piston[SPEED])
+            workspace.kept[1, k] += workspace.changes[k]
+        state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.kept[1, last])
+    power += _power(law, workspace, state)
+    total += _momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
 @compiled
-def _damp(law: HostLaw, room: HostRoom, dt: float, state: State) -> None:
+def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
     """Dashpots alone over ``dt``, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
     half = 0.5 * dt
     for k in range(count):
         mass = chain.masses[k] if k < count - 1 else law.piston_mass
         above = chain.damping[k + 1] if k + 1 < count else 0.0
-        drag = -chain.damping[k] * (_speed(law, room, state, k) - _speed(law, room, state, k - 1))
+        drag = -chain.damping[k] * (
+            _speed(law, workspace, state, k) - _speed(law, workspace, state, k - 1)
+        )
         if k + 1 < count:
-            drag += above * (_speed(law, room, state, k + 1) - _speed(law, room, state, k))
-        room.diagonal[k] = mass + half * (chain.damping[k] + above)
-        room.changes[k] = dt * drag
+            drag += above * (
+                _speed(law, workspace, state, k + 1) - _speed(law, workspace, state, k)
+            )
+        workspace.diagonal[k] = mass + half * (chain.damping[k] + above)
+        workspace.changes[k] = dt * drag
         if k > 0:
-            ratio = half * chain.damping[k] / room.diagonal[k - 1]
-            room.diagonal[k] -= ratio * half * chain.damping[k]
-            room.changes[k] += ratio * room.changes[k - 1]
+            ratio = half * chain.damping[k] / workspace.diagonal[k - 1]
+            workspace.diagonal[k] -= ratio * half * chain.damping[k]
+            workspace.changes[k] += ratio * workspace.changes[k - 1]
     for back in range(count):
         k = count - 1 - back
         if k + 1 < count:
-            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
-        room.changes[k] /= room.diagonal[k]
+            workspace.changes[k] += half * chain.damping[k + 1] * workspace.changes[k + 1]
+        workspace.changes[k] /= workspace.diagonal[k]
     below = 0.0
     for k in range(count):
-        mean = _speed(law, room, state, k) + 0.5 * room.changes[k]
+        mean = _speed(law, workspace, state, k) + 0.5 * workspace.changes[k]
         state.ledger[law.entry] += dt * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
     for k in range(count - 1):
-        room.kept[1, k] += room.changes[k]
-    state.piston[SPEED] += room.changes[count - 1]
+        workspace.kept[1, k] += workspace.changes[k]
+    state.piston[SPEED] += workspace.changes[count - 1]
 
 
 @compiled
-def _speed(law: HostLaw, room: HostRoom, state: State, k: int) -> float:
+def _speed(law: HostLaw, workspace: HostWorkspace, state: State, k: int) -> float:
     """Velocity of a body over the base; 0 of the base."""
     if k < 0:
         return 0.0
     if k == law.chain.masses.size - 1:
-        return last_speed(law, room, state)
-    return room.kept[1, k]
+        return last_speed(law, workspace, state)
+    return workspace.kept[1, k]
 
 
 @compiled
-def _chain_forces(chain: Chain, room: HostRoom, force: float) -> float:
+def _chain_forces(chain: Chain, workspace: HostWorkspace, force: float) -> float:
     """Fill in the force of springs and from outside on each body; that on the last one."""
     count = chain.masses.size
     tension, result = 0.0, 0.0
     for back in range(count):
         k = count - 1 - back
-        below = room.kept[0, k - 1] if k > 0 else 0.0
-        own = chain.stiffness[k] * (room.kept[0, k] - below)
-        room.forces[k] = tension - own + chain.share[k] * force
+        below = workspace.kept[0, k - 1] if k > 0 else 0.0
+        own = chain.stiffness[k] * (workspace.kept[0, k] - below)
+        workspace.forces[k] = tension - own + chain.fraction[k] * force
         tension = own
     if count > 0:
-        result = room.forces[count - 1]
+        result = workspace.forces[count - 1]
     return result
 
 
 @compiled
 def _kick_bodies(
-    chain: Chain, room: HostRoom, dt: float, base: float, change: float, dashpots: bool
+    chain: Chain, workspace: HostWorkspace, dt: float, base: float, change: float, dashpots: bool
 ) -> float:
     """Fill in what the bodies below the last one gain, where that gains ``change``.
 
@@ -306,34 +312,34 @@ def _kick_bodies(
         own, above = chain.damping[k], chain.damping[k + 1]
         if not dashpots:
             own, above = 0.0, 0.0
-        speed, below = room.kept[1, k], room.kept[1, k - 1] if k > 0 else 0.0
-        drag = above * (room.kept[1, k + 1] - speed) - own * (speed - below)
-        gain = dt * (room.forces[k] - chain.masses[k] * base + drag)
+        speed, below = workspace.kept[1, k], workspace.kept[1, k - 1] if k > 0 else 0.0
+        drag = above * (workspace.kept[1, k + 1] - speed) - own * (speed - below)
+        gain = dt * (workspace.forces[k] - chain.masses[k] * base + drag)
         if k == last - 1:
             gain += half * above * change
-        room.diagonal[k] = chain.masses[k] + half * (own + above)
+        workspace.diagonal[k] = chain.masses[k] + half * (own + above)
         if k > 0:
-            ratio = half * own / room.diagonal[k - 1]
-            room.diagonal[k] -= ratio * half * own
-            gain += ratio * room.changes[k - 1]
-        room.changes[k] = gain
+            ratio = half * own / workspace.diagonal[k - 1]
+            workspace.diagonal[k] -= ratio * half * own
+            gain += ratio * workspace.changes[k - 1]
+        workspace.changes[k] = gain
     for back in range(last):
         k = last - 1 - back
         if k < last - 1 and dashpots:
-            room.changes[k] += half * chain.damping[k + 1] * room.changes[k + 1]
-        room.changes[k] /= room.diagonal[k]
+            workspace.changes[k] += half * chain.damping[k + 1] * workspace.changes[k + 1]
+        workspace.changes[k] /= workspace.diagonal[k]
     if last < 0 or not dashpots:
         return 0.0
-    room.changes[last] = change
-    below = room.kept[1, last - 1] + 0.5 * room.changes[last - 1] if last > 0 else 0.0
-    return -chain.damping[last] * (room.kept[1, last] + 0.5 * change - below)
+    workspace.changes[last] = change
+    below = workspace.kept[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
+    return -chain.damping[last] * (workspace.kept[1, last] + 0.5 * change - below)
 
 
 @compiled
-def _enter_dashpots(law: HostLaw, room: HostRoom, dt: float, state: State) -> None:
+def _enter_dashpots(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
     """Enter what the dashpots take at the mean velocities of a kick."""
     below = 0.0
     for k in range(law.chain.masses.size):
-        mean = room.kept[1, k] + 0.5 * room.changes[k]
+        mean = workspace.kept[1, k] + 0.5 * workspace.changes[k]
         state.ledger[law.entry] += dt * law.chain.damping[k] * (mean - below) * (mean - below)
         below = mean

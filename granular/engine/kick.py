@@ -51,8 +51,8 @@ def kick_grains(dt: float, bed: Bed, opening: bool) -> None:
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opening:
-        _kick(laws, state.rooms, dt, bed, opening)
-        _flow(laws, state.rooms, dt, bed, opening)
+        _kick(laws, state.workspaces, dt, bed, opening)
+        _flow(laws, state.workspaces, dt, bed, opening)
     else:
-        _flow_back(laws, state.rooms, dt, bed, opening)
-        _kick(laws, state.rooms, dt, bed, opening)
+        _flow_back(laws, state.workspaces, dt, bed, opening)
+        _kick(laws, state.workspaces, dt, bed, opening)

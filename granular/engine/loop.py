@@ -22,7 +22,7 @@ from granular.engine.forces import kinetic_energy, measure_forces, potential_ene
 from granular.engine.host import record_host
 from granular.engine.piston import piston_energy
 from granular.engine.step import Plan, make_step
-from granular.engine.step_size import Pace, tick_start, tick_steps
+from granular.engine.step_size import StepSchedule, tick_start, tick_steps
 from granular.engine.stiffness import stiffest_mode
 from granular.engine.variable import next_step
 from granular.kernel_data.constants import Constants
@@ -53,7 +53,7 @@ STIFFEST, LATEST, TURNED = range(3)
 """Entries of what a watch has seen."""
 
 
-class Watch(NamedTuple):
+class StopCriteria(NamedTuple):
     """Criteria that the loop checks at every tick.
 
     Attributes
@@ -130,7 +130,7 @@ def _anyone_below(y: Array, count: int, height: float) -> bool:
 
 
 @compiled
-def _resting(watch: Watch, tick: int, row: Array) -> bool:
+def _resting(watch: StopCriteria, tick: int, row: Array) -> bool:
     """Return whether piston and grains have been at rest for the window."""
     height = row[columns.HEIGHT]
     watch.band[LOWEST] = min(watch.band[LOWEST], height)
@@ -165,7 +165,7 @@ class Window(NamedTuple):
 
 
 @compiled
-def _turned_over(watch: Watch, laws: int, row: Array) -> float:
+def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
     """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
@@ -178,8 +178,8 @@ def _turned_over(watch: Watch, laws: int, row: Array) -> float:
 
 @compiled
 def _make_tick(
-    fraction: float | None, every: int | None, tick: int, window: Window, pace: Pace, plan: Plan,
-    bed: Bed, motion: Motion, measurement: Measurement,
+    fraction: float | None, every: int | None, tick: int, window: Window, pace: StepSchedule,
+    plan: Plan, bed: Bed, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
     """Make the steps of a tick; not zero where a grain is where it cannot be.
 
@@ -237,13 +237,13 @@ def _make_tick(
 @entry
 def advance(
     window: Window,
-    pace: Pace,
+    pace: StepSchedule,
     plan: Plan,
     state: State,
     constants: Constants,
     motion: Motion,
     measurement: Measurement,
-    watch: Watch,
+    watch: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:
     """Advance tick by tick; no ticks are a look at the present moment alone.
@@ -276,8 +276,8 @@ def _look(window: Window, bed: Bed, motion: Motion, measurement: Measurement, ro
 
 @compiled
 def _advance(
-    window: Window, pace: Pace, plan: Plan, bed: Bed, motion: Motion,
-    measurement: Measurement, watch: Watch, rows: Array,
+    window: Window, pace: StepSchedule, plan: Plan, bed: Bed, motion: Motion,
+    measurement: Measurement, watch: StopCriteria, rows: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
     state, constants = bed.state, bed.constants
     if window.ticks == 0:
@@ -302,7 +302,7 @@ def _advance(
         measure(window.start + state.clock[TIME], bed, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
-        turned = _turned_over(watch, laws, row)
+        turned = _energy_turnover(watch, laws, row)
         watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _resting(watch, done, row)
@@ -329,8 +329,8 @@ def look(
     its own would be compiled besides.
     """
     status, _, _ = advance(
-        Window(start, 0.0, math.inf, 0, 0), Pace(1.0, 1.0, 1, 1, 1, 0), plan, state, constants,
-        motion, measurement,
-        Watch(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf), row[None],
+        Window(start, 0.0, math.inf, 0, 0), StepSchedule(1.0, 1.0, 1, 1, 1, 0), plan, state,
+        constants, motion, measurement,
+        StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf), row[None],
     )  # fmt: skip
     return bool(status == OUTSIDE)

@@ -10,9 +10,9 @@ from granular.kernel_data.constants import Acting
 from granular.kernel_data.state import LOSSES, Measurement, Slopes, State
 from granular.methods import Method
 from granular.pairs.direct import padded_coordinates, part_buffers
-from granular.pairs.far_field import FarForces, far_forces_room
-from granular.pairs.stripes import Stripes, stripes_room
-from granular.pairs.verlet_list import verlet_list_room
+from granular.pairs.far_field import FarForces, far_forces_workspace
+from granular.pairs.stripes import Stripes, stripes_workspace
+from granular.pairs.verlet_list import verlet_list_workspace
 
 
 def new_state(
@@ -24,7 +24,7 @@ def new_state(
     """
     count = len(positions)
     x, y = padded_coordinates(positions)
-    workspaces = tuple(_room(law, x.size, count) for law in acting.laws)
+    workspaces = tuple(_workspace(law, x.size, count) for law in acting.laws)
     hosts = [
         workspace
         for law, workspace in zip(acting.laws, workspaces, strict=True)
@@ -48,9 +48,9 @@ def new_state(
         stripes=_stripes(x.size, acting),
         verlet_list=None
         if acting.listing is None
-        else verlet_list_room(x.size, acting.listing.radius),
+        else verlet_list_workspace(x.size, acting.listing.radius),
         far_forces=_far_forces(x.size, acting),
-        rooms=workspaces,
+        workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
         buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
@@ -59,15 +59,15 @@ def new_state(
     )
 
 
-def _room(law: Any, size: int, count: int) -> Any:
-    return law.room(size, count) if hasattr(law, "room") else None
+def _workspace(law: Any, size: int, count: int) -> Any:
+    return law.workspace(size, count) if hasattr(law, "workspace") else None
 
 
 def _stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
     cut = acting.cut
-    return stripes_room(
+    return stripes_workspace(
         size, moments=cut.moments, loaded=acting.weight is not None, periods=cut.periods
     )
 
@@ -75,7 +75,7 @@ def _stripes(size: int, acting: Acting) -> Stripes | None:
 def _far_forces(size: int, acting: Acting) -> FarForces | None:
     if acting.far is None:
         return None
-    return far_forces_room(acting.far, size, loaded=acting.weight is not None)
+    return far_forces_workspace(acting.far, size, loaded=acting.weight is not None)
 
 
 def _slopes(rows: int, size: int) -> Slopes:

@@ -8,7 +8,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.dispatch import sum_over
 from granular.effects import drag
 from granular.effects.friction_law import sliding
-from granular.effects.host import PULL, PUSH, HostRoom
+from granular.effects.host import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensation import compensated_sum
 from granular.kernel_data.constants import Constants, Resistance
@@ -32,11 +32,11 @@ enter_work = sum_over("work", "dt bed time")
 
 
 @compiled(inline=True)
-def _held_back(room: HostRoom | None, constants: Constants) -> float:
+def _held_back(workspace: HostWorkspace | None, constants: Constants) -> float:
     """Inertial force that a free piston lacks where a host accelerates the cell [F*]."""
-    if room is None:
+    if workspace is None:
         return 0.0
-    return constants.piston_mass * room.present[PUSH] - room.present[PULL]
+    return constants.piston_mass * workspace.present[PUSH] - workspace.present[PULL]
 
 
 @compiled
@@ -106,19 +106,19 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
         net = force - sign * friction
         decay, gain, _, _, _ = drag.flow(rate, dt)
         if sign * (decay * v + gain * net / mass) > 0.0:
-            displacement = drag.way(rate, dt, gain, abs(v), sign * net / mass)
+            displacement = drag.displacement(rate, dt, gain, abs(v), sign * net / mass)
             state.ledger[PISTON] += friction * displacement
             _push(resistance, net, dt, mass, state)
             return
         brake = -sign * net / mass
-        displacement = drag.stopping_way(rate, abs(v), brake)
+        displacement = drag.stopping_distance(rate, abs(v), brake)
         state.ledger[PISTON] += 0.5 * mass * v * v + sign * force * displacement
         state.piston[SPEED] = 0.0
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
     if abs(force) > friction:
         net = force - math.copysign(friction, force)
         _, gain, _, _, _ = drag.flow(rate, dt)
-        state.ledger[PISTON] += friction * drag.way(rate, dt, gain, 0.0, abs(net) / mass)
+        state.ledger[PISTON] += friction * drag.displacement(rate, dt, gain, 0.0, abs(net) / mass)
         _push(resistance, net, dt, mass, state)
 
 
@@ -156,7 +156,7 @@ def kick_piston(
     """
     state, constants = bed.state, bed.constants
     if motion.free:
-        swing = lift(constants.acting.laws, state.rooms, start + time)
+        swing = lift(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
@@ -166,7 +166,7 @@ def kick_piston(
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
         state.ledger[WORK] -= dt * state.wall_forces[TOP] * _path_speed(motion, time, dt, opening)
-    enter_work(constants.acting.laws, state.rooms, dt, bed, start + time)
+    enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
 @compiled(inline=True)
@@ -189,7 +189,7 @@ def piston_energy(bed: Bed, time: float) -> float:
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0
-    swing = lift(constants.acting.laws, state.rooms, time)
+    swing = lift(constants.acting.laws, state.workspaces, time)
     height, velocity = state.piston[HEIGHT], state.piston[SPEED]
     return (
         0.5 * constants.piston_mass * velocity * velocity

@@ -47,7 +47,7 @@ def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
         slopes[Y, i] = state.vy[i]
         slopes[VX, i] = state.fx[i] / mass
         slopes[VY, i] = state.fy[i] / mass
-    _slow(constants.acting.laws, state.rooms, slopes, dt, bed)
+    _slow(constants.acting.laws, state.workspaces, slopes, dt, bed)
 
 
 @compiled
@@ -56,7 +56,7 @@ def _piston_slopes(
 ) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
-        swing = lift(constants.acting.laws, state.rooms, start + time)
+        swing = lift(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force(motion, time)
         rate = _resistance_rate(constants.resistance)
         force = (
@@ -69,7 +69,7 @@ def _piston_slopes(
         state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
     else:
         state.ledger[WORK] -= dt * state.wall_forces[TOP] * path(motion, time)[1]
-    enter_work(constants.acting.laws, state.rooms, dt, bed, start + time)
+    enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
 @compiled

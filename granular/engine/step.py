@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import last_with
-from granular.effects.host import HostLaw, HostRoom
+from granular.effects.host import HostLaw, HostWorkspace
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.host import drift_host, kick_host
 from granular.engine.kick import kick_grains
@@ -68,11 +68,11 @@ def drift_grains(rounding: Array | None, dt: float, state: State, count: int) ->
 
 @compiled(inline=True)
 def _kick(
-    host: HostLaw | None, room: HostRoom | None, dt: float, bed: Bed,
+    host: HostLaw | None, workspace: HostWorkspace | None, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
-    if host is not None and room is not None:
-        kick_host(host, room, dt, bed, motion, time, start, opening)
+    if host is not None and workspace is not None:
+        kick_host(host, workspace, dt, bed, motion, time, start, opening)
     else:
         kick_grains(dt, bed, opening)
         kick_piston(dt, bed, motion, time, start, opening)
@@ -130,7 +130,7 @@ def make_step(
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
-                _glide(constants.acting.laws, state.rooms, dt, bed)
+                _glide(constants.acting.laws, state.workspaces, dt, bed)
                 drift_piston(dt, bed, motion, stage, start)
                 drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1

@@ -97,7 +97,7 @@ class Step:
         """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
         return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
 
-    def pace(self, record: float, frame: float, frequency: float, tau: float) -> Pace:
+    def pace(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
         """Divide a stage into ticks and steps, for these intervals of records and frames [tau].
 
         A given step stays as it is, and the distances are rounded to whole steps and records; an
@@ -108,12 +108,12 @@ class Step:
             steps = max(1, round(record / h))
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
-            return Pace(steps * h / every, h, every, _count(every * frames), LOOK, steps)
+            return StepSchedule(steps * h / every, h, every, _count(every * frames), LOOK, steps)
         every = -(-self.steps_of(record, frequency) // LOOK)
         length = record / every
         steps = self.steps_of(length, frequency)
         frames = max(1, round(frame / record))
-        return Pace(length, length / steps, every, _count(every * frames), steps, 0)
+        return StepSchedule(length, length / steps, every, _count(every * frames), steps, 0)
 
 
 def _count(ticks: int) -> int:
@@ -121,7 +121,7 @@ def _count(ticks: int) -> int:
     return min(ticks, MOST_COUNT)
 
 
-class Pace(NamedTuple):
+class StepSchedule(NamedTuple):
     """Ticks and steps of a stage, as the compiled loop takes them.
 
     Attributes
@@ -148,13 +148,13 @@ class Pace(NamedTuple):
     steps: int
     given: int
 
-    def with_steps(self, steps: int) -> Pace:
+    def with_steps(self, steps: int) -> StepSchedule:
         """Return the same ticks with another automatic step."""
         return self._replace(steps=steps, h=self.length / steps)
 
 
 @compiled
-def tick_start(pace: Pace, tick: int) -> float:
+def tick_start(pace: StepSchedule, tick: int) -> float:
     """Time from the stage's start to a tick's start [tau]."""
     if pace.given > 0:
         return steps_before(pace, tick) * pace.h
@@ -162,7 +162,7 @@ def tick_start(pace: Pace, tick: int) -> float:
 
 
 @compiled
-def steps_before(pace: Pace, tick: int) -> int:
+def steps_before(pace: StepSchedule, tick: int) -> int:
     """Given steps from the stage's start to a tick's start.
 
     That is tick * given // every, whose product may pass 64 bits.
@@ -172,14 +172,14 @@ def steps_before(pace: Pace, tick: int) -> int:
 
 
 @compiled
-def tick_steps(pace: Pace, tick: int) -> int:
+def tick_steps(pace: StepSchedule, tick: int) -> int:
     """Return the steps of a tick."""
     if pace.given > 0:
         return steps_before(pace, tick + 1) - steps_before(pace, tick)
     return pace.steps
 
 
-def whole_ticks(pace: Pace, time: float) -> float:
+def whole_ticks(pace: StepSchedule, time: float) -> float:
     """Ticks that end by a time in the stage [tau]."""
     if math.isinf(time):
         return math.inf

@@ -25,10 +25,10 @@ _POWER = 4
 
 
 @compiled
-def _enter(gap: float, rate: float, share: float, square: float) -> tuple[float, float]:
+def _enter(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
     """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
-    near, far = share * inverse**5, square * inverse**2
+    near, far = fraction * inverse**5, square * inverse**2
     kappa = near + far
     cube = kappa * kappa * kappa
     return cube * kappa, -_POWER * cube * (5.0 * near + 2.0 * far) * inverse * rate

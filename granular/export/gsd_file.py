@@ -63,7 +63,7 @@ def to_gsd(
             "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
         ) from None
     run, path = open_run(run), Path(path)
-    low, size = _room_of(run)
+    low, size = _box_of(run)
     with replacing(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
         unchanging = _constant_fields(run)
         for frame in bed_frames(run, bar=path.name if progress else None):
@@ -71,7 +71,7 @@ def to_gsd(
     return path
 
 
-def _room_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def _box_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Lower left corner and size of what holds the cell at any time (2,), (2,) [m]."""
     if run.scene.cell.periods is not None:
         return np.zeros(2), np.array(run.scene.cell.periods)

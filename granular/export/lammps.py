@@ -171,11 +171,11 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     asked = checked_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
-    highest = max(_squeezed(deck, start), _colliding(deck, start)) * deck.scales.rate
+    highest = max(_compressed_frequency(deck, start), _colliding(deck, start)) * deck.scales.rate
     return min(deck.scene.output.scalars, asked.fraction / highest if highest else math.inf)
 
 
-def _squeezed(deck: Deck, start: _Start) -> float:
+def _compressed_frequency(deck: Deck, start: _Start) -> float:
     """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit

@@ -69,8 +69,8 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return named | {
         "abs": sympy.Abs,
         "heaviside": sympy.Heaviside,
-        "max": _folded(_choice("max")),
-        "min": _folded(_choice("min")),
+        "max": _fold_operands(_choice("max")),
+        "min": _fold_operands(_choice("min")),
         "+": sympy.Add,
         "*": sympy.Mul,
         "-": lambda operand: -operand,
@@ -79,7 +79,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
     }
 
 
-def _folded(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+def _fold_operands(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     """Return a function of two operands for any number of them."""
     return lambda *operands: functools.reduce(pair, operands)
 

@@ -131,7 +131,7 @@ class _Parser:
                 head, operands = self._function(node, token), node.args
             case _:
                 raise self._unreadable(node.col_offset)
-        return self._applied(head, [self._part(operand, depth + 1) for operand in operands], token)
+        return self._apply(head, [self._part(operand, depth + 1) for operand in operands], token)
 
     def _name(self, token: Token) -> _Part:
         text = token[0]
@@ -149,8 +149,8 @@ class _Parser:
         for operand, operator in _chain(node, ast.Add, ast.Sub):
             term = self._part(operand, depth + 1)
             subtracted = isinstance(operator, ast.Sub)
-            terms.append(self._applied("-", [term], token) if subtracted else term)
-        return self._applied("+", terms, token)
+            terms.append(self._apply("-", [term], token) if subtracted else term)
+        return self._apply("+", terms, token)
 
     def _function(self, node: ast.Call, token: Token) -> str:
         name = function_name(token[0], self.functions)
@@ -162,7 +162,7 @@ class _Parser:
             raise error_at(token, what, f"{wanted} are wanted")
         return name
 
-    def _applied(self, head: str, parts: list[_Part], token: Token) -> _Part:
+    def _apply(self, head: str, parts: list[_Part], token: Token) -> _Part:
         """Operator or a function applied to its operands, if that can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"at most {MAX_POWER} is computed: write a lower one"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from granular.formulas.functions import ALIASES, CONSTANTS, Function
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 MAX_CHARACTERS = 4000
 """Of a formula: five times the longest equation that a search has written."""
@@ -122,7 +122,7 @@ def _foreign(token: Token) -> FormulaError:
         remedy = "a prime follows a name, as in z'"
     else:
         remedy = "write numbers, names, + - * / ** ( ) and functions"
-    shown = quoted(character)
+    shown = quote(character)
     if not character.isascii():
         shown += f" ({unicodedata.name(character, 'nameless')})"
     return error_at(token, f"{shown} is none of the characters of a formula", remedy)
@@ -137,7 +137,7 @@ def function_name(name: str, functions: Mapping[str, Function]) -> str | None:
 def error_at(token: Token, what: str, remedy: str) -> FormulaError:
     """Error that names what is wrong, the text from there on, and what to write."""
     rest = token.string[token.start() :][:20].strip()
-    return FormulaError(f"{what} at {quoted(rest)}; {remedy}")
+    return FormulaError(f"{what} at {quote(rest)}; {remedy}")
 
 
 def too_deep(token: Token) -> FormulaError:

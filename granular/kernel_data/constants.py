@@ -128,7 +128,9 @@ def value_of(values: Array | None, i: int) -> float:
 
 
 @compiled
-def over_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+def divide_by_mass(
+    stiffness: Array, moments: Array | None, masses: Array | None, count: int
+) -> None:
     """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
     if moments is not None:
         for i in range(count):

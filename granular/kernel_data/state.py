@@ -66,7 +66,7 @@ class State(NamedTuple):
         The far field, and its forces.
     rooms : tuple
         Scratch of each law, or None; arrays of it are zero behind the grains.
-    host : HostRoom or None
+    host : HostWorkspace or None
         That of what carries the cell, which moves all the others.
     scratch : float64 (m,)
         For sums over the grains; zero behind them.
@@ -93,7 +93,7 @@ class State(NamedTuple):
     stripes: Stripes | None
     verlet_list: VerletList | None
     far_forces: FarForces | None
-    rooms: tuple[Any, ...]
+    workspaces: tuple[Any, ...]
     host: Any
     scratch: np.ndarray
     buffers: np.ndarray | None

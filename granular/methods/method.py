@@ -9,7 +9,7 @@ from typing import Any
 
 from granular.methods.order_conditions import HIGHEST_ORDER, failed_tree, failed_word
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 COMPENSATED = "+compensated"
 """Behind the name of a composition method: positions and velocities as compensated sums."""
@@ -75,7 +75,7 @@ class Method:
             failed = failed_tree(self.tableau, self.order)
         if failed is not None:
             raise InputError(
-                f"method {quoted(self.name)} declares order {self.order}: {failed}; mend the "
+                f"method {quote(self.name)} declares order {self.order}: {failed}; mend the "
                 "coefficients, or declare the order that they have"
             )
 
@@ -138,7 +138,7 @@ def method_from_plain(plain: Mapping[str, Any]) -> Method:
     known = [field.name for field in dataclasses.fields(Method)]
     for name in plain:
         if name not in known:
-            raise InputError(f"a method has no {quoted(name)}; it has {', '.join(known)}")
+            raise InputError(f"a method has no {quote(name)}; it has {', '.join(known)}")
     for name in ("name", "order"):
         if name not in plain:
             raise InputError(f"the method lacks {name!r}; give it")
@@ -151,30 +151,30 @@ def _set(method: Method, name: str, value: Any) -> None:
 
 def _check_words(method: Method) -> None:
     if not isinstance(method.name, str) or not method.name or not method.name.isprintable():
-        raise InputError(f"method name = {quoted(method.name)}; give a printable word")
+        raise InputError(f"method name = {quote(method.name)}; give a printable word")
     if not isinstance(method.source, str):
-        raise InputError(f"source = {quoted(method.source)} of a method; give words")
+        raise InputError(f"source = {quote(method.source)} of a method; give words")
     if type(method.order) is not int or not 1 <= method.order <= HIGHEST_ORDER:
         raise InputError(
-            f"order = {quoted(method.order)} of method {quoted(method.name)}; give a whole number "
+            f"order = {quote(method.order)} of method {quote(method.name)}; give a whole number "
             f"from 1 to {HIGHEST_ORDER}"
         )
     for name in ("variable", "compensated"):
         if type(getattr(method, name)) is not bool:
-            raise InputError(f"{name} = {quoted(getattr(method, name))} of a method; give a bool")
+            raise InputError(f"{name} = {quote(getattr(method, name))} of a method; give a bool")
 
 
 def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
     """Fractions of a step as floats."""
-    words = f"{what} of method {quoted(method.name)}"
+    words = f"{what} of method {quote(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{words} are {quoted(values)}; give a list of numbers")
+        raise InputError(f"{words} are {quote(values)}; give a list of numbers")
     result = tuple(values)
     if len(result) > MOST_STAGES + 1:
         raise InputError(f"{words} are {len(result)}; give at most {MOST_STAGES + 1}")
     for value in result:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{words} hold {quoted(value)}; give numbers")
+            raise InputError(f"{words} hold {quote(value)}; give numbers")
         if not math.isfinite(value) or abs(value) > 1e3:
             raise InputError(f"{words} hold {value:g}; give fractions of a step")
     return tuple(map(float, result))
@@ -183,26 +183,26 @@ def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
 def _rows(method: Method) -> tuple[tuple[float, ...], ...]:
     rows = method.tableau
     if isinstance(rows, str) or not isinstance(rows, Iterable):
-        raise InputError(f"tableau of method {quoted(method.name)} is {quoted(rows)}; give rows")
+        raise InputError(f"tableau of method {quote(method.name)} is {quote(rows)}; give rows")
     return tuple(_numbers(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
 
 
 def _check_composition(method: Method) -> None:
     if len(method.kicks) != len(method.drifts) + 1 or not method.drifts:
         raise InputError(
-            f"method {quoted(method.name)} has {len(method.kicks)} kicks and {len(method.drifts)} "
+            f"method {quote(method.name)} has {len(method.kicks)} kicks and {len(method.drifts)} "
             "drifts; give one kick more than drifts (0 where a step begins or ends with a drift)"
         )
     if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
         raise InputError(
-            f"method {quoted(method.name)}: variable steps go with kicks (0.5, 0.5) and drifts "
+            f"method {quote(method.name)}: variable steps go with kicks (0.5, 0.5) and drifts "
             "(1,) alone; leave variable out"
         )
 
 
 def _check_tableau(method: Method) -> None:
     assert method.tableau is not None
-    name, stages = quoted(method.name), len(method.tableau) - 1
+    name, stages = quote(method.name), len(method.tableau) - 1
     if method.variable or method.compensated:
         raise InputError(f"method {name} is a Runge-Kutta method; leave variable, compensated out")
     if (method.kicks, method.drifts) != ((0.0,), ()):

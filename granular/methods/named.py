@@ -10,7 +10,7 @@ from granular.methods.method import COMPENSATED, Method, method_from_plain
 from granular.methods.tables import METHODS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.registry import Registry, entry_point_names, load_entry_point
 
 GROUP = "granular.methods"
@@ -38,11 +38,11 @@ def method_of(method: str | Method | Mapping[str, Any]) -> Method:
     if isinstance(method, Mapping):
         method = method_from_plain(method)
     if not isinstance(method, Method):
-        raise InputError(f"method = {quoted(method)}; give a name, or a granular.Method")
+        raise InputError(f"method = {quote(method)}; give a name, or a granular.Method")
     plain = method.name.removesuffix(COMPENSATED)
     if plain in METHODS and method != method_named(method.name):
         raise InputError(
-            f"method {quoted(method.name)} has the name of one that is built in, and is another; "
+            f"method {quote(method.name)} has the name of one that is built in, and is another; "
             "give it a name of its own"
         )
     return method
@@ -95,7 +95,7 @@ def compensated(method: Method) -> Method:
     """
     if method.tableau is not None:
         raise InputError(
-            f"method = {quoted(method.name + COMPENSATED)}: a Runge-Kutta method has no "
+            f"method = {quote(method.name + COMPENSATED)}: a Runge-Kutta method has no "
             f"compensated form; take {method.name!r}"
         )
     return dataclasses.replace(method, name=method.name + COMPENSATED, compensated=True)
@@ -113,7 +113,7 @@ def add_methods(methods: Iterable[Method]) -> None:
         former = _own.get(method_of(method).name, method)
         if former != method:
             raise InputError(
-                f"two methods are called {quoted(method.name)}; give each a name of its own"
+                f"two methods are called {quote(method.name)}; give each a name of its own"
             )
         _own[method.name] = method
 
@@ -127,5 +127,5 @@ def _from_entry_point(name: str) -> Method | None:
     if entry_point is not None and (
         not isinstance(entry_point, Method) or entry_point.name != name
     ):
-        raise InputError(f"method {quoted(name)} is no granular.Method of that name")
+        raise InputError(f"method {quote(name)} is no granular.Method of that name")
     return entry_point

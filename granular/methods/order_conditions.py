@@ -69,7 +69,7 @@ def failed_tree(tableau: Sequence[Sequence[float]], order: int) -> str | None:
             result = float(weights @ _stage_weights(tree, rows))
             if abs(result - 1.0 / _density(tree)) > TOLERANCE:
                 return (
-                    f"order {nodes} needs 1/{_density(tree)} for the tree {_written(tree)}, and "
+                    f"order {nodes} needs 1/{_density(tree)} for the tree {_write_call(tree)}, and "
                     f"this tableau gives {result:.12g}"
                 )
     return None
@@ -135,5 +135,5 @@ def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
     return result
 
 
-def _written(tree: Tree) -> str:
-    return "[" + "".join(map(_written, tree)) + "]"
+def _write_call(tree: Tree) -> str:
+    return "[" + "".join(map(_write_call, tree)) + "]"

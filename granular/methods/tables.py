@@ -20,17 +20,17 @@ from granular.shared.registry import Registry
 
 def _ends_with_kicks(name: str, order: int, source: str, *fractions: float) -> Method:
     """Symmetric method from the first half of its fractions: kick, drift, kick, ..."""
-    total = _mirrored(fractions)
+    total = _mirror(fractions)
     return Method(name, order, source, kicks=total[::2], drifts=total[1::2])
 
 
 def _ends_with_drifts(name: str, order: int, source: str, *fractions: float) -> Method:
     """Symmetric method from the first half of its fractions: drift, kick, drift, ..."""
-    total = _mirrored(fractions)
+    total = _mirror(fractions)
     return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
 
-def _mirrored(fractions: tuple[float, ...]) -> tuple[float, ...]:
+def _mirror(fractions: tuple[float, ...]) -> tuple[float, ...]:
     """Fractions and, around the last of them, their mirror image."""
     return (*fractions, *reversed(fractions[:-1]))
 
@@ -52,7 +52,7 @@ def _blanes_moan(
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"
-    return Method(name, order, source, kicks=_mirrored(kicks), drifts=(*drifts, *reversed(drifts)))
+    return Method(name, order, source, kicks=_mirror(kicks), drifts=(*drifts, *reversed(drifts)))
 
 
 _CUBE_ROOT = 2.0 ** (1.0 / 3.0)

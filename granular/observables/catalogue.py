@@ -36,7 +36,7 @@ from granular.observables.temperature import fluctuation_energies, kinetic_tempe
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
 from granular.schema.sections import unknown
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.registry import load_entry_point
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def _value(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
         raise
     except Exception as error:
         raise InputError(
-            f"observable {quoted(name)} fails at {frame.time:g} s: "
+            f"observable {quote(name)} fails at {frame.time:g} s: "
             f"{type(error).__name__}: {error}; mend its function"
         ) from error
 
@@ -235,7 +235,7 @@ def _dimensions(
     }  # fmt: skip
     if len(shapes) > 1 or not shapes <= set(known):
         raise InputError(
-            f"observable {quoted(name)} returns values of the shape "
+            f"observable {quote(name)} returns values of the shape "
             f"{', '.join(map(str, sorted(shapes)))}; give a number, one a grain ({count},), or "
             f"a vector a grain ({count}, 2)"
         )
@@ -260,7 +260,7 @@ def frame_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) 
         name, unit = (function.__name__, "1") if marked is None else (marked.name, marked.unit)
         if "grain" in values.dims:
             raise InputError(
-                f"observable {quoted(name)} has a value a grain, which no table of frames "
+                f"observable {quote(name)} has a value a grain, which no table of frames "
                 "holds; take granular.observables.per_frame in Python"
             )
         if "label" in values.dims:
@@ -280,7 +280,7 @@ def find_observable(
     ----------
     name : str
     own : mapping of str to function, optional
-        The user's own by their names; see `granular.own.import_own`.
+        The user's own by their names; see `granular.custom.import_user_code`.
 
     Raises
     ------
@@ -300,7 +300,7 @@ def find_observable(
     if observable_of(result) is not None and result is not None:
         return result
     if result is not None:
-        raise InputError(f"observable {quoted(name)} is no granular Observable")
+        raise InputError(f"observable {quote(name)} is no granular Observable")
     raise InputError(
         f"{unknown(name, tuple(every), 'observable')}; one of your own comes by --import FILE, or "
         f"by an installed entry point of the group {GROUP!r}"

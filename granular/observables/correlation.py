@@ -84,7 +84,7 @@ def per_distance(
     import xarray
 
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
-    frames = spanning(run.scene.cell.inside(chosen))
+    frames = box_spanning_frames(run.scene.cell.inside(chosen))
     if edges is None:
         edges = min((default_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
     parts = [function(frame, edges) for frame in frames]
@@ -130,7 +130,7 @@ def default_edges(positions: np.ndarray) -> np.ndarray:
     return np.linspace(0.0, min(0.5 * float(sides.min()), FARTHEST * spacing), BINS + 1)
 
 
-def spanning(frames: np.ndarray) -> list[np.ndarray]:
+def box_spanning_frames(frames: np.ndarray) -> list[np.ndarray]:
     """Frames (k, n, 2) whose grains span a box: what a cell that empties ends with does not.
 
     Raises

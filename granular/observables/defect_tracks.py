@@ -124,7 +124,7 @@ def link_tracks(
         closed += [growing for growing in open_ones if number - growing.frames[-1] > memory + 1]
         open_ones = [growing for growing in open_ones if number - growing.frames[-1] <= memory + 1]
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
-        taken = _assigned(open_ones, defects, known, number, reach)
+        taken = _assign_tracks(open_ones, defects, known, number, reach)
         for k in known:
             index = taken.get(k)
             if index is None:
@@ -153,7 +153,7 @@ class _Open(NamedTuple):
     burgers: list[np.ndarray]
 
 
-def _assigned(
+def _assign_tracks(
     open_ones: list[_Open], defects: Defects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""
@@ -167,7 +167,7 @@ def _assigned(
     for row, track in enumerate(open_ones):
         for column, k in enumerate(known):
             if track.kind == defects.kinds[k] and _alike(track, defects.lattice[k]):
-                square = _square_of_way(track, defects.positions[k])
+                square = _squared_displacement(track, defects.positions[k])
                 if square <= farthest * (number - track.frames[-1]):
                     costs[row, column] = min(square, 1.9 * farthest)
     rows, columns = linear_sum_assignment(costs)
@@ -178,7 +178,7 @@ def _assigned(
     }
 
 
-def _square_of_way(item: _Open, position: np.ndarray) -> float:
+def _squared_displacement(item: _Open, position: np.ndarray) -> float:
     """Squared displacement; of a boundary that along its Burgers vector alone."""
     displacement = position - item.positions[-1]
     if item.kind == BOUNDARY:

@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.schema.units import unit_size
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -92,7 +92,7 @@ def observable(
     def mark(function: Function) -> Function:
         called = function.__name__ if name is None else name
         if not called.isidentifier():
-            raise InputError(f"observable {quoted(called)}; give a name such as 'greatest_force'")
+            raise InputError(f"observable {quote(called)}; give a name such as 'greatest_force'")
         function.observable = Observable(called, unit, meaning)  # type: ignore[attr-defined]
         return function
 

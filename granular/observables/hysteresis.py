@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 LEAST_STROKE = 0.01
-"""A reversal of the piston by less than this share of its whole range makes no cycle."""
+"""A reversal of the piston by less than this fraction of its whole range makes no cycle."""
 
 
 class Cycle(NamedTuple):

@@ -76,7 +76,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
     if "grain_count" in data:
-        fraction = fraction * _share_left(run)
+        fraction = fraction * _fraction_left(run)
     return xarray.DataArray(
         fraction,
         dims="time",
@@ -85,7 +85,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     )
 
 
-def _share_left(run: Trajectory) -> np.ndarray:
+def _fraction_left(run: Trajectory) -> np.ndarray:
     """Fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)
@@ -104,7 +104,7 @@ def _check_above_zero(name: str, values: float | np.ndarray) -> None:
 def area_fraction_profile(
     positions: np.ndarray, diameters: np.ndarray, width: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Share of each horizontal strip of the cell that the grains cover, exactly.
+    """Fraction of each horizontal strip of the cell that the grains cover, exactly.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ class Slip(NamedTuple):
         Defects of each frame.
     tracks : tuple of DefectTrack
     conserved : float
-        Share of the events away from the rim whose Burgers vectors add up; NaN without events.
+        Fraction of the events away from the rim whose Burgers vectors add up; NaN without events.
     """
 
     moves: np.ndarray
@@ -205,7 +205,9 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = in_space(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _jump(event, tracks)
-            rim[event.frame] += swept(burgers, -displacement_to_edge(event.position, burgers, box))
+            rim[event.frame] += swept_area(
+                burgers, -displacement_to_edge(event.position, burgers, box)
+            )
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return Slip(
         np.cumsum(moves / area[:, None, None], axis=0),
@@ -215,7 +217,7 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
     )  # fmt: skip
 
 
-def swept(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+def swept_area(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     """b_i (z x d)_j (2, 2) [m^2] of a displacement d."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
@@ -243,7 +245,7 @@ def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacin
         position = track.positions[k - 1]
         near = np.linalg.norm(frames[before] - position, axis=1) < CORE * spacing
         carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
-        moves[after] += swept(track.burgers, track.positions[k] - position - carried)
+        moves[after] += swept_area(track.burgers, track.positions[k] - position - carried)
 
 
 def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
@@ -251,10 +253,10 @@ def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
     total = np.zeros((2, 2))
     for point in event.ended:
         track = tracks[point]
-        total += swept(track.burgers, event.position - track.positions[-1])
+        total += swept_area(track.burgers, event.position - track.positions[-1])
     for point in event.begun:
         track = tracks[point]
-        total += swept(track.burgers, track.positions[0] - event.position)
+        total += swept_area(track.burgers, track.positions[0] - event.position)
     return total
 
 

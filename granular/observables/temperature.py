@@ -167,7 +167,7 @@ def _of_walls(
 ) -> tuple[np.ndarray, float]:
     """Return the forces, and minus their divergence by differences."""
 
-    def pushed(by: np.ndarray) -> np.ndarray:
+    def forces_at(by: np.ndarray) -> np.ndarray:
         result = wall_interactions(scene, positions + by, height)
         total = np.zeros_like(positions)
         total[result.grains] = result.forces.sum(axis=1)
@@ -176,7 +176,7 @@ def _of_walls(
     step = _STEP * scene.grains.species[0].diameter
     divergence = 0.0
     for axis, displacement in enumerate(step * np.eye(2)):
-        divergence += float((pushed(displacement) - pushed(-displacement))[:, axis].sum()) / (
+        divergence += float((forces_at(displacement) - forces_at(-displacement))[:, axis].sum()) / (
             2.0 * step
         )
-    return pushed(np.zeros(2)), -divergence
+    return forces_at(np.zeros(2)), -divergence

@@ -9,7 +9,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 
 PLACES_A_GRAIN = 16
-"""Room for close pairs, per grain: overlapping discs, of whatever sizes, have about three each."""
+"""Entries for close pairs, per grain: overlapping discs of any sizes have about three each."""
 
 
 class Cells(NamedTuple):
@@ -51,7 +51,7 @@ class ClosePairs(NamedTuple):
     cells: Cells
 
 
-def cells_room(count: int) -> Cells:
+def cells_workspace(count: int) -> Cells:
     """Arrays for that many grains; up to four cells a grain."""
     size = max(count, 1)
     return Cells(
@@ -63,14 +63,14 @@ def cells_room(count: int) -> Cells:
     )
 
 
-def close_pairs_room(count: int, capacity: int, kind: type = np.int64) -> ClosePairs:
-    """Room for so many pairs of that many grains, or for all of them if these are less."""
+def close_pairs_workspace(count: int, capacity: int, kind: type = np.int64) -> ClosePairs:
+    """Workspace for so many pairs of that many grains, or for all of them if these are less."""
     capacity = max(1, min(count * (count - 1) // 2, capacity))
     return ClosePairs(
         first=np.zeros(capacity, dtype=kind),
         second=np.zeros(capacity, dtype=kind),
         filled=np.zeros(1, dtype=np.int64),
-        cells=cells_room(count),
+        cells=cells_workspace(count),
     )
 
 

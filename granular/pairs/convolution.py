@@ -45,7 +45,9 @@ def _add_along(
         for term in range(TERMS):
             fraction = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
             for values, totals in zip(both, sums, strict=True):
-                b.store(code.fused(values, fraction, b.load(totals[term])), totals[term])
+                b.store(
+                    code.fused_multiply_add(values, fraction, b.load(totals[term])), totals[term]
+                )
     return [[b.load(total) for total in totals] for totals in sums]
 
 
@@ -97,7 +99,7 @@ def _add_tile(
         fraction = code.splat(code.scalar(table, index))
         for line, total in enumerate(sums):
             both = b.fadd(below[line + distances - 1 - by], above[line + by])
-            b.store(code.fused(both, fraction, b.load(total)), total)
+            b.store(code.fused_multiply_add(both, fraction, b.load(total)), total)
 
 
 def _add_across(

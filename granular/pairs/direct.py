@@ -14,7 +14,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.lanes import SCALE
 from granular.pairs.plain import plain_direct_sum
-from granular.pairs.vector import WIDTH, padded, sweep_block, sweep_rows
+from granular.pairs.vector import WIDTH, pad_to_vectors, sweep_block, sweep_rows
 
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
@@ -25,7 +25,7 @@ PARTS = 8
 
 def padded_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 2) as two padded arrays."""
-    count, size = len(positions), padded(len(positions))
+    count, size = len(positions), pad_to_vectors(len(positions))
     x, y = PADDING * np.arange(1.0, size + 1.0), np.zeros(size)
     x[:count], y[:count] = positions[:, 0], positions[:, 1]
     return x, y
@@ -33,7 +33,7 @@ def padded_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def padded_values(values: np.ndarray) -> np.ndarray:
     """One value a grain, padded with zeros."""
-    out = np.zeros(padded(len(values)))
+    out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out
 

@@ -19,7 +19,7 @@ from granular.pairs.stripes import Stripes
 
 
 class DirectRoom(NamedTuple):
-    """Room for the two sums.
+    """Workspace for the two sums.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class DirectRoom(NamedTuple):
     load: np.ndarray | None
 
 
-def direct_room(size: int, *, loaded: bool) -> DirectRoom:
-    """Room for that many grains (padded)."""
+def direct_workspace(size: int, *, loaded: bool) -> DirectRoom:
+    """Workspace for that many grains (padded)."""
     return DirectRoom(
         near=np.zeros((2, size)),
         extremes=np.zeros((2, 2)),
@@ -51,7 +51,7 @@ def direct_room(size: int, *, loaded: bool) -> DirectRoom:
 
 @compiled
 def find_far_direct(
-    room: DirectRoom, stripes: Stripes, radius: float, threaded: bool | None, grains: int,
+    workspace: DirectRoom, stripes: Stripes, radius: float, threaded: bool | None, grains: int,
     x: Array, y: Array, fx: Array, fy: Array, energy: Array, moments: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
@@ -74,16 +74,21 @@ def find_far_direct(
         fx[:grains] = np.nan
         fy[:grains] = np.nan
         return
-    near_x, near_y, every, near = room.near[0], room.near[1], room.extremes[0], room.extremes[1]
-    direct_sum(x, y, fx, fy, moments, None, every, load, weight, room.buffers, threaded, None)
+    near_x, near_y, every, near = (
+        workspace.near[0],
+        workspace.near[1],
+        workspace.extremes[0],
+        workspace.extremes[1],
+    )
+    direct_sum(x, y, fx, fy, moments, None, every, load, weight, workspace.buffers, threaded, None)
     cut_sum(
         stripes, radius, True, threaded, grains, x, y, near_x, near_y, moments, None, near,
-        room.load, weight,
+        workspace.load, weight,
     )  # fmt: skip
     for i in range(grains):
         fx[i] -= near_x[i]
         fy[i] -= near_y[i]
     energy[0] = ENERGY * (every[0] - near[0])
-    if load is not None and room.load is not None:
+    if load is not None and workspace.load is not None:
         for i in range(grains):
-            load[i] -= room.load[i]
+            load[i] -= workspace.load[i]

@@ -13,10 +13,10 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY
-from granular.pairs.far_direct import DirectRoom, direct_room
-from granular.pairs.mesh import PARTS, Mesh, mesh_room, open_windows
-from granular.pairs.mesh_around import mesh_around_room
-from granular.pairs.mesh_grains import gathered, spread
+from granular.pairs.far_direct import DirectRoom, direct_workspace
+from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, open_windows
+from granular.pairs.mesh_around import mesh_around_workspace
+from granular.pairs.mesh_grains import gather_potential, spread
 from granular.pairs.mesh_potential import find_potential
 from granular.pairs.stripe_lists import finite
 
@@ -122,16 +122,16 @@ class FarForces(NamedTuple):
     totals: np.ndarray
 
 
-def far_forces_room(field: FarField, size: int, *, loaded: bool) -> FarForces:
-    """Room for that many grains (padded)."""
+def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForces:
+    """Workspace for that many grains (padded)."""
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
-        mesh = mesh_around_room(*field.size, field.radius, spacing)
+        mesh = mesh_around_workspace(*field.size, field.radius, spacing)
     elif field.size is not None:
-        mesh = mesh_room(*field.size, field.radius, spacing, size)
+        mesh = mesh_workspace(*field.size, field.radius, spacing, size)
     return FarForces(
         mesh=mesh,
-        direct=direct_room(size, loaded=loaded) if mesh is None else None,
+        direct=direct_workspace(size, loaded=loaded) if mesh is None else None,
         radius=field.radius,
         fx=np.zeros(size),
         fy=np.zeros(size),
@@ -186,7 +186,7 @@ def _gather_part(mesh: Mesh, asked: Asked, part: int) -> None:
     grains, total = asked.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
-        value, by_x, by_y = gathered(mesh, asked.x[i], asked.y[i])
+        value, by_x, by_y = gather_potential(mesh, asked.x[i], asked.y[i])
         q = _value(asked.moments, i)
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
@@ -201,7 +201,7 @@ def _gather_load_part(mesh: Mesh, asked: Asked, part: int) -> None:
     grains = asked.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
-        value, _, _ = gathered(mesh, asked.x[i], asked.y[i])
+        value, _, _ = gather_potential(mesh, asked.x[i], asked.y[i])
         _put_load(asked.load, i, value - asked.own * _value(asked.weight, i))
 
 
@@ -241,7 +241,7 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: Asked) -> None:
 
 
 @compiled(inline=True)
-def _has_room(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     return True if around is not None else open_windows(mesh, x, y, grains)
 
 
@@ -271,7 +271,7 @@ def find_far_forces(
         far.fx[:grains] = np.nan
         far.fy[:grains] = np.nan
         return 0
-    if not _has_room(mesh.around, mesh, x, y, grains):
+    if not _has_space(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     own = CUBE[0] / (far.radius * far.radius * far.radius)

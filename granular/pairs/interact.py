@@ -132,7 +132,7 @@ class Extremes:
 def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
     value = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
-        value = code.fused(value, r2, coefficient)
+        value = code.fused_multiply_add(value, r2, coefficient)
     return value
 
 
@@ -165,7 +165,7 @@ def interact(
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
     if images is not None:
         dx, dy = images.nearest(code, dx, dy)
-    r2 = code.fused(dx, dx, b.fmul(dy, dy))
+    r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
     s = inverse_fifth(code, r2)
     if lanes is not None:
         s = b.select(flags(lanes), s, zero)

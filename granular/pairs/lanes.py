@@ -39,7 +39,7 @@ _FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
 _UNDEFINED = ir.Constant(LANES, ir.Undefined)
 
 
-def padded(count: int) -> int:
+def pad_to_vectors(count: int) -> int:
     """Least multiple of the vector width that holds ``count`` grains (at least one vector)."""
     return max(WIDTH, -(-count // WIDTH) * WIDTH)
 
@@ -52,7 +52,7 @@ def vector_constant(values: Sequence[float]) -> ir.Constant:
     return ir.Constant(LANES, list(values))
 
 
-def whole_constant(value: int) -> ir.Constant:
+def integer_constant(value: int) -> ir.Constant:
     return ir.Constant(_BITS, [value] * WIDTH)
 
 
@@ -90,7 +90,7 @@ class Code:
             function = ir.Function(module, kind, name)
         return self.builder.call(function, operands)
 
-    def fused(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
+    def fused_multiply_add(self, a: ir.Value, b: ir.Value, c: ir.Value) -> ir.Value:
         return self.call(f"llvm.fmuladd.v{WIDTH}f64", a, b, c)
 
     def rounded(self, vector: ir.Value) -> ir.Value:
@@ -105,16 +105,16 @@ class Code:
 
     def splat(self, scalar: ir.Value) -> ir.Value:
         first = self.builder.insert_element(_UNDEFINED, scalar, ir.Constant(ir.IntType(32), 0))
-        return self.shuffled(first, first, [0] * WIDTH)
+        return self.shuffle(first, first, [0] * WIDTH)
 
-    def shuffled(self, first: ir.Value, second: ir.Value, lanes: list[int]) -> ir.Value:
+    def shuffle(self, first: ir.Value, second: ir.Value, lanes: list[int]) -> ir.Value:
         """Lanes of two vectors; those of the second count from `WIDTH`."""
         mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
         return self.builder.shuffle_vector(first, second, mask)
 
     def turned(self, vector: ir.Value, by: int) -> ir.Value:
         """Rotate lanes: lane l takes the value of lane l + by, round the end."""
-        return self.shuffled(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
+        return self.shuffle(vector, vector, [(lane + by) % WIDTH for lane in range(WIDTH)])
 
     def _vector_at(self, pointer: ir.Value, index: ir.Value) -> ir.Value:
         return self.builder.bitcast(self.builder.gep(pointer, [index]), LANES.as_pointer())
@@ -138,13 +138,13 @@ class Code:
     def lane(self, vector: ir.Value, lane: int) -> ir.Value:
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
-    def _folded(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
+    def _fold_operands(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
         """Add lanes that lie ``half`` apart: of the first vector, and between them of both."""
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
         return self.builder.fadd(
-            self.shuffled(first, second, there), self.shuffled(first, second, other)
+            self.shuffle(first, second, there), self.shuffle(first, second, other)
         )
 
     def totals(self, vectors: list[ir.Value]) -> ir.Value:
@@ -153,11 +153,11 @@ class Code:
         for half in (4, 2, 1):
             if len(vectors) > 1:
                 pairs = zip(vectors[::2], vectors[1::2], strict=True)
-                vectors = [self._folded(first, second, half) for first, second in pairs]
+                vectors = [self._fold_operands(first, second, half) for first, second in pairs]
                 indices = [*indices, *(position + half for position in indices)]
             else:
-                vectors = [self._folded(vectors[0], vectors[0], half)]
-        return self.shuffled(vectors[0], vectors[0], indices)
+                vectors = [self._fold_operands(vectors[0], vectors[0], half)]
+        return self.shuffle(vectors[0], vectors[0], indices)
 
     def total(self, vector: ir.Value) -> ir.Value:
         """Sum of the lanes, as a tree."""
@@ -173,7 +173,7 @@ class Code:
 
     def largest(self, vector: ir.Value) -> ir.Value:
         for half in (4, 2, 1):
-            other = self.shuffled(vector, vector, [lane ^ half for lane in range(WIDTH)])
+            other = self.shuffle(vector, vector, [lane ^ half for lane in range(WIDTH)])
             vector = self.greater(vector, other)
         return self.lane(vector, 0)
 
@@ -210,11 +210,11 @@ def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
 def _portable_seed(code: Code, r2: ir.Value) -> ir.Value:
     """Approximate from the bits: the same on every processor."""
     b = code.builder
-    halved = b.lshr(code.bits(r2), whole_constant(1))
-    y = code.number(b.sub(whole_constant(_HALVED_EXPONENT), halved))
+    halve_step = b.lshr(code.bits(r2), integer_constant(1))
+    y = code.number(b.sub(integer_constant(_HALVED_EXPONENT), halve_step))
     t = b.fmul(r2, b.fmul(y, y))
-    slope = code.fused(t, constant(_FIRST[2]), constant(_FIRST[1]))
-    return b.fmul(y, code.fused(t, slope, constant(_FIRST[0])))
+    slope = code.fused_multiply_add(t, constant(_FIRST[2]), constant(_FIRST[1]))
+    return b.fmul(y, code.fused_multiply_add(t, slope, constant(_FIRST[0])))
 
 
 def inverse_fifth(code: Code, r2: ir.Value) -> ir.Value:
@@ -222,7 +222,7 @@ def inverse_fifth(code: Code, r2: ir.Value) -> ir.Value:
     b = code.builder
     y = _estimated_seed(code, r2) if has_avx512(code.context) else _portable_seed(code, r2)
     y2 = b.fmul(y, y)
-    e = code.fused(b.fneg(r2), y2, constant(1.0))
-    square = code.fused(e, e, constant(_SQUARE))
-    cubic = code.fused(b.fadd(e, constant(_SHIFT)), square, constant(_REST))
+    e = code.fused_multiply_add(b.fneg(r2), y2, constant(1.0))
+    square = code.fused_multiply_add(e, e, constant(_SQUARE))
+    cubic = code.fused_multiply_add(b.fadd(e, constant(_SHIFT)), square, constant(_REST))
     return b.fmul(b.fmul(b.fmul(y2, y2), y), cubic)

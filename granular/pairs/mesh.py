@@ -29,7 +29,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
 from granular.pairs.direct import PARTED_FROM
-from granular.pairs.lanes import WIDTH, padded
+from granular.pairs.lanes import WIDTH, pad_to_vectors
 
 Samples = NDArray[np.float64]
 
@@ -190,18 +190,18 @@ class Mesh(NamedTuple):
     around: np.ndarray | None
 
 
-def mesh_room(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
-    """Room for that many grains in a cell of that size [D]."""
+def mesh_workspace(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
+    """Workspace for that many grains in a cell of that size [D]."""
     tables = mesh_tables(radius, spacing)
     levels = levels_over(max(width, height), radius, spacing)
     reach = tables.rest.along.shape[1]
-    margin = padded(reach)
+    margin = pad_to_vectors(reach)
     begins, strides, most = [0], [], 0
     for level in range(levels):
         across, up = (
             math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height)
         )
-        strides.append(2 * margin + padded(across))
+        strides.append(2 * margin + pad_to_vectors(across))
         begins.append(begins[-1] + strides[-1] * up)
         most = max(most, up)
     parts = PARTS if grains >= PARTED_FROM else 1

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
-from granular.pairs.lanes import WIDTH, padded
+from granular.pairs.lanes import WIDTH, pad_to_vectors
 from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables
 from granular.pairs.stencil import put_spline, spline_sums
 
@@ -160,7 +160,7 @@ BELOW, ABOVE = 1, 2
 """Copied lines that a spline reaches."""
 
 SHARES = (0.75, 0.5, 0.125)
-"""Share of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
+"""Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
 
 
 @compiled(inline=True)
@@ -243,7 +243,7 @@ def restrict_around(mesh: Mesh, level: int) -> None:
         first_point(mesh, level - 1),
         mesh.strides[level - 1],
     )
-    own, own_stride = first_point(mesh, level), mesh.strides[level]
+    own, custom_stride = first_point(mesh, level), mesh.strides[level]
     across, start = mesh.windows[level, ACROSS], start - margin
     for up in range(mesh.windows[level, UP]):
         lower = start + (2 * up - 2) % lines * stride
@@ -257,7 +257,7 @@ def restrict_around(mesh: Mesh, level: int) -> None:
         for column in range(across):
             at = margin + 2 * column
             near, far = row[at - 1] + row[at + 1], row[at - 2] + row[at + 2]
-            source[own + up * own_stride + column] = total * row[at] + half * near + rest * far
+            source[own + up * custom_stride + column] = total * row[at] + half * near + rest * far
     copy_round(mesh, source, level)
 
 
@@ -287,15 +287,15 @@ def prolong_around(mesh: Mesh, level: int) -> None:
             potential[out + 1] += half * (row[at] + row[at + 1])
 
 
-def mesh_around_room(width: float, height: float, radius: float, spacing: float) -> Mesh:
-    """Room for a mesh round a periodic cell of that size, for a split radius [D]."""
+def mesh_around_workspace(width: float, height: float, radius: float, spacing: float) -> Mesh:
+    """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
     tables = image_tables(width, height, radius, spacing)
     points = points_around(width, height, spacing)
     reach = tables.rest.along.shape[1]
-    margin = padded(reach)
+    margin = pad_to_vectors(reach)
     begins, strides = [0], []
     for across, up in points:
-        strides.append(2 * margin + padded(across))
+        strides.append(2 * margin + pad_to_vectors(across))
         begins.append(begins[-1] + strides[-1] * (BELOW + up + ABOVE))
     most = points[0][1]
     return Mesh(

@@ -112,13 +112,15 @@ def _spread(
 
 
 @compiled(inline=True)
-def gathered(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
+def gather_potential(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
-    return _gathered(mesh.around, mesh, x, y)
+    return _gather_potential(mesh.around, mesh, x, y)
 
 
 @compiled(inline=True)
-def _gathered(around: Array | None, mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
+def _gather_potential(
+    around: Array | None, mesh: Mesh, x: float, y: float
+) -> tuple[float, float, float]:
     if around is not None:
         return gathered_around(mesh, around, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]

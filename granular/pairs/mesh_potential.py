@@ -36,7 +36,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
     total, half, rest = SHARES
     first = np.uintp(2 * coarse[LEFT] - fine[LEFT] + margin)
     lines, start, stride = fine[UP], mesh.begins[level - 1], mesh.strides[level - 1]
-    outside, own_start, own_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
+    outside, own_start, custom_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
     lowest, across = 2 * coarse[LOW] - fine[LOW], coarse[ACROSS]
     for up in range(coarse[UP]):
         at_line = lowest + 2 * up
@@ -49,8 +49,8 @@ def _restrict(mesh: Mesh, level: int) -> None:
             p = np.uintp(point)
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
             row[p] = total * source[middle + p] + half * near + rest * far
-        begin = np.uintp(own_start + up * own_stride)
-        for point in range(own_stride):
+        begin = np.uintp(own_start + up * custom_stride)
+        for point in range(custom_stride):
             source[begin + np.uintp(point)] = 0.0
         begin += np.uintp(margin)
         for column in range(across):

@@ -64,7 +64,7 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
         code.store(reaction, pointer, j)
 
 
-def _shifted(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
+def _shift(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
@@ -90,7 +90,7 @@ def _sweep_group(
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
         start, stop = code.scalar(runs, index), code.scalar(runs, b.add(index, item))
-        sweep = _shifted(code, all_rows, shifts, index)
+        sweep = _shift(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _meet_eight(code, sweep, j, own=False)
     for which, pointer in enumerate(present(all_rows.arrays.sums)):
@@ -99,7 +99,9 @@ def _sweep_group(
     all_rows.extremes.finish()
 
 
-def _scaled(code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value) -> list[Any]:
+def _scale_coefficients(
+    code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value
+) -> list[Any]:
     """Coefficients in r^2 from those in (r/r_c)^2, in every lane: times ``power``, over `SCALE`."""
     b, out = code.builder, []
     for number in numbers:
@@ -116,7 +118,10 @@ def _cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
     far = None
     if smooth:
         fifth = b.fdiv(cube, square)
-        far = Smooth(_scaled(code, FIFTH, fifth, square), _scaled(code, CUBE, cube, square))
+        far = Smooth(
+            _scale_coefficients(code, FIFTH, fifth, square),
+            _scale_coefficients(code, CUBE, cube, square),
+        )
     return Cut(code.splat(square), code.splat(rest), far)
 
 

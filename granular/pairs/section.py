@@ -87,52 +87,52 @@ class Pairs(Section):
                 "far_every",
             )
 
-    def chosen(self, grains: int, *, closed: bool, room: float | None = None) -> str:
+    def chosen(self, grains: int, *, closed: bool, workspace: float | None = None) -> str:
         """Return method that runs, for so many grains in a closed cell, an open or a periodic one.
 
-        ``room`` is the shorter side of a periodic cell over the first species' diameter.
+        ``workspace`` is the shorter side of a periodic cell over the first species' diameter.
         """
         if self.method != "auto":
             return self.method
-        if room is not None:
-            return "mesh" if self._of_mesh() <= ROOM * room and grains >= LEAST else "direct"
+        if workspace is not None:
+            return "mesh" if self._of_mesh() <= ROOM * workspace and grains >= LEAST else "direct"
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
     def radius(
-        self, method: str | None, diameter: float, room: float | None = None
+        self, method: str | None, diameter: float, workspace: float | None = None
     ) -> float | None:
         """Radius where pairs end, over the first species' diameter [m]; None where none do.
 
-        ``room`` as in `chosen`.
+        ``workspace`` as in `chosen`.
         """
         if method == "cut-off":
             return self._radius(diameter, RADIUS)
         if method == "mesh":
             return self._radius(diameter, self._of_mesh())
-        if method == "direct" and room is not None:
-            return self._radius(diameter, 0.5 * room)
+        if method == "direct" and workspace is not None:
+            return self._radius(diameter, 0.5 * workspace)
         return None
 
-    def check_room(self, grains: int, room: float, diameter: float) -> None:
-        """Raise `FieldError` unless pairs end within a periodic cell; ``room`` as in `chosen`."""
+    def check_periodic_cell(self, grains: int, workspace: float, diameter: float) -> None:
+        """Raise `FieldError` unless pairs end within a periodic cell; see `chosen`."""
         if self.method == "verlet-list":
             raise FieldError(
                 "de Paula's list knows no images; take 'cut-off' in a periodic cell", "method"
             )
-        method = self.chosen(grains, closed=False, room=room)
+        method = self.chosen(grains, closed=False, workspace=workspace)
         if method == "direct" and (self.far_every or 1) > 1:
             raise FieldError(
                 "the direct sum of a periodic cell ends at a radius and has no far field; take "
                 "'mesh'", "far_every",
             )  # fmt: skip
-        radius = self.radius(method, diameter, room)
-        most = (0.5 if method == "direct" else ROOM) * room
+        radius = self.radius(method, diameter, workspace)
+        most = (0.5 if method == "direct" else ROOM) * workspace
         if radius is not None and radius > most * (1.0 + 1e-12):
             needed = method == "mesh" and self.cut_off is None
             other = "a greater tolerance" if needed else "a shorter cut_off"
             raise FieldError(
                 f"{'needs a radius of ' if needed else ''}{radius * diameter:.6g} m, which is over "
-                f"{most / room:g} of the shorter side of the periodic cell, "
+                f"{most / workspace:g} of the shorter side of the periodic cell, "
                 f"{most * diameter:.6g} m; take 'direct', {other} or a larger cell",
                 "tolerance" if needed else "cut_off",
             )

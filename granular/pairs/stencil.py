@@ -35,7 +35,7 @@ def _splines(code: Code, displacement: ir.Value) -> ir.Value:
     u = code.splat(displacement)
     result: Any = vector_constant(_POLYNOMIALS[-1])
     for coefficients in reversed(_POLYNOMIALS[:-1]):
-        result = code.fused(result, u, vector_constant(coefficients))
+        result = code.fused_multiply_add(result, u, vector_constant(coefficients))
     return result
 
 
@@ -44,10 +44,10 @@ def _line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
 
-def _folded(code: Code, vector: ir.Value) -> ir.Value:
+def _fold_operands(code: Code, vector: ir.Value) -> ir.Value:
     """Return the sums of the first and of the last four lanes, each in its first lane."""
     for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
-        vector = code.builder.fadd(vector, code.shuffled(vector, vector, list(lanes)))
+        vector = code.builder.fadd(vector, code.shuffle(vector, vector, list(lanes)))
     return vector
 
 
@@ -62,10 +62,10 @@ def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount:
         pointer = code.data(signature.args[0], arguments[0])
         at, stride, u, v, amount = arguments[1:]
         across = _splines(code, u)
-        along = code.shuffled(across, across, list(range(POINTS)))
+        along = code.shuffle(across, across, list(range(POINTS)))
         ups = builder.fmul(_splines(code, v), code.splat(amount))
         for line in range(POINTS):
-            fraction = code.shuffled(ups, ups, [line] * POINTS)
+            fraction = code.shuffle(ups, ups, [line] * POINTS)
             index = _line(code, pointer, at)
             total = builder.fadd(builder.load(index, align=8), builder.fmul(along, fraction))
             builder.store(total, index, align=8)
@@ -88,18 +88,20 @@ def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any
         total = None
         for line in range(POINTS):
             points = builder.load(_line(code, pointer, at), align=8)
-            both = code.shuffled(points, points, [*range(POINTS), *range(POINTS)])
+            both = code.shuffle(points, points, [*range(POINTS), *range(POINTS)])
             # The spline of the line in the first four lanes, its slope in the others.
-            fraction = code.shuffled(up, up, [line] * POINTS + [line + POINTS] * POINTS)
+            fraction = code.shuffle(up, up, [line] * POINTS + [line + POINTS] * POINTS)
             total = (
-                builder.fmul(both, fraction) if total is None else code.fused(both, fraction, total)
+                builder.fmul(both, fraction)
+                if total is None
+                else code.fused_multiply_add(both, fraction, total)
             )
             at = builder.add(at, stride)
         half = [*range(POINTS), *range(POINTS)]
-        splines = code.shuffled(along, along, half)
-        slopes = code.shuffled(along, along, [lane + POINTS for lane in half])
-        by_value = _folded(code, builder.fmul(total, splines))
-        by_slope = _folded(code, builder.fmul(total, slopes))
+        splines = code.shuffle(along, along, half)
+        slopes = code.shuffle(along, along, [lane + POINTS for lane in half])
+        by_value = _fold_operands(code, builder.fmul(total, splines))
+        by_slope = _fold_operands(code, builder.fmul(total, slopes))
         result = [code.lane(by_value, 0), code.lane(by_slope, 0), code.lane(by_value, POINTS)]
         return context.make_tuple(builder, signature.return_type, result)
 

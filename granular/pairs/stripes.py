@@ -13,7 +13,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.direct import PARTED_FROM, PARTS
-from granular.pairs.lanes import WIDTH, padded
+from granular.pairs.lanes import WIDTH, pad_to_vectors
 from granular.pairs.runs import IMAGES, ROWS, RUNS
 
 LEAST_IN_STRIPE = 8
@@ -109,14 +109,14 @@ def _most_stripes(size: int) -> int:
     return max(1, size // LEAST_IN_STRIPE)
 
 
-def stripes_room(
+def stripes_workspace(
     size: int, *, moments: bool, loaded: bool, periods: tuple[float, float] | None = None
 ) -> Stripes:
-    """Room for that many grains (padded); linear in it. ``periods`` as of `CutOff`."""
+    """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOff`."""
     around = periods is not None
     runs = RUNS * IMAGES if around else RUNS
     most = _most_stripes(size)
-    length = padded(size + 2 * WIDTH * most) + 2 * WIDTH
+    length = pad_to_vectors(size + 2 * WIDTH * most) + 2 * WIDTH
     parts = PARTS if size >= PARTED_FROM else 1
     return Stripes(
         x=np.zeros(length),

@@ -26,9 +26,9 @@ from granular.pairs.interact import (
     one_grain,
     present,
 )
-from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant, has_avx512, padded
+from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant, has_avx512, pad_to_vectors
 
-__all__ = ["WIDTH", "lane_sum", "padded", "sweep_block", "sweep_rows"]
+__all__ = ["WIDTH", "lane_sum", "pad_to_vectors", "sweep_block", "sweep_rows"]
 
 
 def _rows_at_once(context: Any) -> int:

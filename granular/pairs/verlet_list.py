@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cells import ClosePairs, close_pairs_room, find_close_pairs
+from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import ENERGY, pair_energy, pair_force
 
 RADIUS, SKIN = 11.26, 4.13
@@ -53,10 +53,12 @@ class VerletList(NamedTuple):
     memory: np.ndarray
 
 
-def verlet_list_room(size: int, radius: float) -> VerletList:
-    """Room for the pairs of that many grains (padded) within a radius [D]."""
+def verlet_list_workspace(size: int, radius: float) -> VerletList:
+    """Workspace for the pairs of that many grains (padded) within a radius [D]."""
     capacity = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
-    return VerletList(close_pairs_room(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3))
+    return VerletList(
+        close_pairs_workspace(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3)
+    )
 
 
 @compiled

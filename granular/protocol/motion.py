@@ -133,7 +133,7 @@ def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
     ) / h
 
 
-def tabled(motion: Motion) -> Motion:
+def tabulate_motion(motion: Motion) -> Motion:
     """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 

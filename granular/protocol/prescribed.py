@@ -133,7 +133,7 @@ class Follow(Stage):
             raise FieldError("must increase from 0, with at least two values", "times")
 
     @property
-    def tabled(self) -> bool:
+    def tabulate_motion(self) -> bool:
         return True
 
     def span(self, height: float) -> float | None:

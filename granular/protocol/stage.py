@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import Motion, tabled
+from granular.protocol.motion import Motion, tabulate_motion
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, quantity, text
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 REST_LIMIT = 60.0
 """Longest wait for rest where the stage gives no duration [s]."""
@@ -35,7 +35,7 @@ class Stage(Section):
         return True
 
     @property
-    def tabled(self) -> bool:
+    def tabulate_motion(self) -> bool:
         """True if its motion is a table or a spline."""
         return False
 
@@ -104,7 +104,7 @@ class Timed(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return tabled(motion) if any(stage.tabled for stage in protocol) else motion
+    return tabulate_motion(motion) if any(stage.tabulate_motion for stage in protocol) else motion
 
 
 CLOSE = 1e-11
@@ -116,7 +116,7 @@ class Course(Parametric, Stage):
     """A stage with a formula of time."""
 
     @property
-    def tabled(self) -> bool:
+    def tabulate_motion(self) -> bool:
         return True
 
     def course(self, duration: float, height: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -167,5 +167,5 @@ def _functions(
     arguments = [*symbols.values(), *given.values()]
     slope = tree.diff(symbols["t"])
     if slope.has(sympy.DiracDelta):
-        raise FieldError(f"{quoted(formula)} jumps; write it without jumps")
+        raise FieldError(f"{quote(formula)} jumps; write it without jumps")
     return function_of(arguments, tree), function_of(arguments, slope)

@@ -31,7 +31,7 @@ def is_number(cell: str, decimal: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
 
 
-def seconds_of(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
+def parse_seconds(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
     """Seconds since the first of some stamps, and what they are; None where some are none.
 
     A time of day that falls back by more than half a day has passed midnight.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, is_number, is_stamp, seconds_of
+from granular.readers.cells import LOST, is_number, is_stamp, parse_seconds
 from granular.readers.delimited_form import (
     SEPARATORS,
     Form,
@@ -18,14 +18,14 @@ from granular.readers.delimited_form import (
     fields_of,
     form_of,
     is_row,
-    trimmed,
+    trim_fields,
     with_points,
     words_of,
 )
 from granular.readers.names import TIME, is_unit, name_and_unit, role_of
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 COMMENTS = "#%!"
 """Signs that begin a line of comment."""
@@ -101,7 +101,7 @@ def _no_table(lines: Sequence[Line]) -> str:
             if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
                     f"{visible(name_and_unit(name)[0])} of sample {row} (line "
-                    f"{line.number}) is {quoted(cell)}, not a number; correct or drop it"
+                    f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
         return (
@@ -109,7 +109,7 @@ def _no_table(lines: Sequence[Line]) -> str:
             "coordinate, are wanted below a header such as 'time [s], height [mm]'"
         )
     return (
-        f"no column 'time' and no other: line {lines[0].number}, {quoted(head)}, "
+        f"no column 'time' and no other: line {lines[0].number}, {quote(head)}, "
         "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are wanted"
     )
 
@@ -122,7 +122,8 @@ def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
     full = next(
         k
         for k, line in enumerate(lines)
-        if len(fields := trimmed(fields_of(line.text, form.separator), form.width)) == form.width
+        if len(fields := trim_fields(fields_of(line.text, form.separator), form.width))
+        == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
         and is_row(fields, form)
     )
@@ -169,7 +170,7 @@ def _has_decimal_commas(lines: Sequence[Line], form: Form, decimal: str | None) 
     found = are_decimals(lines, form, decimal)
     if found is None:
         raise RecordError(
-            f"{quoted(lines[0].text)} is {form.width} whole numbers, or "
+            f"{quote(lines[0].text)} is {form.width} whole numbers, or "
             f"{form.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
             "by semicolons"
         )
@@ -249,7 +250,7 @@ def _width(line: str, form: Form) -> int:
         width = line.count(form.separator) + 1
         if width <= form.width:
             return width
-    return len(trimmed(fields_of(line, form.separator), form.width))
+    return len(trim_fields(fields_of(line, form.separator), form.width))
 
 
 # Columns ---------------------------------------------------------------------------------------
@@ -305,7 +306,7 @@ def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
             break
     if wrong is None:
         return Column(name, unit, values)
-    found = seconds_of(texts, LOST)
+    found = parse_seconds(texts, LOST)
     if found is not None:
         return Column(name, "s", found[0], clock=found[1])
     return Column(name, unit, None, wrong)

@@ -44,17 +44,17 @@ class Form(NamedTuple):
 
 def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
     """Form that makes most lines rows of numbers."""
-    sample = [lines[k].text for k in _looked_at(lines)]
+    sample = [lines[k].text for k in _sample_lines(lines)]
     best: tuple[tuple[int, float, int], Form] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
-            found = _tried(sample, separator, mark)
+            found = _try(sample, separator, mark)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
     return None if best is None else best[1]
 
 
-def _looked_at(lines: Sequence[Line]) -> list[int]:
+def _sample_lines(lines: Sequence[Line]) -> list[int]:
     """Places of the lines that are looked at; of very long lines these are fewer."""
     middle = len(lines) // 2
     places = (one for k in range(_LOOKED_AT) for one in (k, middle + k, len(lines) - 1 - k))
@@ -69,7 +69,7 @@ def _looked_at(lines: Sequence[Line]) -> list[int]:
     return sorted(chosen)
 
 
-def _tried(
+def _try(
     sample: Sequence[str], separator: str, decimal: str
 ) -> tuple[tuple[int, float, int], Form] | None:
     """Count the lines that a form explains, the fraction of numbers in them, and columns."""
@@ -96,8 +96,8 @@ def _tried(
     )
     if len(core) < 2:
         return None
-    share = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
-    return (widths[raw], share, len(core)), Form(separator, decimal, width, core)
+    fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
+    return (widths[raw], fraction, len(core)), Form(separator, decimal, width, core)
 
 
 _WITH_COMMA = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
@@ -110,7 +110,7 @@ def are_decimals(lines: Sequence[Line], form: Form, decimal: str | None) -> bool
     No whole number begins with a zero, as decimals may; and decimals are as many in each line, or
     end with none.
     """
-    rows = [lines[k].text.strip().split(",") for k in _looked_at(lines)]
+    rows = [lines[k].text.strip().split(",") for k in _sample_lines(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows
              for k in range(0, len(row), 2)]  # fmt: skip
     if decimal == "." or form.width < 4 or not all(pairs):
@@ -144,11 +144,11 @@ def fields_of(line: str, separator: str) -> list[str]:
     if separator == " ":
         found = line.split()
     else:
-        found = [cell.strip() for cell in _quoted(line, separator) or line.split(separator)]
+        found = [cell.strip() for cell in _quote_fields(line, separator) or line.split(separator)]
     return found
 
 
-def _quoted(line: str, separator: str) -> list[str] | None:
+def _quote_fields(line: str, separator: str) -> list[str] | None:
     """Fields of a line with quotes; None where there are none, or nothing that fits in them."""
     if '"' not in line:
         return None
@@ -168,12 +168,12 @@ def words_of(line: str, separator: str) -> list[str]:
 
 def is_row(fields: Sequence[str], form: Form) -> bool:
     """Return True for a line of the table: as many fields, of which some are numbers."""
-    if not form.width <= len(trimmed(fields, form.width)) <= form.width:
+    if not form.width <= len(trim_fields(fields, form.width)) <= form.width:
         return False
     return any(is_number(fields[k], form.decimal) for k in form.numeric)
 
 
-def trimmed(fields: Sequence[str], width: int) -> Sequence[str]:
+def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
     """Without empty fields beyond the width."""
     end = len(fields)
     while end > width and not fields[end - 1]:

@@ -13,7 +13,7 @@ from granular.readers.names import TIME
 from granular.readers.reading import Reading
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 _END = "***End_of_Header***"
 
@@ -105,7 +105,7 @@ def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
         return float(text)
     except ValueError:
         raise RecordError(
-            f"{name} is {quoted(text)}, not a number, and there is no column of "
+            f"{name} is {quote(text)}, not a number, and there is no column of "
             "times; export with times"
         ) from None
 
@@ -141,7 +141,7 @@ def read_tdms(content: bytes, reading: Reading) -> Sheet:
     if step and not any(column.name.lower() == TIME for column in columns):
         first = channels[0].properties.get("wf_start_offset", 0.0)
         columns.insert(0, Column(TIME, "s", first + step * np.arange(len(channels[0]))))
-    return Sheet(columns, None, True, f"group {quoted(name)} of a TDMS file")
+    return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file")
 
 
 # Rigol -----------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def _seconds(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise RecordError(
-            f"line 2 ends with {quoted(text)}, where start and increment in "
+            f"line 2 ends with {quote(text)}, where start and increment in "
             "seconds are wanted; save it anew"
         )
     return value

@@ -14,7 +14,7 @@ from granular.readers.names import TIME, name_and_unit, role_of
 from granular.readers.reading import Reading
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 _MAX_UNPACKED = 512 * 2**20
 _MAX_ELEMENTS, _MAX_DEPTH = 100_000, 50
@@ -69,7 +69,7 @@ def read_matlab(content: bytes, reading: Reading) -> Sheet:
     if len(columns) < 2:
         raise RecordError(
             f"holds no two vectors of one length; found: "
-            f"{', '.join(map(quoted, variables)) or 'nothing'}; save time and height as vectors"
+            f"{', '.join(map(quote, variables)) or 'nothing'}; save time and height as vectors"
         )
     return Sheet(columns, None, any(one.name for one in columns), "MATLAB file")
 
@@ -122,7 +122,7 @@ def _times(variables: Mapping[str, Any], length: int) -> Column:
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
     if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
         raise RecordError(
-            f"Tstart = {quoted(first)} and Tinterval = {quoted(step)}; a start "
+            f"Tstart = {quote(first)} and Tinterval = {quote(step)}; a start "
             "and an interval above 0, both in s, are wanted: or save the times as a vector"
         )
     return Column(TIME, "s", float(first) + float(step) * np.arange(length))

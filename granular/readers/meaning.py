@@ -20,10 +20,10 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 TICK = 0.2
-"""Share of equal neighbours from which on times are taken for rounded to a clock's tick."""
+"""Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading)
         if name and len(places) > 1 and not str(reading.columns.get(role, "")).isdigit():
             listed = ", ".join(map(str, places[:-1])) + f" and {places[-1]}"
             raise RecordError(
-                f"the column {quoted(name)} is there twice, in columns {listed}; names "
+                f"the column {quote(name)} is there twice, in columns {listed}; names "
                 f"must differ, or say which it is (columns: {role}={places[-1]})"
             )
 
@@ -141,7 +141,7 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
         ) from None
     if dimension != unit_size(wanted)[1]:
         raise RecordError(
-            f"{role}: the unit {quoted(unit)} does not fit; one of {wanted} is wanted: name "
+            f"{role}: the unit {quote(unit)} does not fit; one of {wanted} is wanted: name "
             f"another column (columns: {role}=...) or its unit (units: {role}=...)"
         )
     return size
@@ -163,7 +163,7 @@ def checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
             raise RecordError(f"{role} holds no numbers; write it as numbers")
         row, cell = column.wrong
         raise RecordError(
-            f"{role} of {sheet.place(row)} is {quoted(cell)}, not a number; correct or drop it"
+            f"{role} of {sheet.place(row)} is {quote(cell)}, not a number; correct or drop it"
         )
     infinite = np.isinf(column.values)
     if infinite.any():

@@ -25,7 +25,7 @@ from granular.readers.workbook import read_workbook, refuse_old
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import reading as reading_file
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 MAX_BYTES = 256 * 2**20
 """Of a file; in text some six million samples: reading takes ten times as much memory."""
@@ -125,7 +125,7 @@ def read_text(content: bytes, said: Reading) -> Sheet:
         If it is no text, or holds no table.
     """
     refuse_old(content)
-    text, encoding = _decoded(content)
+    text, encoding = _decode(content)
     if is_labview(text):
         sheet = read_labview(text, said)
     elif is_rigol(text):
@@ -137,7 +137,7 @@ def read_text(content: bytes, said: Reading) -> Sheet:
     return sheet
 
 
-def _decoded(content: bytes) -> tuple[str, str]:
+def _decode(content: bytes) -> tuple[str, str]:
     """Text of some bytes, and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
@@ -231,7 +231,7 @@ def _other(sheet: Sheet, time: Column, unit: str) -> Column:
     )
     found = next((some for some in choices if len(some) == 1), None)
     if found is None:
-        names = ", ".join(quoted(one.name) for one in others[:_MAX_SHOWN])
+        names = ", ".join(quote(one.name) for one in others[:_MAX_SHOWN])
         raise RecordError(
             f"holds {len(others)} columns beside the time ({names}); leave one, or write its unit "
             f"behind its name, such as 'value [{unit}]'"
@@ -249,7 +249,7 @@ def _size(name: str, column: Column, wanted: str) -> float:
         raise RecordError(f"{name}: {error}") from None
     if dimension not in (unit_size(wanted)[1], unit_size("1")[1]):
         raise RecordError(
-            f"{name}: the unit {quoted(column.unit)} does not fit; one of {wanted} is wanted: "
+            f"{name}: the unit {quote(column.unit)} does not fit; one of {wanted} is wanted: "
             "correct it, or convert the numbers"
         )
     return size

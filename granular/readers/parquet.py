@@ -13,7 +13,7 @@ from granular.readers.reading import Reading
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
 from granular.shared.files import replacing
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 _MAX_NUMBERS = 50_000_000
 """Five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
@@ -100,8 +100,8 @@ def _with_metadata(
         said = None if raw is None else raw.decode(errors="replace").strip() or None
         if unit and said and unit != said:
             raise RecordError(
-                f"the column {quoted(name)} has the unit {quoted(unit)} in its "
-                f"name and {quoted(said)} in its metadata; correct one of them"
+                f"the column {quote(name)} has the unit {quote(unit)} in its "
+                f"name and {quote(said)} in its metadata; correct one of them"
             )
         found.append((name, unit or said))
     return found

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from granular.schema.sections import unknown
 from granular.shared.errors import RecordError
 from granular.shared.files import read_toml, write_text
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 T = TypeVar("T")
 
@@ -69,23 +69,23 @@ class Reading:
     def __post_init__(self) -> None:
         for name in ("columns", "units"):
             if not isinstance(getattr(self, name), Mapping):
-                raise RecordError(f"{name} = {quoted(getattr(self, name))}; give names and values")
+                raise RecordError(f"{name} = {quote(getattr(self, name))}; give names and values")
         for role, column in self.columns.items():
             if role not in OWN:
                 raise RecordError(f"columns: {unknown(str(role), OWN, 'column of a record')}")
             if isinstance(column, bool) or not isinstance(column, str | int):
-                raise RecordError(f"columns: {role} = {quoted(column)}; give a name or a number")
+                raise RecordError(f"columns: {role} = {quote(column)}; give a name or a number")
         for role, unit in self.units.items():
             if not isinstance(unit, str):
-                raise RecordError(f"units: {quoted(role)} = {quoted(unit)}; give a unit in words")
+                raise RecordError(f"units: {quote(role)} = {quote(unit)}; give a unit in words")
         if self.decimal not in (None, ".", ","):
-            raise RecordError(f"decimal = {quoted(self.decimal)}; give '.' or ','")
+            raise RecordError(f"decimal = {quote(self.decimal)}; give '.' or ','")
         if isinstance(self.skip, bool) or not isinstance(self.skip, int) or self.skip < 0:
-            raise RecordError(f"skip = {quoted(self.skip)}; give a number of lines")
+            raise RecordError(f"skip = {quote(self.skip)}; give a number of lines")
         if not isinstance(self.flip, bool):
-            raise RecordError(f"flip = {quoted(self.flip)}; give true or false")
+            raise RecordError(f"flip = {quote(self.flip)}; give true or false")
         if self.sheet is not None and not isinstance(self.sheet, str):
-            raise RecordError(f"sheet = {quoted(self.sheet)}; give a name")
+            raise RecordError(f"sheet = {quote(self.sheet)}; give a name")
         if self.between is not None:
             object.__setattr__(self, "between", _span(self.between))
 
@@ -106,8 +106,8 @@ class Reading:
         if self.sheet is None:
             return tables
         if self.sheet not in tables:
-            found = ", ".join(map(quoted, tables))
-            raise RecordError(f"no {kind} {quoted(self.sheet)}; found: {found}")
+            found = ", ".join(map(quote, tables))
+            raise RecordError(f"no {kind} {quote(self.sheet)}; found: {found}")
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
@@ -139,7 +139,7 @@ def _span(given: Any) -> tuple[float, float]:
     try:
         start, stop = (float(one) for one in given)
     except (TypeError, ValueError):
-        raise RecordError(f"between = {quoted(given)}; give two times, such as 0.5:6") from None
+        raise RecordError(f"between = {quote(given)}; give two times, such as 0.5:6") from None
     if not start < stop or math.isnan(start):
         raise RecordError(f"between = {start:g} to {stop:g} s; give the earlier time first")
     return start, stop
@@ -166,7 +166,7 @@ def read_description(path: Path) -> tuple[Path, Reading]:
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
-        raise RecordError(f"{visible(path)}: file = {quoted(name)}; give the name of a file")
+        raise RecordError(f"{visible(path)}: file = {quote(name)}; give the name of a file")
     try:
         return path.parent / name, reading_from_plain(plain)
     except RecordError as error:
@@ -182,7 +182,7 @@ def describing(path: Path, file: Path) -> Iterator[None]:
         if not _is_elsewhere(path, file):
             raise
         raise RecordError(
-            f"{visible(path)}: {FILE} = {quoted(str(file))} cannot be read as a record; as it does "
+            f"{visible(path)}: {FILE} = {quote(str(file))} cannot be read as a record; as it does "
             "not lie below the description, no more is said: read it itself"
         ) from None
 

@@ -22,7 +22,7 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 SI = {TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N"}
 """Of the columns that have a meaning; of an angle rad and rad/s instead of m and m/s."""
@@ -86,9 +86,9 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
         chosen[role] = found[0]
         taken.append(id(found[0]))
         if len(found) > 1 and found[0].name.lower() != role:
-            others = ", ".join(quoted(one.name) for one in found[1:_MOST_SHOWN])
+            others = ", ".join(quote(one.name) for one in found[1:_MOST_SHOWN])
             notes.append(
-                f"{role} is the column {quoted(found[0].name)}, not {others} (columns: {role}=...)"
+                f"{role} is the column {quote(found[0].name)}, not {others} (columns: {role}=...)"
             )
 
 
@@ -160,7 +160,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
         accelerations = [one for one in free if _is_acceleration(one)]
         if accelerations and not lengths:
             raise RecordError(
-                f"no column 'height', only the acceleration {quoted(accelerations[0].name)}: twice "
+                f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
                 "integrated, its offset grows with the square of the time; record a position"
             )
         raise RecordError(
@@ -170,7 +170,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     chosen[HEIGHT] = found[0]
     if found[0].name:
         notes.append(
-            f"height is the column {quoted(found[0].name)}, the only other one of numbers "
+            f"height is the column {quote(found[0].name)}, the only other one of numbers "
             "(columns: height=..., and flip if it grows downwards)"
         )
     else:
@@ -183,11 +183,11 @@ def _check_channels(columns: Sequence[Column]) -> None:
     names = [one.name for one in columns if one.channel]
     if names and len(names) == len(columns):
         raise RecordError(
-            f"no column 'height', only channels: {', '.join(map(quoted, names))}; say which it is "
+            f"no column 'height', only channels: {', '.join(map(quote, names))}; say which it is "
             f"and its unit (columns: height={names[0]}, units: height=mm)"
         )
 
 
 def _names(sheet: Sheet) -> str:
     names = [one.name.lower() for one in sheet.columns if one.name]
-    return ", ".join(map(quoted, names[:_MOST_SHOWN])) or "none with a name"
+    return ", ".join(map(quote, names[:_MOST_SHOWN])) or "none with a name"

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, seconds_of
+from granular.readers.cells import LOST, parse_seconds
 from granular.readers.names import name_and_unit
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 
 @dataclasses.dataclass(eq=False)
@@ -131,7 +131,7 @@ def sheet_of(table: Any) -> Sheet:
         columns, form = {name: (np.asarray(one), None) for name, one in table.items()}, "columns"
     else:
         raise RecordError(
-            f"{quoted(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "
+            f"{quote(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "
             "mapping of names to arrays"
         )
     lengths = {len(values) for values, _ in columns.values()}
@@ -155,7 +155,7 @@ def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
     except (TypeError, ValueError):
         pass
     texts = [str(one) for one in values]
-    found = seconds_of(texts, LOST)
+    found = parse_seconds(texts, LOST)
     if found is not None:
         return Column(name, "s", found[0], clock=found[1])
     return Column(name, unit, None, (0, texts[0] if texts else ""))

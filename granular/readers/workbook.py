@@ -22,7 +22,7 @@ from granular.readers.delimited import read_delimited
 from granular.readers.reading import Reading
 from granular.readers.sheet import Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 MAX_BYTES = 64 * 2**20
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
@@ -83,7 +83,7 @@ def read_workbook(content: bytes, reading: Reading) -> Sheet:
         except RecordError as error:
             failed = failed or error
             continue
-        sheet.form = f"sheet {quoted(name)} of a workbook"
+        sheet.form = f"sheet {quote(name)} of a workbook"
         return sheet
     raise failed or RecordError("holds no sheet; save the table in one")
 

@@ -89,7 +89,7 @@ def _between(
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):
         frame = after if fraction else before
-        return frame._replace(time=time) if not heights.known else _lifted(frame, time, heights)
+        return frame._replace(time=time) if not heights.known else _lift(frame, time, heights)
     grains, first, second = _shared(before, after)
 
     def evenly(name: str) -> np.ndarray:
@@ -109,8 +109,8 @@ def _between(
         before.number, time, before.height, grains, cell.inside(position),
         evenly("velocity"), evenly("force"), evenly("interaction"),
     )  # fmt: skip
-    return _lifted(frame, time, heights) if heights.known else frame
+    return _lift(frame, time, heights) if heights.known else frame
 
 
-def _lifted(frame: BedFrame, time: float, heights: _Heights) -> BedFrame:
+def _lift(frame: BedFrame, time: float, heights: _Heights) -> BedFrame:
     return frame._replace(time=time, height=heights.at(time))

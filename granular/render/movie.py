@@ -19,7 +19,7 @@ from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits,
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import check_target, replacing
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.stops import Stop, deferred_stop
 
 WIDTH = 960
@@ -153,8 +153,7 @@ def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterat
 def _writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
     if path.suffix.lower() not in WRITERS:
         raise InputError(
-            f"unknown format {quoted(path.suffix)} of {path.name}; a movie is "
-            f"{' or '.join(WRITERS)}"
+            f"unknown format {quote(path.suffix)} of {path.name}; a movie is {' or '.join(WRITERS)}"
         )
     write, fastest = WRITERS[path.suffix.lower()]
     if not 0.0 < fps <= fastest:

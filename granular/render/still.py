@@ -14,7 +14,7 @@ from granular.render.picture import BedPicture, colour_limits, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +98,7 @@ def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
         raise InputError(
-            f"unknown format {quoted(path.suffix)} of {path.name}; a still is one of "
+            f"unknown format {quote(path.suffix)} of {path.name}; a still is one of "
             f"{', '.join(FORMATS)}, a movie .mp4 or .gif"
         )
     # Without date and random names the same picture is the same file.

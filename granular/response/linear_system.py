@@ -61,7 +61,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
     excited = count - 1 if host.excited is None else host.excited
     for position, rate in enumerate(omega):
         held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
-        matrix = _chained(held) - np.diag([rate**2 * body.mass for body in host.bodies])
+        matrix = _chain_stiffness(held) - np.diag([rate**2 * body.mass for body in host.bodies])
         matrix[-1, -1] += attached[position]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
@@ -80,8 +80,8 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
 def slowest_decay(host: Host) -> float:
     """Decay rate [1/s] of the host's mode that rings longest; c/(2 M) of one body."""
     count = len(host.bodies)
-    springs = _chained([body.stiffness for body in host.bodies])
-    dashpots = _chained([body.damping for body in host.bodies])
+    springs = _chain_stiffness([body.stiffness for body in host.bodies])
+    dashpots = _chain_stiffness([body.damping for body in host.bodies])
     masses = np.array([body.mass for body in host.bodies])[:, None]
     rates = np.block([
         [np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]
@@ -89,7 +89,7 @@ def slowest_decay(host: Host) -> float:
     return float(-np.linalg.eigvals(rates).real.max())
 
 
-def _chained(held: Sequence[complex]) -> np.ndarray:
+def _chain_stiffness(held: Sequence[complex]) -> np.ndarray:
     """Return the stiffness matrix (n, n) of a chain of bodies, each held by the one before."""
     matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
     for k, coefficient in enumerate(held):

@@ -210,7 +210,7 @@ def _settings(page: Page, response: Response) -> None:
     page.table(("setting", "value"), rows)
     if shown_rows(response) < response.dataset.sizes["frequency"]:
         page.text("The tables show some of the frequencies; response.csv holds all.")
-    page.preformatted(response.scene.to_toml())
+    page.preformat(response.scene.to_toml())
 
 
 def _mm(metres: float) -> str:

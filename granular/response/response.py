@@ -24,7 +24,7 @@ from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from granular.shared.tables import in_columns
 from granular.studies.sweep import sweep
 
@@ -191,7 +191,7 @@ def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Hos
     host = scene.effects.host
     if host is None or host.excitation is None or host.excitation.kind != "sine":
         raise InputError(
-            f"the scene {quoted(scene.name)} has no host under a sine; give effects.host an "
+            f"the scene {quote(scene.name)} has no host under a sine; give effects.host an "
             "excitation of the kind 'sine', or take the packaged scene 'machine'"
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
@@ -297,7 +297,7 @@ def load_response(directory: str | Path) -> Response:
     path = Path(directory) / FILE
     if not path.exists():
         raise InputError(
-            f"{quoted(str(directory))} holds no {FILE}; write one by granular-damper response "
+            f"{quote(str(directory))} holds no {FILE}; write one by granular-damper response "
             "SCENE -o DIR"
         )
     try:
@@ -305,7 +305,7 @@ def load_response(directory: str | Path) -> Response:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise _damaged(path, str(error)) from None
+        raise _damage_error(path, str(error)) from None
     return _response_of(plain, path)
 
 
@@ -321,15 +321,15 @@ def _response_of(plain: Any, path: Path) -> Response:
         )
         sound = sound and {"units", "long_name"} <= set(data["amplitude"].attrs)
     except InputError as error:
-        raise _damaged(path, str(error)) from None
+        raise _damage_error(path, str(error)) from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _damaged(path, f"{type(error).__name__} {error}") from None
+        raise _damage_error(path, f"{type(error).__name__} {error}") from None
     if not sound:
-        raise _damaged(path, "it has no amplitudes over frequencies")
+        raise _damage_error(path, "it has no amplitudes over frequencies")
     return response
 
 
-def _damaged(path: Path, why: str) -> InputError:
+def _damage_error(path: Path, why: str) -> InputError:
     return InputError(
         f"{visible(path)} cannot be read: {why}; write it anew by granular-damper response"
     )

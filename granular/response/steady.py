@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     import xarray
@@ -112,7 +112,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     drive = None if host is None else host.excitation
     if host is None or drive is None or drive.kind != "sweep" or not host.bodies:
         raise InputError(
-            f"the scene {quoted(run.scene.name)} has no host under a sweep; give effects.host "
+            f"the scene {quote(run.scene.name)} has no host under a sweep; give effects.host "
             "bodies, and an excitation of the kind 'sweep'"
         )
     low, high = float(drive.frequency or 0.0), float(drive.to or 0.0)

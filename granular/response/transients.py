@@ -16,7 +16,7 @@ from granular.response.steady import PERIODS, POINTS, swept_response
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     import pandas
@@ -85,7 +85,7 @@ def run_sweep(
         "frequency": lowest, "to": highest, "duration": duration,
     }  # fmt: skip
     shaken = scene.replace(**{"effects.host.excitation": sweep})
-    run = _simulated(shaken, start + duration, dt, out, progress)
+    run = _simulate(shaken, start + duration, dt, out, progress)
     return response_of_sweep(run, points)
 
 
@@ -122,7 +122,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
 
 
 def pace_of_sweep(response: Response) -> float | None:
-    """Pace at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
+    """Speed at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at
     the peak; None where these are not known (a shaken base, several bodies) or do not damp.
@@ -151,7 +151,7 @@ class Impulse:
         Since the end of the impulse [s].
     displacement : float64 (n,)
         Displacement of the last body from rest [m].
-    share : float
+    fraction : float
         Fraction of its peak below which it stays from ``seconds`` on.
     seconds : float
         [s]
@@ -160,7 +160,7 @@ class Impulse:
     scene: Scene
     time: np.ndarray
     displacement: np.ndarray
-    share: float
+    fraction: float
     seconds: float
 
     @property
@@ -172,7 +172,7 @@ class Impulse:
         host = self.scene.effects.host
         assert host is not None
         delta = slowest_decay(host)
-        return math.inf if delta <= 0.0 else math.log(1.0 / self.share) / delta
+        return math.inf if delta <= 0.0 else math.log(1.0 / self.fraction) / delta
 
     @property
     def peak(self) -> float:
@@ -189,18 +189,18 @@ class Impulse:
     def __str__(self) -> str:
         alone = "never" if math.isinf(self.alone) else f"{self.alone:.3g} s"
         return (
-            f"{self.seconds:.3g} s until it swings less than {self.share:g} of its peak, "
+            f"{self.seconds:.3g} s until it swings less than {self.fraction:g} of its peak, "
             f"{1e3 * self.peak:.3g} mm; without the damper {alone}"
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement [mm] over the time, and what ``share`` of the peak is."""
+        """Draw the displacement [mm] over the time, and what ``fraction`` of the peak is."""
         from granular.shared.plotting import COLOURS, GREY, axes_or_new
 
         ax = axes_or_new(ax)
         ax.plot(self.time, 1e3 * self.displacement, color=COLOURS[0], lw=0.9)
         for side in (-1.0, 1.0):
-            ax.axhline(1e3 * side * self.share * self.peak, color=GREY, linestyle="--", lw=0.9)
+            ax.axhline(1e3 * side * self.fraction * self.peak, color=GREY, linestyle="--", lw=0.9)
         ax.axvline(self.seconds, color=COLOURS[1], lw=1.2, label=f"{self.seconds:.3g} s")
         ax.set(xlabel="time since the impulse [s]", ylabel="displacement [mm]")
         ax.legend(frameon=False)
@@ -211,7 +211,7 @@ def run_impulse(
     scene: Scene,
     force: float,
     *,
-    share: float = 0.1,
+    fraction: float = 0.1,
     length: float = LENGTH,
     duration: float = DURATION,
     dt: float | str = "auto",
@@ -228,7 +228,7 @@ def run_impulse(
         With a host of bodies.
     force : float
         Peak of the impulse, half a sine [N].
-    share : float
+    fraction : float
         Fraction of the peak; see `settling_time`.
     length : float
         Duration of the impulse [s].
@@ -247,7 +247,7 @@ def run_impulse(
         the end, or ``out`` holds another run.
     """
     host = _host(scene)
-    check_share(share)
+    check_fraction(fraction)
     if not 0.0 < abs(force) < math.inf:
         raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
     if not 0.0 < length < duration < math.inf:
@@ -258,17 +258,17 @@ def run_impulse(
     start = 0.0 if host.excitation is None else host.excitation.start
     struck = {"kind": "impulse", "force": force, "start": start, "duration": length}
     scene = scene.replace(**{"effects.host.excitation": struck})
-    run = _simulated(scene, start + duration, dt, out, progress)
+    run = _simulate(scene, start + duration, dt, out, progress)
     time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
-    seconds, behind = settling_time(run, share), time >= 0.0
-    return Impulse(scene, time[behind], swing[behind], share, seconds)
+    seconds, behind = settling_time(run, fraction), time >= 0.0
+    return Impulse(scene, time[behind], swing[behind], fraction, seconds)
 
 
 def _host(scene: Scene) -> Host:
     host = scene.effects.host
     if host is None or not host.bodies:
         raise InputError(
-            f"the scene {quoted(scene.name)} has no host of bodies; give it effects.host.bodies, "
+            f"the scene {quote(scene.name)} has no host of bodies; give it effects.host.bodies, "
             "or take the packaged scene 'machine'"
         )
     return host
@@ -279,7 +279,7 @@ def _drive(scene: Scene) -> tuple[str, float, float]:
     host = _host(scene)
     if host.excitation is None:
         raise InputError(
-            f"nothing shakes the host of {quoted(scene.name)}; give effects.host.excitation a "
+            f"nothing shakes the host of {quote(scene.name)}; give effects.host.excitation a "
             "force, an acceleration or a displacement"
         )
     key = next(name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
@@ -289,7 +289,7 @@ def _drive(scene: Scene) -> tuple[str, float, float]:
     return key, size, host.excitation.start
 
 
-def _simulated(
+def _simulate(
     scene: Scene, t_end: float, dt: float | str, out: str | Path | None, progress: bool
 ) -> Trajectory:
     from granular.run.simulation import simulate
@@ -298,7 +298,7 @@ def _simulated(
     return simulate(scene, dt=dt, t_end=t_end, progress=progress, **saved)
 
 
-def settling_time(run: Trajectory, share: float = 0.1) -> float:
+def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
 
     The displacement is counted from its rest, and the peak is the greatest one behind the impulse.
@@ -308,13 +308,13 @@ def settling_time(run: Trajectory, share: float = 0.1) -> float:
     ----------
     run : Trajectory
         Whose host is shaken by an impulse.
-    share : float
+    fraction : float
         Above 0, below 1.
 
     Raises
     ------
     InputError
-        If the host has no body or feels no impulse, the share is no fraction, or the body still
+        If the host has no body or feels no impulse, the fraction is no fraction, or the body still
         swings wider at the end of the run.
 
     Examples
@@ -336,38 +336,40 @@ def settling_time(run: Trajectory, share: float = 0.1) -> float:
     """
     host = run.scene.effects.host
     if host is None or not host.bodies or host.excitation is None:
-        raise InputError(f"the scene {quoted(run.scene.name)} has no host that something shakes")
+        raise InputError(f"the scene {quote(run.scene.name)} has no host that something shakes")
     if host.excitation.kind != "impulse":
         raise InputError(
-            f"the host is shaken by {quoted(host.excitation.kind)}; give an impulse, behind which "
+            f"the host is shaken by {quote(host.excitation.kind)}; give an impulse, behind which "
             "it swings freely"
         )
     ends = host.excitation.start + (host.excitation.duration or 0.0)
     return settling_time_of(
-        run.dataset.time.values, run.dataset.host_displacement.values, ends, share
+        run.dataset.time.values, run.dataset.host_displacement.values, ends, fraction
     )
 
 
 def settling_time_of(
-    time: np.ndarray, displacement: np.ndarray, ends: float, share: float
+    time: np.ndarray, displacement: np.ndarray, ends: float, fraction: float
 ) -> float:
     """As `settling_time`, of times [s] and displacements [m] (n,)."""
-    check_share(share)
+    check_fraction(fraction)
     behind = time >= ends
     if not behind.any():
         raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {ends:g} s")
     sizes = np.abs(displacement[behind])
-    wide = np.flatnonzero(sizes > share * sizes.max())
+    wide = np.flatnonzero(sizes > fraction * sizes.max())
     last = int(wide[-1]) if len(wide) else 0
     if last >= len(sizes) - 1 or sizes.max() == 0.0:
         raise InputError(
-            f"at the end of the run, {time[-1]:g} s, the body still swings wider than {share:g} of "
-            "its peak; run longer, or take a greater share"
+            f"at the end of the run, {time[-1]:g} s, the body still swings wider than "
+            f"{fraction:g} of its peak; run longer, or take a greater fraction"
         )
     return float(time[behind][last + 1] - ends)
 
 
-def check_share(share: float) -> None:
+def check_fraction(fraction: float) -> None:
     """Refuse a number that is no fraction of the peak."""
-    if not 0.0 < share < 1.0:
-        raise InputError(f"share = {share:g} must be above 0 and below 1; give 0.1 for a tenth")
+    if not 0.0 < fraction < 1.0:
+        raise InputError(
+            f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth"
+        )

@@ -10,11 +10,11 @@ from typing import NamedTuple
 from granular.engine.step_size import Step, multiple
 from granular.methods.named import method_named
 from granular.run.options import checked_step, is_allowed
-from granular.run.prices import Prices, Rung, prices_of, table
+from granular.run.work_precision import WorkPrecisionTable, WorkPrecisionEntry, nearest_table, table
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 MARGIN = 1.5
 """What a bound of the table is multiplied by: scenes differ."""
@@ -65,7 +65,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
         value = math.nan
     if match is None or not 0.0 < value < math.inf:
         raise InputError(
-            f"accuracy = {quoted(text)}; give an error above 0 and a quantity, such as "
+            f"accuracy = {quote(text)}; give an error above 0 and a quantity, such as "
             "'1e-3 rest height' or '1 % piston force'"
         )
     if match["quantity"] not in names:
@@ -82,29 +82,29 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
         If the text is none, or neither the table nor the scatter of starts allows the promise.
     """
     tolerance, quantity = parse_accuracy(text)
-    costs = prices_of(scene, quantity)
+    costs = nearest_table(scene, quantity)
     if costs is None:
         raise InputError(
-            f"accuracy = {quoted(text)}: the table of prices holds no scene like {scene.name!r} "
+            f"accuracy = {quote(text)}: the table of prices holds no scene like {scene.name!r} "
             "with this quantity; measure it: python -m validation cheapest"
         )
     floor = costs.floor(quantity, scene.grains.count)
     if tolerance < FLOORS * floor:
         raise InputError(
-            f"accuracy = {quoted(text)}: random starts scatter by {floor:.2g}, so no single run "
+            f"accuracy = {quote(text)}: random starts scatter by {floor:.2g}, so no single run "
             f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
             f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
         )
     cheapest = min(_candidates(scene, costs, quantity, tolerance), default=None)
     if cheapest is None:
-        least = min(entry.bounds[quantity] for entry in costs.rungs)
+        least = min(entry.bounds[quantity] for entry in costs.entries)
         raise InputError(
-            f"accuracy = {quoted(text)}: the least error that the table of prices holds is "
+            f"accuracy = {quote(text)}: the least error that the table of prices holds is "
             f"{MARGIN * least:.2g}, with its margin; ask for that, or measure: python -m "
             "validation cheapest"
         )
     _, dt, method, bound = cheapest
-    summed, how = _summed(scene, quantity, tolerance, text)
+    summed, how = _add_up(scene, quantity, tolerance, text)
     scatter = f", starts scatter by {floor:.1g}" if floor else ""
     words = (
         f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
@@ -114,12 +114,12 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
 
 
 def _candidates(
-    scene: Scene, costs: Prices, quantity: str, tolerance: float
+    scene: Scene, costs: WorkPrecisionTable, quantity: str, tolerance: float
 ) -> Iterator[tuple[float, str, str, float]]:
     """Price, step, method and bound of each method that reaches the tolerance."""
-    for method in dict.fromkeys(entry.method for entry in costs.rungs):
+    for method in dict.fromkeys(entry.method for entry in costs.entries):
         entries = sorted(
-            (entry for entry in costs.rungs if entry.method == method),
+            (entry for entry in costs.entries if entry.method == method),
             key=lambda entry: entry.fraction,
         )
         fraction = _fraction(entries, quantity, tolerance / MARGIN)
@@ -135,7 +135,7 @@ def _candidates(
         yield near.seconds * near.fraction / fraction, dt, method, bound
 
 
-def _fraction(entries: list[Rung], quantity: str, tolerance: float) -> float | None:
+def _fraction(entries: list[WorkPrecisionEntry], quantity: str, tolerance: float) -> float | None:
     """Longest step times highest frequency that keeps a tolerance; None where none does.
 
     Between two steps of the table, and below its shortest, by the method's order; beyond its
@@ -166,12 +166,12 @@ def _step(scene: Scene, fraction: float) -> str:
     return multiple(math.floor(100.0 * factor + 1e-6) / 100.0)
 
 
-def _summed(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
+def _add_up(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
     """Scene with a sum over pairs that keeps the tolerance, and its name."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
         raise InputError(
-            f"accuracy = {quoted(text)}: pairs.method = {method!r} leaves pairs out, which no step "
+            f"accuracy = {quote(text)}: pairs.method = {method!r} leaves pairs out, which no step "
             "mends; take 'auto'"
         )
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:

@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 
 from granular.effects.wall_side import SIDES, TOP
-from granular.engine.failures import unfinite_as
+from granular.engine.failures import raise_where_not_finite
 from granular.engine.far import total_force
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
-from granular.scene.system import System, natural_system, own_code_compiles
+from granular.scene.system import System, natural_system, user_code_compiles
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def evaluate(
     try:
         piston_height = float(piston_height)
     except (TypeError, ValueError):
-        raise InputError(f"piston_height = {quoted(piston_height)}; give a height [m]") from None
+        raise InputError(f"piston_height = {quote(piston_height)}; give a height [m]") from None
     state = new_state(
         coordinates / scales.length,
         speed / scales.velocity,
@@ -95,7 +95,7 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
-    with unfinite_as(_misplaced), own_code_compiles(scene):
+    with raise_where_not_finite(_misplaced), user_code_compiles(scene):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():

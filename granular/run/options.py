@@ -17,7 +17,7 @@ from granular.protocol.stage import Timed
 from granular.scene.dryness import dry_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 LATEST = 1e30
 """Latest end of a run [s]: as far as quantities go, and far from overflow in any natural unit."""
@@ -38,18 +38,18 @@ def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
             raise InputError(
-                f"dt = {quoted(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'"
+                f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'"
             )
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.longest:
             raise InputError(
-                f"dt = {quoted(dt)}; the automatic step may be multiplied by more than 0 and at "
+                f"dt = {quote(dt)}; the automatic step may be multiplied by more than 0 and at "
                 f"most {step.longest:g}"
             )
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
-        raise InputError(f"dt = {quoted(dt)}; give a time step above 0 s, or 'auto'")
+        raise InputError(f"dt = {quote(dt)}; give a time step above 0 s, or 'auto'")
     return dataclasses.replace(step, seconds=float(dt))
 
 
@@ -59,17 +59,17 @@ def _glides(scene: Scene) -> bool:
     return friction is not None and friction.scheme == "velocity" and contact is None
 
 
-def halved(dt: float | str) -> float | str:
+def halve_step(dt: float | str) -> float | str:
     """Half a time step, given in seconds or as a multiple of the automatic one."""
-    return _scaled(dt, 0.5)
+    return _scale_coefficients(dt, 0.5)
 
 
-def doubled(dt: float | str) -> float | str:
+def double_step(dt: float | str) -> float | str:
     """Twice a time step, in the same form."""
-    return _scaled(dt, 2.0)
+    return _scale_coefficients(dt, 2.0)
 
 
-def _scaled(dt: float | str, by: float) -> float | str:
+def _scale_coefficients(dt: float | str, by: float) -> float | str:
     step = checked_step(dt)
     if step.seconds is not None:
         return by * step.seconds
@@ -202,7 +202,7 @@ def check_end(scene: Scene, t_end: float | None) -> None:
     """
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
-        raise InputError(f"t_end = {quoted(t_end)}; give a time above 0 s and up to {LATEST:g} s")
+        raise InputError(f"t_end = {quote(t_end)}; give a time above 0 s and up to {LATEST:g} s")
     if not scene.protocol:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height

@@ -16,7 +16,7 @@ import numpy as np
 from granular.readers.reading import Reading
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replacing
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 if TYPE_CHECKING:
     import pandas
@@ -330,7 +330,7 @@ class PistonRecord:
         for name in ("time", "height"):
             if name not in columns:
                 raise RecordError(
-                    f"there is no column {quoted(name)}; a record needs time and height"
+                    f"there is no column {quote(name)}; a record needs time and height"
                 )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.departure import take_out
-from granular.engine.failures import restless, unbalanced
+from granular.engine.failures import restless, unbalanced_energy_error
 from granular.engine.far import hold_far_field
 from granular.engine.ledger import Ledger
 from granular.engine.loop import (
@@ -23,11 +22,12 @@ from granular.engine.loop import (
     RESTING,
     STIFF,
     STIFFEST,
-    Watch,
+    StopCriteria,
     Window,
     advance,
 )
-from granular.engine.step_size import REVIEW, Pace
+from granular.engine.outflow import take_out
+from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
@@ -101,7 +101,7 @@ class Run(RunState):
     def _take_hold(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.piston_mass, self.state.piston
-        if self.scene.effects.host is not None:  # which has a share in the piston's momentum
+        if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
             before = self.energy(PLACE)
             piston[SPEED] = speed
             self.state.ledger[WORK] += self.energy(PLACE) - before
@@ -133,7 +133,9 @@ class Run(RunState):
             between = progress.ticks % self.pace.frames_every != 0
             self._end_stage("duration", new_frame=between or left > 0.0)
 
-    def _run(self, window: Window, pace: Pace, watch: Watch) -> tuple[int, int, np.ndarray]:
+    def _run(
+        self, window: Window, pace: StepSchedule, watch: StopCriteria
+    ) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
         rows = np.empty((window.ticks // pace.every + 2, self._columns))
         status, done, saved = advance(
@@ -143,7 +145,7 @@ class Run(RunState):
         self.progress.ticks += done
         if status == OUTSIDE:
             self._keep(rows[:saved])
-            raise self.misplaced(self.shorter)
+            raise self.misplaced_grain_error(self.shorter)
         return status, done, rows[: saved + 1]
 
     def _call(self, ticks: int) -> None:
@@ -198,7 +200,9 @@ class Run(RunState):
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
-            _, made, rows = self._run(window, Pace(left, left / steps, 1, 1, steps, 0), watch)
+            _, made, rows = self._run(
+                window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch
+            )
             self.state.clock[TIME] = reached + left
             rows = rows[:1]
         else:
@@ -292,9 +296,11 @@ class Run(RunState):
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
                     "an energy is not finite any more",
-                    step=self.steps, time=moment, remedy=self.unfinite,
+                    step=self.steps, time=moment, remedy=self.not_finite,
                 ).blaming(self.blame)  # fmt: skip
-            error = unbalanced(wrong[1], self.ledger.wrong, self.steps, moment, self.shorter)
+            error = unbalanced_energy_error(
+                wrong[1], self.ledger.wrong, self.steps, moment, self.shorter
+            )
             raise error.blaming(self.blame)
 
     def _frame(self, at: float | None = None) -> None:

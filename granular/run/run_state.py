@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.failures import countless, misplaced
+from granular.engine.failures import countless, misplaced_grain_error
 from granular.engine.ledger import Ledger
-from granular.engine.loop import STIFFEST, TURNED, Watch, look
+from granular.engine.loop import STIFFEST, TURNED, StopCriteria, look
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.step import plan_of
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
     REVIEW,
-    Pace,
     Step,
+    StepSchedule,
     multiple,
     whole_ticks,
 )
@@ -74,7 +74,7 @@ class Progress:
     height : float
         Piston height at the stage's start [m].
     pace : list or None
-        Fields of its `Pace`.
+        Fields of its `StepSchedule`.
     stiffest : float
         Greatest product of step and highest angular frequency so far.
     closest : float
@@ -155,9 +155,9 @@ class RunState:
         return self.progress.stage == len(self.scene.protocol)
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> StepSchedule:
         assert self.progress.pace is not None
-        return Pace(*self.progress.pace)
+        return StepSchedule(*self.progress.pace)
 
     @property
     def at_end(self) -> bool:
@@ -193,9 +193,9 @@ class RunState:
             return left
         return 0.0
 
-    def least_time(self, share: float = 1e-6) -> float:
+    def least_time(self, fraction: float = 1e-6) -> float:
         """Time [tau] below which rounding leaves something to an end that was reached."""
-        return share * self.pace.h if self.progress.ticks else 0.0
+        return fraction * self.pace.h if self.progress.ticks else 0.0
 
     def ticks_ahead(self) -> int:
         ticks, pace = self.progress.ticks, self.pace
@@ -217,7 +217,7 @@ class RunState:
         return "shorten dt (or leave it 'auto')"
 
     @property
-    def unfinite(self) -> str:
+    def not_finite(self) -> str:
         """Remedy for what is no number any more.
 
         A user's formula or function may be no number at some point or time; no step cures that, and
@@ -249,19 +249,21 @@ class RunState:
         outside = look(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
         if outside:
-            raise self.misplaced(remedy)
+            raise self.misplaced_grain_error(remedy)
         return self._row
 
     def energy(self, remedy: str) -> float:
         """Energy of the present moment [F* D]; see `look`."""
         return columns.energy(self.look(remedy)[: self._entered])
 
-    def misplaced(self, remedy: str) -> RunError:
+    def misplaced_grain_error(self, remedy: str) -> RunError:
         moment = self.steps, self.time * self.system.scales.time
-        error = misplaced(self.state, self.constants, self.system.scales, *moment, remedy)
+        error = misplaced_grain_error(
+            self.state, self.constants, self.system.scales, *moment, remedy
+        )
         if isinstance(error, NotFiniteError) and remedy == self.shorter:
             error = NotFiniteError(error.cause, step=error.step, time=error.time,
-                                   grain=error.grain, remedy=self.unfinite)  # fmt: skip
+                                   grain=error.grain, remedy=self.not_finite)  # fmt: skip
         return error.blaming(self.blame)
 
     # The step schedule ---------------------------------------------------------------------------
@@ -317,7 +319,7 @@ class RunState:
             seconds = self.time * self.system.scales.time
             raise countless(what, steps, limit, self.steps, seconds)
 
-    def _use(self, pace: Pace) -> None:
+    def _use(self, pace: StepSchedule) -> None:
         self.progress.pace = list(pace)
         if self.plan.fraction is None:
             clock = self.state.clock
@@ -336,7 +338,7 @@ class RunState:
             return REST_TOLERANCE
         return stage.tolerance / self.system.scales.length
 
-    def stop_criteria(self) -> Watch:
+    def stop_criteria(self) -> StopCriteria:
         """Stop criteria of the present stage, for the compiled loop."""
         stage, rest, window = self.stage, self.rest_limit, 0
         if isinstance(stage, Timed) and rest >= 0.0:
@@ -346,4 +348,4 @@ class RunState:
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston
         floor = -math.inf if self.scene.piston is None else 0.0
-        return Watch(stiff, rest, window, self.band, self.seen, potential, piston, floor)
+        return StopCriteria(stiff, rest, window, self.band, self.seen, potential, piston, floor)

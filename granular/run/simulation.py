@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.compiled.timer import CompileTimer, timed_compiling
-from granular.engine.failures import unfinite_as
+from granular.engine.failures import raise_where_not_finite
 from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.named import method_of, method_setting
@@ -31,7 +31,7 @@ from granular.run.threads import Threads, set_threads, threads_of
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.dryness import doubtful
 from granular.scene.scene import Scene
-from granular.scene.system import System, natural_system, own_code_compiles
+from granular.scene.system import System, natural_system, user_code_compiles
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
@@ -133,7 +133,7 @@ def simulate(
     with deferred_stop() as stop, timed_compiling() as compiling:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
-            with own_code_compiles(scene):
+            with user_code_compiles(scene):
                 return _Job(run, store, settings, compiling).carry_out(progress, stop)
         finally:
             if store is not None:
@@ -153,11 +153,11 @@ class _Job:
     def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
         run = self.run
         self._commit(complete=False)
-        failure = partial(run.misplaced, run.shorter)
+        failure = partial(run.misplaced_grain_error, run.shorter)
         with ProgressBar(progress) as bar:
             try:
                 while not run.at_end and not stop.asked:
-                    with unfinite_as(failure):
+                    with raise_where_not_finite(failure):
                         run.advance()
                     bar.show(run)
                     if time.perf_counter() - self.last_commit > COMMIT_SECONDS:
@@ -165,7 +165,7 @@ class _Job:
                         self._commit(complete=False)
                 self.kept = self._snapshot()
                 complete = run.at_end
-                with unfinite_as(failure):
+                with raise_where_not_finite(failure):
                     until = run.run_tail() if complete else run.time
             except RunError as error:
                 error.trajectory = self._result(complete=False, until=run.time)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.departure import grain_constants
 from granular.engine.ledger import Ledger
+from granular.engine.outflow import grain_constants
 from granular.kernel_data.state import KEPT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
@@ -90,7 +90,7 @@ def _kept(state: State) -> dict[str, np.ndarray]:
     """Arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
     saved = {name: getattr(state, name) for name in names}
-    for index, workspace in enumerate(state.rooms):
+    for index, workspace in enumerate(state.workspaces):
         if hasattr(workspace, "kept"):
             saved[f"room_{index}"] = workspace.kept
     far = state.far_forces

@@ -58,7 +58,7 @@ def scene_text(scene: Scene) -> str:
     counts, fractions = scene.grains.counts(), scene.grains.shares()
     lines = [f"scene {scene.name}"]
     for specy, count, fraction in zip(scene.grains.species, counts, fractions, strict=True):
-        mixed = "" if len(counts) == 1 else f", a share of {fraction:.4g}"
+        mixed = "" if len(counts) == 1 else f", a fraction of {fraction:.4g}"
         lines.append(f"  {count} grains {specy.name!r} of {1e3 * specy.diameter:g} mm{mixed}")
     lines.append(
         f"  natural units: D = {1e3 * scales.length:g} mm, m = {1e3 * scales.mass:.5g} g, "

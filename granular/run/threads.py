@@ -15,7 +15,7 @@ import numba
 from granular.pairs.direct import PARTED_FROM, PARTS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 SHORTEST, LONGEST = 1.0, 60.0
 """Seconds until the number that took longer is tried again: at first, and after many trials, each
@@ -74,7 +74,7 @@ def threads_of(scene: Scene, asked: int | None) -> int:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted and _start_quickly(scene) else 1
     if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= available:
-        raise InputError(f"threads = {quoted(asked)}; give a whole number from 1 to {available}")
+        raise InputError(f"threads = {quote(asked)}; give a whole number from 1 to {available}")
     return asked
 
 

@@ -94,9 +94,9 @@ class Trajectory:
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformatted
+        from granular.shared.html import preformat
 
-        return preformatted(repr(self)) + self.dataset._repr_html_()
+        return preformat(repr(self)) + self.dataset._repr_html_()
 
     def _repr_latex_(self) -> str:
         from granular.shared.tables import latex_text

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.effects.effect import Record
 from granular.effects.wall_side import SIDES
-from granular.engine.columns import all_columns, energy_column, loss_column, own_column
+from granular.engine.columns import all_columns, custom_column, energy_column, loss_column
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 
@@ -92,24 +92,24 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _summed(
+    chosen += _add_up(
         (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
     )
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _summed((loss_column(index), variable.loss_record) for index, variable in laws)
+    chosen += _add_up((loss_column(index), variable.loss_record) for index, variable in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
     own = [record for variable in effects.laws for record in variable.records]
-    chosen += [_variable(record, own_column(index)) for index, record in enumerate(own)]
+    chosen += [_variable(record, custom_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
     return tuple(chosen)
 
 
-def _summed(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
-    """Variable for each record, of the columns of all effects that share it."""
+def _add_up(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
+    """Variable for each record, of the columns of all effects that fraction it."""
     columns: dict[Record, list[str]] = {}
     for column, record in records:
         if record is not None:

@@ -37,8 +37,8 @@ def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, floa
         "diameters": scene.grains.diameters().tolist(),
         "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()],
         "frames": chosen["frame_time"].values.tolist(),
-        "position": _packed(scene.cell.inside(chosen["position"].values)),
-        "velocity": _packed(chosen["velocity"].values),
+        "position": _pack(scene.cell.inside(chosen["position"].values)),
+        "velocity": _pack(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
         "top": _top(scene, data),
         **_records(data),
@@ -72,5 +72,5 @@ def _top(scene: Scene, data: xarray.Dataset) -> float:
     return top
 
 
-def _packed(values: np.ndarray) -> str:
+def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

@@ -42,12 +42,12 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
 
 
 def _compile(scene: Scene) -> None:
-    from granular.protocol.motion import Motion, path, tabled
+    from granular.protocol.motion import Motion, path, tabulate_motion
     from granular.run.evaluation import evaluate
     from granular.run.simulation import simulate
 
     simulate(scene, t_end=_INSTANT, progress=False)
     positions, velocities = scene.initial_motion()
     evaluate(scene, positions, velocities)
-    driven = any(stage.tabled for stage in scene.protocol)
-    path(tabled(Motion()) if driven else Motion(), 0.0)
+    driven = any(stage.tabulate_motion for stage in scene.protocol)
+    path(tabulate_motion(Motion()) if driven else Motion(), 0.0)

@@ -13,7 +13,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.parts import Species
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0
@@ -42,7 +42,9 @@ def final_height(reference: float, species: Sequence[Species]) -> float:
     [1 + R (p - 1)] H_r [D, eq. 4.23].
     """
     first = species[0].diameter
-    return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
+    return reference * math.fsum(
+        specy.fraction * (specy.diameter / first) ** 2 for specy in species
+    )
 
 
 def _compression(
@@ -70,7 +72,7 @@ def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= most or math.isinf(value):
         limit = "" if math.isinf(most) else f" and at most {most:g}"
-        raise InputError(f"{name} = {quoted(value)}; give a number above 0{limit} {unit}".rstrip())
+        raise InputError(f"{name} = {quote(value)}; give a number above 0{limit} {unit}".rstrip())
 
 
 def _compressed(
@@ -184,10 +186,10 @@ def bidisperse(
     _check("aspect", aspect, "", most=1.0)
     _check("big", big, "m")
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
-        raise InputError(f"ratio = {quoted(ratio)}; give a share from 0 to 1")
+        raise InputError(f"ratio = {quote(ratio)}; give a fraction from 0 to 1")
     species = [
-        Species(name="big", diameter=big, share=1.0 - ratio),
-        Species(name="small", diameter=aspect * big, share=ratio),
+        Species(name="big", diameter=big, fraction=1.0 - ratio),
+        Species(name="small", diameter=aspect * big, fraction=ratio),
     ]
     heights = BIDISPERSE_START, final_height(_reference_height(big), species)
     mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}

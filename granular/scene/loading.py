@@ -8,7 +8,7 @@ from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import SceneError
 from granular.shared.files import read_toml
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -52,7 +52,7 @@ def load_scene(source: str | Path) -> Scene:
         path = SCENES / f"{source}.toml"
     elif not _is_file(path):
         if path.suffix:
-            raise SceneError(f"there is no scene file {quoted(str(source))}; check the path")
+            raise SceneError(f"there is no scene file {quote(str(source))}; check the path")
         raise SceneError(unknown(str(source), scene_names(), "scene"))
     plain = read_toml(path, SceneError)
     try:

@@ -21,7 +21,7 @@ from granular.schema.units import si_value
 from granular.shared.citing import words_of_module
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
@@ -86,7 +86,7 @@ class Effects(Section):
             plain = {}
         if not isinstance(plain, Mapping):
             raise FieldError(
-                f"{quoted(plain)} must be a table with the keys {', '.join(cls.key_names())}"
+                f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}"
             )
         self = object.__new__(cls)
         object.__setattr__(self, "_given", _read_effects(plain, diameter))
@@ -182,10 +182,10 @@ class Scene(Section):
     @property
     def pair_method(self) -> str:
         """Method by which pairs are summed; the recommended one where the scene says ``"auto"``."""
-        return self.pairs.chosen(self.grains.count, closed=self._closed, room=self._room)
+        return self.pairs.chosen(self.grains.count, closed=self._closed, workspace=self._workspace)
 
     @property
-    def _room(self) -> float | None:
+    def _workspace(self) -> float | None:
         """The shorter side of a periodic cell, over the first species' diameter."""
         if self.cell.periods is None:
             return None
@@ -214,7 +214,7 @@ class Scene(Section):
 
     def _check_periodic(self) -> None:
         """Periodic cell has no walls, no piston, and effects that know of images alone."""
-        workspace = self._room
+        workspace = self._workspace
         if workspace is None:
             return
         if self.piston is not None:
@@ -226,7 +226,9 @@ class Scene(Section):
                     "'closed'", "effects", effect.key,
                 )  # fmt: skip
         try:
-            self.pairs.check_room(self.grains.count, workspace, self.grains.species[0].diameter)
+            self.pairs.check_periodic_cell(
+                self.grains.count, workspace, self.grains.species[0].diameter
+            )
         except FieldError as error:
             raise error.within("pairs") from None
 
@@ -327,9 +329,9 @@ class Scene(Section):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformatted
+        from granular.shared.html import preformat
 
-        return preformatted(self.to_toml())
+        return preformat(self.to_toml())
 
     def _repr_latex_(self) -> str:
         from granular.shared.tables import latex_text

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.effect import Effect, Setting
+from granular.effects.effect import Effect, EffectContext
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Acting, Constants, Resistance
 from granular.methods import Method
@@ -136,15 +136,15 @@ def _periods(scene: Scene, scales: Scales) -> tuple[float, float] | None:
     return None if periods is None else (periods[0] / scales.length, periods[1] / scales.length)
 
 
-def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> Setting:
+def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
     effects = scene.effects.laws
     indices = {effect.key: place for place, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
-    return Setting(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
+    return EffectContext(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
 
 
 @contextlib.contextmanager
-def own_code_compiles(scene: Scene) -> Iterator[None]:
+def user_code_compiles(scene: Scene) -> Iterator[None]:
     """Let what the compiler says of a user's function be one line.
 
     Raises

@@ -13,7 +13,7 @@ from granular.formulas.dimensions import Dimension, dimension_of, unit_text
 from granular.schema.sections import FieldError, Kind, Section, declare, unknown
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
@@ -34,7 +34,7 @@ class Values(Kind):
 
 def _in_si(given: Any, diameter: float | None) -> str:
     if isinstance(given, bool) or not isinstance(given, int | float | str):
-        raise FieldError(f"{quoted(given)} is no quantity; write a number and a unit, as '5 mm'")
+        raise FieldError(f"{quote(given)} is no quantity; write a number and a unit, as '5 mm'")
     match = _UNIT.fullmatch(str(given))
     unit = match[1] if match is not None else ""
     si = unit_text(tuple(map(Fraction, unit_size(unit or "1", diameter)[1])))
@@ -104,7 +104,7 @@ class Parametric(Section):
             if name in self.variables:
                 raise FieldError("is a variable; give the parameter another name", name)
             if name not in written:
-                raise FieldError(f"the {self.written} has no {quoted(name)}; take it out", name)
+                raise FieldError(f"the {self.written} has no {quote(name)}; take it out", name)
         dimensions = {name: self.parameter(name)[1] for name in given}
         dimension = dimension_of(tree, dict(self.variables) | dimensions)
         if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):

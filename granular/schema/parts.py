@@ -22,7 +22,7 @@ class Species(Section):
     name : str
     diameter : float
         [m]
-    share : float
+    fraction : float
         Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
         Values of the species [m], [kg/m^3], [T], where they are not those of `Grains`.
@@ -30,7 +30,7 @@ class Species(Section):
 
     name: str = text(default="grain")
     diameter: float = quantity("m", above=0.0)
-    share: float = quantity("1", default=1.0, least=0.0, most=1.0)
+    fraction: float = quantity("1", default=1.0, least=0.0, most=1.0)
     thickness: float | None = quantity("m", above=0.0, default=None, optional=True)
     density: float | None = quantity("kg/m^3", above=0.0, default=None, optional=True)
     remanence: float | None = quantity("T", above=0.0, default=None, optional=True)
@@ -59,8 +59,8 @@ class Grains(Section):
         Order of the species in the initial grid, row by row: ``"interspersed"``,
         each evenly, in the numbers that their fractions give; or ``"every-kth"``, de Paula's rule
         for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
-        share R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It makes
-        other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
+        fraction R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It
+        makes other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
     """
 
     count: int = whole(most=10**8)
@@ -73,7 +73,7 @@ class Grains(Section):
     mixing: str = choice("interspersed", "every-kth", default="interspersed")
 
     def validate(self) -> None:
-        total = sum(specy.share for specy in self.species)
+        total = sum(specy.fraction for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
         if self.spread == 0.0:
@@ -102,7 +102,7 @@ class Grains(Section):
     def assignment(self) -> np.ndarray:
         """Species index of each grain (n,)."""
         if self.mixing == "every-kth":
-            return _every_kth(self.count, self.species[1].share)
+            return _every_kth(self.count, self.species[1].fraction)
         counts = self._rounded_counts()
         indices = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
         owner = np.repeat(np.arange(len(counts)), counts)
@@ -110,7 +110,7 @@ class Grains(Section):
 
     def _rounded_counts(self) -> tuple[int, ...]:
         """Shares of ``count``, by largest remainder."""
-        exact = [self.count * specy.share for specy in self.species]
+        exact = [self.count * specy.fraction for specy in self.species]
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
         for k in order[: self.count - sum(counts)]:
@@ -154,9 +154,9 @@ class Grains(Section):
         return np.asarray(1.0 + self.spread * np.clip(drawn, -3.0, 3.0))
 
 
-def _every_kth(count: int, share: float) -> np.ndarray:
+def _every_kth(count: int, fraction: float) -> np.ndarray:
     """Grain numbers count from 1; the quotients are exact, where floating point makes 19 of 20."""
-    rare = Fraction(repr(share)).limit_denominator(10**6)
+    rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
     if rare > Fraction(1, 2):
         rare, common, result = 1 - rare, 1, 0

@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.schema.units import si_value
 from granular.shared.errors import SceneError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 _LONGEST = 200  # signs of a name
 _MOST_SHOWN = 30  # known words in a message
@@ -40,8 +40,8 @@ def unknown(word: str, known: Sequence[str], what: str) -> str:
     """Message for an unknown word, with the nearest known one."""
     near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(visible, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
-    advice = f"did you mean {quoted(near[0])}?" if near else f"known are {shown}"
-    return f"unknown {what} {quoted(word)}; {advice}"
+    advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
+    return f"unknown {what} {quote(word)}; {advice}"
 
 
 def _number(value: object) -> float:
@@ -53,8 +53,8 @@ def _number(value: object) -> float:
         except (TypeError, ValueError):
             pass
         except OverflowError:
-            raise FieldError(f"{quoted(value)} is beyond all physics; check the unit") from None
-    raise FieldError(f"{quoted(value)} is not a number")
+            raise FieldError(f"{quote(value)} is beyond all physics; check the unit") from None
+    raise FieldError(f"{quote(value)} is not a number")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,11 +118,11 @@ class Whole(Kind):
     def parse(self, value: Any, diameter: float | None) -> int:
         number = _whole(value)
         if number is None:
-            raise FieldError(f"{quoted(value)} must be a whole number")
+            raise FieldError(f"{quote(value)} must be a whole number")
         if number < self.least:
-            raise FieldError(f"{quoted(number)} must be at least {self.least}")
+            raise FieldError(f"{quote(number)} must be at least {self.least}")
         if number > self.most:
-            raise FieldError(f"{quoted(number)} must be at most {self.most:g}")
+            raise FieldError(f"{quote(number)} must be at most {self.most:g}")
         return number
 
 
@@ -152,10 +152,10 @@ class OneOf(Kind):
 class Text(Kind):
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or not value.strip():
-            raise FieldError(f"{quoted(value)} must be a text that is not empty")
+            raise FieldError(f"{quote(value)} must be a text that is not empty")
         if len(value) > _LONGEST or not value.isprintable():
             raise FieldError(
-                f"{quoted(value)} must be one line of at most {_LONGEST} signs that can be printed"
+                f"{quote(value)} must be one line of at most {_LONGEST} signs that can be printed"
             )
         return value
 
@@ -240,7 +240,7 @@ class Many(Kind):
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if name and names.count(name) > 1:
-                raise FieldError(f"the name {quoted(name)} is given twice; names must differ")
+                raise FieldError(f"the name {quote(name)} is given twice; names must differ")
         return tuple(built)
 
     def _item(self, item: Any, diameter: float | None) -> Section:
@@ -250,7 +250,7 @@ class Many(Kind):
         if isinstance(item, tuple(self.kinds.values())):
             return item  # type: ignore[return-value]  # of a kind, by the line above
         if not isinstance(item, Mapping):
-            raise FieldError(f"{quoted(item)} must be a table")
+            raise FieldError(f"{quote(item)} must be a table")
         if "kind" not in item:
             raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
@@ -390,7 +390,7 @@ class Section:
             plain = {}
         if not isinstance(plain, Mapping):
             raise FieldError(
-                f"{quoted(plain)} must be a table with the keys {', '.join(cls.key_names())}"
+                f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}"
             )
         for key in plain:
             if key not in cls.key_names():

@@ -10,7 +10,7 @@ import re
 from decimal import Decimal
 
 from granular.shared.errors import SceneError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
 
@@ -59,7 +59,7 @@ def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
     raise SceneError(
-        f"unknown unit {quoted(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their "
+        f"unknown unit {quote(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their "
         "products"
     )
 
@@ -84,12 +84,12 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
         if position and part.startswith("(") and part.endswith(")"):  # as in 1/(m s)
             part = part[1:-1].strip()
         if not part:
-            raise SceneError(f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'")
+            raise SceneError(f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'")
         for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part):
             match = _FACTOR.fullmatch(factor)
             if match is None:
                 raise SceneError(
-                    f"the unit {quoted(unit)} cannot be read; write for instance 'mm/s'"
+                    f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'"
                 )
             base, dimension = _symbol(match[1], diameter)
             power = _power(match[2], unit) * (-1 if position else 1)
@@ -97,7 +97,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _LEAST_SIZE <= size <= _MOST_SIZE:
         raise SceneError(
-            f"the unit {quoted(unit)} is {size:.1e} SI units; from {_LEAST_SIZE:g} to "
+            f"the unit {quote(unit)} is {size:.1e} SI units; from {_LEAST_SIZE:g} to "
             f"{_MOST_SIZE:g} can be used: write a smaller power"
         )
     return size, (total[0], total[1], total[2], total[3])
@@ -109,7 +109,7 @@ def _power(digits: str | None, unit: str) -> int:
     # The length comes first: numbers of thousands of digits are refused by int itself.
     if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
         raise SceneError(
-            f"a power in the unit {quoted(unit)} is beyond {_MOST_POWER}; write a smaller one"
+            f"a power in the unit {quote(unit)} is beyond {_MOST_POWER}; write a smaller one"
         )
     return int(digits)
 
@@ -140,7 +140,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise SceneError(
-            f"{quoted(text)} is not a quantity; write a number and a unit, such as '5 mm'"
+            f"{quote(text)} is not a quantity; write a number and a unit, such as '5 mm'"
         )
     number, written = float(match[1]), match[2]
     if not written:
@@ -148,8 +148,8 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     size, dimension = unit_size(written, diameter)
     wanted = unit_size(unit)[1]
     if dimension != wanted:
-        right = "a pure number or a share in %" if unit == "1" else f"a quantity in {unit}"
-        raise SceneError(f"{quoted(text)} has the unit {visible(written)}; {right} is wanted")
+        right = "a pure number or a fraction in %" if unit == "1" else f"a quantity in {unit}"
+        raise SceneError(f"{quote(text)} has the unit {visible(written)}; {right} is wanted")
     if not 0.0 < abs(number) < math.inf:
         return number
     # By decimal numbers "0.2 D" of 6 mm is 0.0012 m, and not 0.0012000000000000001 m.

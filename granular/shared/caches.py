@@ -31,7 +31,7 @@ def toolkit_cache() -> Path | None:
     return home / "granular-damper"
 
 
-def own_folder(folder: Path | None, variable: str) -> Path | None:
+def private_folder(folder: Path | None, variable: str) -> Path | None:
     """Folder for compiled code, made where there is none, if it can be trusted and written to.
 
     Parameters

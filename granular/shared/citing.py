@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.version import __version__
 
 FILE = Path(__file__).with_name("bibliography.bib")
@@ -49,7 +49,7 @@ def cite(*things: Any) -> str:
         texts = getattr(thing, "literature", None)
         if texts is None:
             raise InputError(
-                f"{quoted(thing)} names no papers; give a scene, run, method, law or model"
+                f"{quote(thing)} names no papers; give a scene, run, method, law or model"
             )
         keys |= {by_doi()[doi] for text in texts for doi in dois(text) if doi in by_doi()}
     entries = bibliography()

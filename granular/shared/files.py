@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 
 MOST_TOML_BYTES = 16 * 2**20
 """Of a file: the positions of 400 000 grains, which are read in half a minute."""
@@ -142,7 +142,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
     except InputError:
         raise
     except (FileNotFoundError, NotADirectoryError):
-        raise kind(f"there is no file {quoted(str(path))}; check the path") from None
+        raise kind(f"there is no file {quote(str(path))}; check the path") from None
     except OSError as error:
         if error.errno is None:
             raise

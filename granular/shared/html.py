@@ -54,26 +54,26 @@ footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6
 """
 
 
-def _escaped(words: object) -> str:
+def _escape(words: object) -> str:
     """Text as HTML, also between quotes, and without control characters."""
     return html.escape(printable(words), quote=True)
 
 
-def preformatted(words: object) -> str:
+def preformat(words: object) -> str:
     """Text of many lines as HTML."""
-    return f"<pre>{_escaped(words)}</pre>"
+    return f"<pre>{_escape(words)}</pre>"
 
 
 def paragraph(words: object) -> str:
     """Text of one paragraph as HTML."""
-    return f"<p>{_escaped(words)}</p>"
+    return f"<p>{_escape(words)}</p>"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Table as HTML."""
-    head = "".join(f"<th>{_escaped(cell)}</th>" for cell in header)
+    head = "".join(f"<th>{_escape(cell)}</th>" for cell in header)
     body = "".join(
-        "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
@@ -92,31 +92,31 @@ class Page:
 
     def __init__(self, title: str, lead: str = "") -> None:
         self.title = title
-        self._parts = [f"<h1>{_escaped(title)}</h1>"]
+        self._parts = [f"<h1>{_escape(title)}</h1>"]
         if lead:
-            self._parts.append(f'<p class="lead">{_escaped(lead)}</p>')
+            self._parts.append(f'<p class="lead">{_escape(lead)}</p>')
 
     def section(self, title: str) -> None:
-        self._parts.append(f"<h2>{_escaped(title)}</h2>")
+        self._parts.append(f"<h2>{_escape(title)}</h2>")
 
     def text(self, words: str) -> None:
         self._parts.append(paragraph(words))
 
     def note(self, words: str) -> None:
         """Paragraph that must not be overlooked."""
-        self._parts.append(f'<p class="note">{_escaped(words)}</p>')
+        self._parts.append(f'<p class="note">{_escape(words)}</p>')
 
     def link(self, words: str, to: str) -> None:
         """Line that links to another file next to the page."""
-        self._parts.append(f'<p><a href="{_escaped(to)}">{_escaped(words)}</a></p>')
+        self._parts.append(f'<p><a href="{_escape(to)}">{_escape(words)}</a></p>')
 
     def listing(self, items: Sequence[str]) -> None:
         """List of short texts."""
-        rows = "".join(f"<li>{_escaped(words)}</li>" for words in items)
+        rows = "".join(f"<li>{_escape(words)}</li>" for words in items)
         self._parts.append(f"<ul>{rows}</ul>")
 
-    def preformatted(self, words: str) -> None:
-        self._parts.append(preformatted(words))
+    def preformat(self, words: str) -> None:
+        self._parts.append(preformat(words))
 
     def equation(self, mathml: str) -> None:
         """Return the formula as MathML, which browsers set without help."""
@@ -135,13 +135,13 @@ class Page:
         drawing.savefig(buffer, format="svg", metadata={"Date": None})
         svg = buffer.getvalue()
         svg = svg[svg.index("<svg") :]
-        label = _escaped(caption)
+        label = _escape(caption)
         look = f"--least:{_least_width(drawing):.0f}px"
         svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
-        self._parts.append(f"<figure>{svg}<figcaption>{_escaped(caption)}</figcaption></figure>")
+        self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
 
     def footer(self, words: str) -> None:
-        self._parts.append(f"<footer>{_escaped(words)}</footer>")
+        self._parts.append(f"<footer>{_escape(words)}</footer>")
 
     def render(self) -> str:
         """Page as text."""
@@ -149,7 +149,7 @@ class Page:
         return (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{_escaped(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
+            f"<title>{_escape(self.title)}</title>\n<style>{_STYLE}</style></head>\n"
             f"<body>\n{body}\n</body></html>\n"
         )
 

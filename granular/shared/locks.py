@@ -16,7 +16,7 @@ WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 
 @contextlib.contextmanager
-def locked(path: Path, wait: bool) -> Iterator[bool]:
+def lock_file(path: Path, wait: bool) -> Iterator[bool]:
     """Hold a file until the end, or that of this process; False where somebody else holds it.
 
     Parameters

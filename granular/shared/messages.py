@@ -17,7 +17,7 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 6
 _SHORT.maxlevel = 3
 
 
-def quoted(value: object) -> str:
+def quote(value: object) -> str:
     """Value as Python would write it, on one line of at most `LONGEST` characters."""
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
@@ -30,7 +30,7 @@ def quoted(value: object) -> str:
 
 def visible(text: object, most: int = LONGEST) -> str:
     """Text on one line of at most so many characters, control characters as escapes."""
-    return _cut("".join(map(_escaped, str(text)[: most + 1])), most)
+    return _cut("".join(map(_escape, str(text)[: most + 1])), most)
 
 
 def one_line(message: object) -> str:
@@ -41,12 +41,12 @@ def one_line(message: object) -> str:
     words = " ".join(str(message).split())
     if len(words) > MOST:
         words = f"{words[: MOST - 400]} ... {words[-400:]}"
-    return "".join(map(_escaped, words))
+    return "".join(map(_escape, words))
 
 
 def printable(text: object) -> str:
     """Text of many lines, all other control characters as escapes."""
-    return "".join(sign if sign in "\n\t" else _escaped(sign) for sign in str(text))
+    return "".join(sign if sign in "\n\t" else _escape(sign) for sign in str(text))
 
 
 def times(value: float, digits: int = 2) -> str:
@@ -57,7 +57,7 @@ def times(value: float, digits: int = 2) -> str:
     return f"{float(figure):,.0f}" if value >= 10.0**digits else figure
 
 
-def _escaped(sign: str) -> str:
+def _escape(sign: str) -> str:
     # A no-break space only keeps a figure and its mark on one line.
     return sign if sign.isprintable() or sign == "\xa0" else repr(sign)[1:-1]
 

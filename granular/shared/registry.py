@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 Named = TypeVar("Named")
 
@@ -49,8 +49,8 @@ def load_entry_point(group: str, name: str, what: str) -> Any | None:
             return point.load()
         except (ImportError, AttributeError, InputError) as error:
             raise InputError(
-                f"{what} {quoted(name)} cannot be loaded: {error}; mend the distribution that "
-                f"offers it as {quoted(point.value)}"
+                f"{what} {quote(name)} cannot be loaded: {error}; mend the distribution that "
+                f"offers it as {quote(point.value)}"
             ) from None
     return None
 

@@ -14,7 +14,7 @@ from granular.run.simulation import custom_sources
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.result_cache import digest
 
 Measure = Callable[[Trajectory], Mapping[str, Any]]
@@ -105,7 +105,7 @@ def make_cases(
 
 def _listed(name: str, values: Iterable[Any]) -> list[Any]:
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
-        raise InputError(f"grid {quoted(name)} = {quoted(values)} must be a list of values")
+        raise InputError(f"grid {quote(name)} = {quote(values)} must be a list of values")
     return list(values)
 
 
@@ -125,6 +125,6 @@ def _case(
         "settings": settings,
         "measure": measure_name(measure),
     }
-    if own_code := custom_sources(changed):
-        content["own"] = own_code
+    if user_code := custom_sources(changed):
+        content["own"] = user_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

@@ -12,9 +12,9 @@ from granular.observables.frame import observable_of
 from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
-from granular.shared.own_file import OwnFile, contents
+from granular.shared.messages import quote
 from granular.shared.registry import load_entry_point
+from granular.shared.user_file import UserFile, contents
 from granular.studies.cases import Measure, known_as, measure_name
 
 GROUP = "granular.measures"
@@ -52,7 +52,7 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
     ----------
     name : str
     own : mapping of str to measure, optional
-        The user's own by their names; see `granular.own.import_own`.
+        The user's own by their names; see `granular.custom.import_user_code`.
 
     Raises
     ------
@@ -67,27 +67,27 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
     if callable(result):
         return result
     if result is not None:
-        raise InputError(f"measure {quoted(name)} is no function")
+        raise InputError(f"measure {quote(name)} is no function")
     raise InputError(
-        f"unknown measure {quoted(name)}; give 'last-values', the name of a function in a file of "
+        f"unknown measure {quote(name)}; give 'last-values', the name of a function in a file of "
         f"yours (--import FILE), or that of an installed entry point of the group {GROUP!r}"
     )
 
 
 @dataclasses.dataclass(frozen=True)
-class OwnMeasure:
+class CustomMeasure:
     """A function of a user's file, with the file's text: any other process can have it so.
 
     Attributes
     ----------
-    file : OwnFile
+    file : UserFile
     name : str
         Name of the function, or of an observable, whose value at the end of a run it is.
     known_as : str
         As `granular.studies.cases.measure_name` has it.
     """
 
-    file: OwnFile
+    file: UserFile
     name: str
     known_as: str
 
@@ -107,15 +107,15 @@ class OwnMeasure:
         return figures
 
 
-def own_measures(file: OwnFile) -> dict[str, OwnMeasure]:
+def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
     """Functions and observables that a user's file defines, by their names."""
     return {
-        name: OwnMeasure(file, name, measure_name(function))
+        name: CustomMeasure(file, name, measure_name(function))
         for name, function in _functions(file).items()
     }
 
 
-def _functions(file: OwnFile) -> dict[str, FunctionType]:
+def _functions(file: UserFile) -> dict[str, FunctionType]:
     return {
         name: content
         for name, content in contents(file).items()

@@ -214,7 +214,7 @@ def _outcomes(
         batch = list(waiting.values())[: 1 if alone else None]
         lost = {case.key for case in batch}
         submitted = [(case, case.key in put_off[ELSEWHERE]) for case in batch]
-        for case, outcome in _computed(submitted, measure, directory, keep_runs, pool):
+        for case, outcome in _compute(submitted, measure, directory, keep_runs, pool):
             lost.discard(case.key)
             cause = outcome.get("cause")
             if cause in put_off and case.key not in put_off[cause]:
@@ -240,7 +240,7 @@ def _outcomes(
         yield case, _kept(case, outcome, directory)
 
 
-def _computed(
+def _compute(
     cases: Sequence[tuple[Case, bool]],
     measure: Measure,
     directory: Path | None,

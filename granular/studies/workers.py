@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 
 from granular.shared.errors import GranularError, InputError, MissingError, StoreError
 from granular.shared.files import make_directory
-from granular.shared.locks import locked
-from granular.shared.messages import quoted
+from granular.shared.locks import lock_file
+from granular.shared.messages import quote
 from granular.shared.result_cache import ResultCache
 from granular.studies.cases import Case, Measure
 
@@ -133,10 +133,10 @@ def compute(
     """
     try:
         if directory is None:
-            return _computed(case, measure, None)
+            return _compute(case, measure, None)
         cache = outcomes_in(directory)
         make_directory(cache.directory)
-        with locked(cache.directory / f".{case.key}.lock", wait) as alone:
+        with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failure("another sweep computes it", ELSEWHERE)
             return _kept(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
@@ -156,13 +156,13 @@ def _kept(cache: ResultCache, case: Case, measure: Measure, out: Path | None) ->
         warnings.simplefilter("ignore")  # the study has said what is damaged
         done: Outcome | None = cache.read(case.key)
     if done is None:
-        done = _computed(case, measure, out)
+        done = _compute(case, measure, out)
         with contextlib.suppress(StoreError):  # the study tries it again
             cache.keep(case.key, done)
     return done
 
 
-def _computed(case: Case, measure: Measure, out: Path | None) -> Outcome:
+def _compute(case: Case, measure: Measure, out: Path | None) -> Outcome:
     from granular.run.simulation import simulate
 
     try:
@@ -282,7 +282,7 @@ def _dask(address: str) -> Iterator[Executor]:
         client = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(
-            f"no Dask scheduler answers at {quoted(address)} ({type(error).__name__}); check the "
+            f"no Dask scheduler answers at {quote(address)} ({type(error).__name__}); check the "
             "address"
         ) from None
     with client:

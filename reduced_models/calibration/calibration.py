@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from granular.methods import method_of
-from granular.run.options import halved
+from granular.run.options import halve_step
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.studies.workers import workshop
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
 from reduced_models.calibration.result import CalibratedValue, Calibration, Match
@@ -42,7 +42,7 @@ from reduced_models.calibration.simulations import (
 from reduced_models.fitting.options import check_options
 from reduced_models.fitting.uncertainty import open_directions
 from reduced_models.laws.law import Law
-from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepared
+from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepare_directory
 
 SEEDS = 4
 """Random starts of the bed at every position."""
@@ -119,7 +119,7 @@ def calibrate(
     check_options(confidence=confidence)
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
-            f"seeds = {quoted(seeds)}; give a whole number from 2 on, to see their scatter, "
+            f"seeds = {quote(seeds)}; give a whole number from 2 on, to see their scatter, "
             f"and at most {MAX_SEEDS}"
         )
     if not parameters or len(set(parameters)) != len(parameters):
@@ -129,7 +129,7 @@ def calibrate(
     check_run_options(RunOptions({}, dt, method, None, progress))
     force = record.force is not None
     wanted = features(record, law, force=force)
-    target = prepared(out)
+    target = prepare_directory(out)
     first = scene.arrangement.seed
     with workshop(executor) as pool:
         simulator = SceneSimulator(
@@ -178,11 +178,11 @@ def run_calibration(
 def _check_scene(scene: Scene) -> None:
     if scene.piston is None:
         raise InputError(
-            f"scene {quoted(scene.name)} has no piston, so there is nothing to calibrate"
+            f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate"
         )
     if not any(stage.needs_mass for stage in scene.protocol):
         raise InputError(
-            f"scene {quoted(scene.name)} has no stage in which the piston moves freely; add one"
+            f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one"
         )
 
 
@@ -191,13 +191,13 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
 
     From one simulation with half the step, for a method of order p 2^p/(2^p - 1) times the change.
     """
-    settings = {**simulator.settings, "dt": halved(simulator.settings["dt"])}
+    settings = {**simulator.settings, "dt": halve_step(simulator.settings["dt"])}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.points([centre.position])[0]
     if point.failure:
         return None, 1
-    doubled = 2.0 ** method_of(simulator.settings["method"]).order
-    return np.asarray(doubled / (doubled - 1.0) * (centre.logs[0] - point.logs[0])), 1
+    double_step = 2.0 ** method_of(simulator.settings["method"]).order
+    return np.asarray(double_step / (double_step - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
 def _result(

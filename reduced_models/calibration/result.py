@@ -13,7 +13,7 @@ from granular.shared.files import write_json
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, GREY, figure
 from reduced_models.models.quality import Direction
-from reduced_models.records.sources import prepared
+from reduced_models.records.sources import prepare_directory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -198,7 +198,7 @@ class Calibration:
         )  # fmt: skip
         page.figure(self.plot(), "The record, the simulations, and their features.")
         page.section("The scene")
-        page.preformatted(self.scene.to_toml())
+        page.preformat(self.scene.to_toml())
         return page
 
     def save(self, out: str | Path) -> None:
@@ -209,7 +209,7 @@ class Calibration:
         StoreError
             If the directory cannot be made or written to.
         """
-        target = prepared(out)
+        target = prepare_directory(out)
         assert target is not None
         write_json(target / "calibration.json", self.to_plain())
         self.scene.save(target / "scene.toml")

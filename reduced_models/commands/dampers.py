@@ -22,7 +22,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.commands.records import READING, reading_from, show_result
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def calibrate(options: Any) -> None:
     source = opened(options.record, reading_from(options))
     if isinstance(source, Scene):
         raise InputError(
-            f"{quoted(options.record)} is a scene; give a record, a CSV or Parquet file"
+            f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file"
         )
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
@@ -107,7 +107,7 @@ def calibrate(options: Any) -> None:
     ),
     option(
         "--small-share", type=in_unit("1"), default=0.0, metavar="S",
-        help="share of grains of 0.6 D (0)",
+        help="fraction of grains of 0.6 D (0)",
     ),
     option(
         "--study", metavar="FILE",
@@ -151,7 +151,7 @@ def design(options: Any) -> None:
 def _design_damper(options: Any) -> None:
     from reduced_models.designs.design import design as design_damper
     from reduced_models.designs.maps import damper_maps
-    from reduced_models.records.sources import prepared
+    from reduced_models.records.sources import prepare_directory
 
     maps = None if options.study is None else damper_maps(Path(options.study))
     with _interrupted(options.out):
@@ -159,7 +159,7 @@ def _design_damper(options: Any) -> None:
             options.frequency,
             options.damping,
             maps=maps,
-            out=prepared(options.out),
+            out=prepare_directory(options.out),
             progress=not options.quiet,
             **keywords(options, "grains", "mass", "small_share", "workers"),
         )
@@ -169,9 +169,9 @@ def _design_damper(options: Any) -> None:
 def _map_dampers(options: Any) -> None:
     """Show the maps, of the package's study or of one made anew."""
     from reduced_models.designs.page import maps_page
-    from reduced_models.records.sources import prepared
+    from reduced_models.records.sources import prepare_directory
 
-    target = prepared(options.out)
+    target = prepare_directory(options.out)
     assert target is not None
     maps = _study(options, target) if options.simulate else _packaged_maps(options, target)
     write_text(target / "study.csv", maps.study.to_csv(index=False))

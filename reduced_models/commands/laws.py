@@ -21,7 +21,7 @@ from granular.commands.options import (
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.commands.records import (
     A_SOURCE,
     READING,
@@ -47,7 +47,7 @@ INPUT = option(
 )  # fmt: skip
 HOLDOUT = option(
     "--holdout", type=in_unit("1"), default=0.3, metavar="S",
-    help="share of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
+    help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
 )  # fmt: skip
 STARTS = option(
     "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
@@ -83,12 +83,12 @@ examples:
 )  # fmt: skip
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
-    from granular.own import import_own
+    from granular.custom import import_user_code
     from granular.schema.units import si_value
     from reduced_models.identification.identification import identify as identify_source
     from reduced_models.records.sources import opened
 
-    import_own(options.own_files)
+    import_user_code(options.user_files)
     result = identify_source(
         opened(options.source, reading_from(options)),
         options.out,
@@ -169,7 +169,7 @@ def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
         low, colon, high = pair.partition(":")
         name = name.strip()
         if not colon:
-            raise InputError(f"--bound {quoted(item)} is not NAME=LOW:HIGH; write lam=0:2")
+            raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
         unit = units.get(name, "")
         bounds[name] = (_bound(low, -math.inf, unit), _bound(high, math.inf, unit))
     return bounds
@@ -184,9 +184,9 @@ def _bound(words: str, missing: float, unit: str) -> float:
     except ValueError:
         pass
     if not unit:
-        raise InputError(f"the bound {quoted(words)} is not a number; write lam=0:2")
+        raise InputError(f"the bound {quote(words)} is not a number; write lam=0:2")
     if unit == "rad/s" and "Hz" in words:
-        raise InputError(f"the bound {quoted(words)} is a frequency; give 2 pi times it, in rad/s")
+        raise InputError(f"the bound {quote(words)} is a frequency; give 2 pi times it, in rad/s")
     return si_value(words, unit)
 
 
@@ -279,7 +279,7 @@ def _height_map(text: str) -> HeightMap:
 
     parts = text.split(":")
     if len(parts) != 2:
-        raise InputError(f"--map {quoted(text)}; give two lengths, such as '60 mm:10 mm'")
+        raise InputError(f"--map {quote(text)}; give two lengths, such as '60 mm:10 mm'")
     shift, scale = (si_value(part, "m") for part in parts)
     return HeightMap(shift, scale)
 
@@ -318,9 +318,9 @@ def compare(options: Any) -> None:
 def _compare_laws(options: Any) -> None:
     from reduced_models.identification.candidates import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
-    from reduced_models.records.sources import prepared
+    from reduced_models.records.sources import prepare_directory
 
-    target = prepared(options.out)
+    target = prepare_directory(options.out)
     table = compare_laws(
         records_from(options.sources, options),
         laws_from(options.laws or CANDIDATES),

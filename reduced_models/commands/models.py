@@ -9,7 +9,7 @@ from typing import Any
 from granular.commands.console import command, emit, option
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 MODEL = option("model", metavar="MODEL", help="JSON file of a model")
 MOST_SAMPLES = 10**7
@@ -40,7 +40,7 @@ def simulate(options: Any) -> None:
     model = load_model(options.model)
     end = si_value(options.until, "s")
     if not 0.0 < end < math.inf:
-        raise InputError(f"--until {quoted(options.until)}; give a time above 0 s")
+        raise InputError(f"--until {quote(options.until)}; give a time above 0 s")
     if not 2 <= options.samples <= MOST_SAMPLES:
         raise InputError(f"--samples {options.samples}; give from 2 to {MOST_SAMPLES}")
     if model.law.inputs:

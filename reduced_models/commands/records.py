@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from granular.commands.console import command, emit, group, option
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError, SceneError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     from granular.readers.reading import Reading
@@ -57,7 +57,7 @@ def reading_from(options: Any) -> Reading:
             colon = ""
         if not colon:
             raise InputError(
-                f"--between {quoted(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
+                f"--between {quote(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
             )
     return Reading(
         columns=_pairs("--columns", options.columns.split(",")),
@@ -80,7 +80,7 @@ def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
             continue
         name, equals, value = item.partition("=")
         if not equals or not name.strip() or not value.strip():
-            raise InputError(f"{option} {quoted(item)} is not NAME=VALUE; write height=dist")
+            raise InputError(f"{option} {quote(item)} is not NAME=VALUE; write height=dist")
         pairs[name.strip()] = value.strip()
     return pairs
 

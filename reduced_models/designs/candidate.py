@@ -2,7 +2,7 @@
 
 Inside the box a damper is a point of four coordinates from -1 to 1, in which its figures are
 smooth: mass of the piston over the width of the cell, number of grains, affine damping ratio, and
-share of small grains.
+fraction of small grains.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ there (tests/regression/test_damper.py)."""
 
 LOWEST = (2.0, 92.0, 0.023, 0.0)
 HIGHEST = (10.0, 368.0, 0.25, 0.5)
-"""The box: mass of the piston for 368 grains [kg], grains, affine damping ratio, share of small
+"""The box: mass of the piston for 368 grains [kg], grains, affine damping ratio, fraction of small
 grains. Under a lighter piston the bed keeps the disorder of its start, and one damper differs from
 the next; a heavier one presses small grains into contact. Less damping takes minutes to come to
 rest; with more of it grains lag behind the piston, and laws of second order no longer agree on
 frequency and damping."""
-NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "share of small grains")
+NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "fraction of small grains")
 
 
 class Candidate(NamedTuple):
@@ -54,7 +54,7 @@ class Candidate(NamedTuple):
     drag : float
         gamma of a large grain [kg/s].
     small_share : float
-        Share of grains of 0.6 D.
+        Fraction of grains of 0.6 D.
 
     Examples
     --------
@@ -88,8 +88,8 @@ class Candidate(NamedTuple):
         }
         if self.small_share > 0.0:
             changes["grains.species"] = [
-                {"name": "large", "diameter": DIAMETER, "share": 1.0 - self.small_share},
-                {"name": "small", "diameter": ASPECT * DIAMETER, "share": self.small_share},
+                {"name": "large", "diameter": DIAMETER, "fraction": 1.0 - self.small_share},
+                {"name": "small", "diameter": ASPECT * DIAMETER, "fraction": self.small_share},
             ]
         return made.replace(**changes)
 

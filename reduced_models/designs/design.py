@@ -82,7 +82,7 @@ def design(
     mass : float, optional
         Of the piston [kg], where the load is given; the number of grains is free then.
     small_share : float
-        Share of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
+        Fraction of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
         faster.
     seeds : sequence of int
         Random starts of the checks, each of which must meet the target.

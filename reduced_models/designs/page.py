@@ -127,28 +127,28 @@ def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
     return (str(candidate.grains), *(number(value, 3) for value in values))
 
 
-def plot_maps(maps: DamperMaps, share: float = 0.0) -> Figure:
+def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
     """Frequency, damping ratio and height of rest for 92, 184 and 368 grains.
 
     Parameters
     ----------
     maps : DamperMaps
-    share : float
+    fraction : float
         Of small grains, from 0 to 0.5.
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
         for panel, count in zip(axes, COUNTS, strict=True):
-            draw_map(panel, maps, count, share)
+            draw_map(panel, maps, count, fraction)
             panel.set_title(f"{count} grains", fontsize=10)
         add_legend(drawing)
         axes[0].set_ylabel("drag of a grain [kg/s]")
         return drawing
 
 
-def draw_map(axes: Axes, maps: DamperMaps, count: int, share: float) -> None:
+def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
     """Contours over mass and drag; the box is sheared in them."""
     side = np.linspace(-1.0, 1.0, _SIDE)
-    grains = Candidate(1.0, count, 1.0, share).coordinates()[[1, 3]]
+    grains = Candidate(1.0, count, 1.0, fraction).coordinates()[[1, 3]]
     positions = [
         [np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side
     ]

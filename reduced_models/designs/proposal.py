@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.designs.candidate import (
     HIGHEST,
     LOWEST,
@@ -60,10 +60,10 @@ class DesignTarget(NamedTuple):
             ("mass", self.mass, " kg"),
         ):
             if value is not None and not (_is_number(value) and 0.0 < value < math.inf):
-                raise InputError(f"{name} = {quoted(value)}; give a number above 0{unit}")
+                raise InputError(f"{name} = {quote(value)}; give a number above 0{unit}")
         if self.grains is not None and self.mass is not None:
             raise InputError(
-                f"grains = {quoted(self.grains)} and mass = {quoted(self.mass)} fix the frequency "
+                f"grains = {quote(self.grains)} and mass = {quote(self.mass)} fix the frequency "
                 "already; "
                 "give one of them, or none"
             )
@@ -72,11 +72,11 @@ class DesignTarget(NamedTuple):
             isinstance(self.grains, Integral) and low <= self.grains <= high
         ):
             raise InputError(
-                f"grains = {quoted(self.grains)}; give a whole number from {low} to {high}"
+                f"grains = {quote(self.grains)}; give a whole number from {low} to {high}"
             )
         if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
             raise InputError(
-                f"small_share = {quoted(self.small_share)}; give a share from 0 to {HIGHEST[3]:g}"
+                f"small_share = {quote(self.small_share)}; give a fraction from 0 to {HIGHEST[3]:g}"
             )
 
 
@@ -141,18 +141,18 @@ def _places(target: DesignTarget) -> Places:
     return _places_of_grains(target.grains, fraction)
 
 
-def _places_of_grains(count: float, share: float) -> Places:
+def _places_of_grains(count: float, fraction: float) -> Places:
     grains = _unit(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
-    return lambda mass, drag: np.array([mass, grains, drag, share])
+    return lambda mass, drag: np.array([mass, grains, drag, fraction])
 
 
-def _places_of_mass(mass: float, share: float) -> Places:
+def _places_of_mass(mass: float, fraction: float) -> Places:
     def places(grains: float, drag: float) -> np.ndarray | None:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
         load = mass / math.sqrt(count / REFERENCE_COUNT)
         position = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
-        return None if abs(position) > 1.0 else np.array([position, grains, drag, share])
+        return None if abs(position) > 1.0 else np.array([position, grains, drag, fraction])
 
     return places
 

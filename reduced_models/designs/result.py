@@ -17,7 +17,7 @@ from reduced_models.designs.candidate import ASPECT, DIAMETER, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.page import add_legend, draw_map
 from reduced_models.designs.proposal import DesignTarget
-from reduced_models.records.sources import prepared
+from reduced_models.records.sources import prepare_directory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,7 +257,7 @@ class Design:
                 ("mass of the piston", number(chosen.mass), "kg"),
                 ("grains of 6 mm" if not chosen.small_share else "grains of 6 and 3.6 mm",
                  str(chosen.grains), ""),
-                ("share of small grains", number(chosen.small_share), ""),
+                ("fraction of small grains", number(chosen.small_share), ""),
                 ("width of the cell", number(self.scene.cell.width), "m"),
                 ("drag of a large grain", number(chosen.drag), "kg/s"),
                 ("viscosity of the liquid, by Stokes's law", number(chosen.viscosity, 3), "Pa s"),
@@ -270,7 +270,7 @@ class Design:
             "0.2 D.",
         )
         page.section("The scene")
-        page.preformatted(self.scene.to_toml())
+        page.preformat(self.scene.to_toml())
         page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
         return page
 
@@ -282,7 +282,7 @@ class Design:
         StoreError
             If the directory cannot be made or written to.
         """
-        folder = prepared(out)
+        folder = prepare_directory(out)
         assert folder is not None
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")

@@ -176,14 +176,14 @@ class Evidence(NamedTuple):
     ----------
     prices : dict of str to float
         By how much the information criterion rises where a term is left out.
-    share : float
+    fraction : float
         Of random halves of the integrals, that choose this structure or it with more terms.
     rivals : tuple of str
         Structures that the others choose, the most frequent first.
     """
 
     prices: dict[str, float]
-    share: float
+    fraction: float
     rivals: tuple[str, ...]
 
     @property
@@ -193,7 +193,7 @@ class Evidence(NamedTuple):
             return ""
         return (
             f"the data cannot tell this structure from {' or '.join(self.rivals)}: of "
-            f"{_RESAMPLES} random halves of it {100 * self.share:.0f} % choose it"
+            f"{_RESAMPLES} random halves of it {100 * self.fraction:.0f} % choose it"
         )
 
 
@@ -235,7 +235,7 @@ def _empty(judge: Judge) -> float:
 
 
 def _shares(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) -> np.ndarray:
-    """Share of the resamples of the white integrals in which each structure is best."""
+    """Fraction of the resamples of the white integrals in which each structure is best."""
     union = in_order({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
     columns, _ = unit_columns(judge.whitening @ judge.weak.matrix(union))

@@ -8,7 +8,7 @@ from typing import Literal
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from granular.shared.progress import stages
 from reduced_models.discovery.choice import evidence, notes_on, polish_front
 from reduced_models.discovery.libraries import (
@@ -16,9 +16,9 @@ from reduced_models.discovery.libraries import (
     MEMORY,
     PHYSICAL,
     Proposal,
+    custom_terms,
     fault,
     library_terms,
-    own_terms,
     program_functions,
     propose_library,
 )
@@ -217,7 +217,7 @@ def _known_terms(
     if _is_only(library, MEMORY):
         return ()
     if _is_only(library, AUTO):
-        return tuple(own_terms(terms, column))
+        return tuple(custom_terms(terms, column))
     return library_terms(library, terms, degree, column)
 
 
@@ -307,29 +307,29 @@ def _check(
         ("target", target, ("acceleration", "height", "force")),
     ):
         if value not in valid:
-            raise InputError(f"{name} = {quoted(value)}; give one of {', '.join(valid)}")
+            raise InputError(f"{name} = {quote(value)}; give one of {', '.join(valid)}")
     if not isinstance(degree, int) or not 1 <= degree <= 5:
-        raise InputError(f"degree = {quoted(degree)}; give a whole number from 1 to 5")
+        raise InputError(f"degree = {quote(degree)}; give a whole number from 1 to 5")
     if not isinstance(polish, int) or polish < 0:
-        raise InputError(f"polish = {quoted(polish)}; give a whole number from 0 on")
+        raise InputError(f"polish = {quote(polish)}; give a whole number from 0 on")
     if not isinstance(effort, int | float) or not 0.0 < effort < math.inf:
-        raise InputError(f"effort = {quoted(effort)}; give a number above 0")
+        raise InputError(f"effort = {quote(effort)}; give a number above 0")
     if method in ("auto", "sindy") and target == "height":
         raise InputError(
             "target = 'height' needs a symbolic method: give method 'operon' or 'pysr'"
         )
     if method not in ("auto", "sindy") and (ensemble or form != "weak"):
         raise InputError(
-            f"form and ensemble belong to method 'sindy'; leave them out of {quoted(method)}"
+            f"form and ensemble belong to method 'sindy'; leave them out of {quote(method)}"
         )
 
 
 def _check_kinds(library: object, height_map: object, seed: object) -> None:
     names = [library] if isinstance(library, str) else library
     if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"library = {quoted(library)}; give a name, or several in a list")
+        raise InputError(f"library = {quote(library)}; give a name, or several in a list")
     if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
-        raise InputError(f"seed = {quoted(seed)}; give a whole number from 0 to {_GREATEST_SEED}")
+        raise InputError(f"seed = {quote(seed)}; give a whole number from 0 to {_GREATEST_SEED}")
     if isinstance(height_map, HeightMap):
         if not (math.isfinite(height_map.shift) and 0.0 < abs(height_map.scale) < math.inf):
             raise InputError(
@@ -337,7 +337,7 @@ def _check_kinds(library: object, height_map: object, seed: object) -> None:
                 "give finite ones, and a scale that is not zero"
             )
     elif height_map != "auto":
-        raise InputError(f"map = {quoted(height_map)}; give 'auto' or HeightMap(shift, scale)")
+        raise InputError(f"map = {quote(height_map)}; give 'auto' or HeightMap(shift, scale)")
 
 
 def _texts(texts: str | Sequence[str]) -> Sequence[str]:
@@ -352,7 +352,7 @@ def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
             if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(
-                    f"the term {quoted(term.text)} {wrong} for z from {low:.3g} to "
+                    f"the term {quote(term.text)} {wrong} for z from {low:.3g} to "
                     f"{high:.3g}; leave it out, or give map=HeightMap(shift, scale)"
                 )
 

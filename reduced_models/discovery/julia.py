@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.formulas import Function
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.discovery.symbolic import scale_samples
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def regressor() -> Any:
             from pysr import PySRRegressor
     except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
         raise InputError(
-            f"PySR could not be started: {type(error).__name__}: {quoted(str(error))}; try "
+            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try "
             f"{COMMANDS[1]}"
         ) from error
     return PySRRegressor
@@ -212,13 +212,13 @@ def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
     if shutil.which(julia) is None:
-        return f"there is no Julia at {quoted(julia)}"
+        return f"there is no Julia at {quote(julia)}"
     if not os.path.isdir(project):
-        return f"there is no Julia project at {quoted(project)}"
+        return f"there is no Julia project at {quote(project)}"
     installed = _packages_of(Path(project))
     lack = [name for name in _PACKAGES if name not in installed]
     if lack:
-        return f"the Julia project at {quoted(project)} lacks {' and '.join(lack)}"
+        return f"the Julia project at {quote(project)} lacks {' and '.join(lack)}"
     return None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.discovery.selection import all_subsets, in_one_unit, score_subsets, unit_columns
 from reduced_models.discovery.terms import (
     AnyTerm,
@@ -93,7 +93,7 @@ def library_terms(
             if name == MEMORY:
                 raise InputError(f"library = {MEMORY!r} goes with no other; give it alone")
             raise InputError(
-                f"library = {quoted(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
+                f"library = {quote(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
                 f"or {MEMORY}, and own terms by terms="
             )
         if name == PHYSICAL:
@@ -101,14 +101,14 @@ def library_terms(
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; name its column with input=")
         else:
-            terms |= dict.fromkeys(own_terms(LIBRARIES[name][0], column))
-    terms |= dict.fromkeys(own_terms(texts, column))
+            terms |= dict.fromkeys(custom_terms(LIBRARIES[name][0], column))
+    terms |= dict.fromkeys(custom_terms(texts, column))
     if not terms:
         raise InputError("there are no terms to choose from; give library= or terms=")
     return tuple(in_order(terms))
 
 
-def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
+def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     """Terms of texts that users write.
 
     Raises
@@ -121,7 +121,7 @@ def own_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
         terms = terms_of(expression)
         if terms is None:
             raise InputError(
-                f"the term {quoted(text)} is no function of z and z' with exact numbers"
+                f"the term {quote(text)} is no function of z and z' with exact numbers"
             )
         all_terms += terms
     return all_terms
@@ -142,7 +142,7 @@ def program_functions(names: Sequence[str], method: str) -> tuple[str, ...]:
     for name in names:
         if name not in FUNCTIONS:
             raise InputError(
-                f"the function {quoted(name)} is unknown; give some of {', '.join(FUNCTIONS)}"
+                f"the function {quote(name)} is unknown; give some of {', '.join(FUNCTIONS)}"
             )
     known = _PYSR if method == "pysr" else _OPERON
     return tuple(known.get(name, name) for name in names)

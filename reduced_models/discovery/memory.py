@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState, Memory
-from reduced_models.discovery.libraries import MEMORY, own_terms
+from reduced_models.discovery.libraries import MEMORY, custom_terms
 from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import (
@@ -42,7 +42,7 @@ from reduced_models.discovery.weak_form import (
 )
 
 HIDDEN = "w"
-"""Name of the hidden state's share of the force in own terms."""
+"""Name of the hidden state's fraction of the force in own terms."""
 PLAIN_TERMS = ("1", "z**-2", "z**-2.5", "z**-3", "z'", "z'/z", "abs(z')*z'", "sign(z')*z**-2.5")
 """Weight, the pressure of a bed that is squeezed, drag, and friction that grows with the pressure.
 """
@@ -93,8 +93,8 @@ def structures_with_memory(
             "heights above the floor"
         )
     force = isinstance(weak.parts[0], ForceIntegrals)
-    plain = own_terms(PLAIN_TERMS, HIDDEN)
-    known = tuple(dict.fromkeys((*plain, *own_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
+    plain = custom_terms(PLAIN_TERMS, HIDDEN)
+    known = tuple(dict.fromkeys((*plain, *custom_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
     judged = _judge_states(weak, known)
     if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
         judged = _judge_states(without_noise(weak), known)

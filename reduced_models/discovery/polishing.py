@@ -46,7 +46,7 @@ def polish_candidate(
     candidate : CandidateEquation
         Of z''. The scales of its hidden state are numbers as well.
     records : sequence of PistonRecord
-        That share all numbers but their initial states.
+        That fraction all numbers but their initial states.
     height_map : HeightMap
     column : str, optional
         Of the records, that is the input.

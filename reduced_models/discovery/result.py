@@ -89,7 +89,7 @@ class Discovery:
     map : HeightMap
         How z in the equations comes from the height.
     inclusion : mapping of str to float
-        Share of resampled records in which each term was needed; empty without an ensemble.
+        Fraction of resampled records in which each term was needed; empty without an ensemble.
     notes : tuple of str
         What is to be doubted, in plain words.
     prices : mapping of str to float
@@ -144,7 +144,7 @@ class Discovery:
             f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items()
         )
         if fractions:
-            lines.append(f"  needed in this share of resampled records: {fractions}")
+            lines.append(f"  needed in this fraction of resampled records: {fractions}")
         costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.prices.items())
         if costs:
             lines.append(f"  the criterion rises by so much without each term: {costs}")

@@ -23,7 +23,7 @@ from reduced_models.discovery.selection import (
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
-    OwnTerm,
+    CustomTerm,
     columns,
     complexity,
     in_order,
@@ -88,7 +88,7 @@ class Structures(NamedTuple):
     candidates : list of CandidateEquation
     judge : Judge
     inclusion : mapping of str to float
-        Share of the members of an ensemble that held each term.
+        Fraction of the members of an ensemble that held each term.
     others : list of CandidateEquation
         With other hidden states, to be shown only.
     notes : tuple of str
@@ -214,7 +214,7 @@ def _expressions(
     import sympy
 
     _, v, _ = symbols()
-    own = [term for term in terms if isinstance(term, OwnTerm)]
+    own = [term for term in terms if isinstance(term, CustomTerm)]
     parts = [_search_samples(motion, len(motions), own) for motion in motions]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
@@ -230,7 +230,7 @@ def _expressions(
 
 
 def _search_samples(
-    motion: SmoothedMotion, motions: int, own: Sequence[OwnTerm] = ()
+    motion: SmoothedMotion, motions: int, own: Sequence[CustomTerm] = ()
 ) -> dict[str, np.ndarray]:
     """Return the samples of one of so many motions for a symbolic regression, away from its ends.
 
@@ -279,7 +279,7 @@ def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation
 
 
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)
-"""On coefficients of columns of unit size, as shares of the target's size."""
+"""On coefficients of columns of unit size, as fractions of the target's size."""
 _MODELS = 100
 _INCLUDED = (0.9, 0.75, 0.5, 0.25)
 _MOST_ROWS = 4000
@@ -297,7 +297,7 @@ class Regression:
         self.matrix = unit_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
-    def thresholded(self, threshold: float) -> Any:
+    def threshold_terms(self, threshold: float) -> Any:
         import pysindy
 
         return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
@@ -308,7 +308,7 @@ class Regression:
         for threshold in _THRESHOLDS:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that a high threshold leaves nothing
-                fitted = self.thresholded(threshold).fit(self.matrix, self.target[:, None])
+                fitted = self.threshold_terms(threshold).fit(self.matrix, self.target[:, None])
             supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
         return supports
 
@@ -317,7 +317,7 @@ class Regression:
         import pysindy
 
         ensemble = pysindy.EnsembleOptimizer(
-            self.thresholded(threshold), bagging=True, n_models=_MODELS
+            self.threshold_terms(threshold), bagging=True, n_models=_MODELS
         )
         state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
         np.random.seed(seed)  # noqa: NPY002

@@ -13,7 +13,7 @@ import numpy as np
 from granular import formulas
 from granular.formulas import algebra
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     import sympy
@@ -38,7 +38,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 @dataclasses.dataclass(frozen=True)
-class OwnTerm:
+class CustomTerm:
     """A function of z, z' and the input that is no product of powers, such as sin(z).
 
     Attributes
@@ -113,9 +113,9 @@ class OwnTerm:
         return _values(_slope(self.expression, 1), z, v, u)
 
 
-def own_term(expression: sympy.Expr) -> OwnTerm:
+def custom_term(expression: sympy.Expr) -> CustomTerm:
     """Term of an exact expression in the symbols of `symbols`; max(z, 0) is max(0, z)."""
-    return OwnTerm(expression.replace(_is_extreme, _in_order))
+    return CustomTerm(expression.replace(_is_extreme, _in_order))
 
 
 def _is_extreme(expression: sympy.Basic) -> bool:
@@ -160,12 +160,12 @@ def _read(text: str, column: str | None) -> sympy.Expr:
     import sympy
 
     if not isinstance(text, str):
-        raise InputError(f"the term {quoted(text)} is no text; write it as 'sin(z)'")
+        raise InputError(f"the term {quote(text)} is no text; write it as 'sin(z)'")
     z, v, u = symbols()
     named = {"z": z, "z'": v}
     if column is not None:
         named |= {INPUT: u, column: u}
-    term = f"the term {quoted(text)}"
+    term = f"the term {quote(text)}"
     try:
         tree = formulas.parse(text)
         strange = [name.text for name in formulas.names(tree) if name.text not in named]
@@ -274,7 +274,7 @@ class Term(NamedTuple):
         return product * u if self.driven and u is not None else product
 
 
-AnyTerm = Term | OwnTerm
+AnyTerm = Term | CustomTerm
 
 
 def in_order(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
@@ -283,7 +283,7 @@ def in_order(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
 
 
 def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
-    return (1, term.text) if isinstance(term, OwnTerm) else (0, *term)
+    return (1, term.text) if isinstance(term, CustomTerm) else (0, *term)
 
 
 @functools.cache
@@ -315,7 +315,7 @@ def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
                 return None
             if rest.free_symbols - set(symbols()):
                 return None
-            terms = {own_term(rest): float(coefficient)}
+            terms = {custom_term(rest): float(coefficient)}
         for term, value in terms.items():
             coefficients[term] = coefficients.get(term, 0.0) + value
     return {term: value for term, value in coefficients.items() if value != 0.0}

@@ -19,7 +19,7 @@ import numpy as np
 from granular.formulas.algebra import function_of
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.discovery.terms import AnyTerm, symbols
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod, derivatives
@@ -255,7 +255,7 @@ def map_of(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMa
     if isinstance(wanted, HeightMap):
         return wanted
     if wanted != "auto":
-        raise InputError(f"map = {quoted(wanted)}; give 'auto' or a HeightMap")
+        raise InputError(f"map = {quote(wanted)}; give 'auto' or a HeightMap")
     guess = max((first_guesses(record) for record in records), key=lambda record: record.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:

@@ -7,7 +7,7 @@ moment in place of that of one grain). The piston's weight M g = p W then gives 
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
-Walls hold the grains beside them less densely: r is greater by a share that falls with N^(-1/2).
+Walls hold the grains beside them less densely: r is greater by a fraction that falls with N^(-1/2).
 Grains that follow the piston affinely have the velocity z' y/z at the height y; their drag is that
 of a third of them at the piston's speed, so lam = N gamma/(6 M).
 
@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -150,14 +150,14 @@ def parameters_of(scene: Scene) -> dict[str, float]:
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
     if piston is None or piston.mass is None or "gravity" not in present:
         raise InputError(
-            f"the scene {quoted(scene.name)} has no piston with a mass under gravity, so nothing "
+            f"the scene {quote(scene.name)} has no piston with a mass under gravity, so nothing "
             "falls; give it piston.mass"
         )
     others = sorted({effect.key for effect in scene.effects.all} - _SHAPED)
     if others or piston.friction or "dipole" not in present:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
-            f"the scene {quoted(scene.name)} has {what}; the law of a fall is known for dipoles, "
+            f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles, "
             "walls, gravity and drag: fit it to a fall instead"
         )
     if grains.count < FEWEST:
@@ -182,7 +182,7 @@ def parameters_of(scene: Scene) -> dict[str, float]:
     late = _lateness(resistance, weight, rest, gravity)
     if late > LATEST:
         raise InputError(
-            f"the bed of {quoted(scene.name)} follows its piston too late (drag of all grains over "
+            f"the bed of {quote(scene.name)} follows its piston too late (drag of all grains over "
             f"the piston's weight: {late / LATEST:.3g} times the limit, that of 1 kg/s with 7.5 kg "
             "on 368 grains); give less effects.drag.coefficient or more piston.mass, or fit the "
             "law to a fall instead"

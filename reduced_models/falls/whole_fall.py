@@ -2,7 +2,7 @@
 
 The law of a fall is multiplied by the mass that moves, m = WEIGHT M g/weight (`theory`), to tell
 where the energy goes: the piston's drop M g (height - rest) and what it does against the bed. Of
-grains without friction all of it leaves as drag. The share of grains that follow the piston
+grains without friction all of it leaves as drag. The fraction of grains that follow the piston
 affinely is m 2 lam z'^2; the work of the shear stress, -m weight (rest/z)^power w z', is what
 grains lose beyond that, as they rearrange.
 """

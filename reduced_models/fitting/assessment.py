@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quoted, times
+from granular.shared.messages import quote, times
 from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,
@@ -32,7 +32,7 @@ from reduced_models.fitting.uncertainty import (
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_random_walk
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
@@ -73,7 +73,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
     normal = joint.normal_matrix(theta)
     if not np.isfinite(normal).all():
         raise InputError(
-            f"the fit of {quoted(problem.law.name)} changes so steeply with its parameters "
+            f"the fit of {quote(problem.law.name)} changes so steeply with its parameters "
             "that their intervals cannot be reckoned; try another law, or check the units"
         )
     residuals = tuple(joint.residuals(theta))
@@ -81,7 +81,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
     if problem.intervals == "bootstrap":
         again = replicates(joint, theta, REPLICATES, problem.seed)
     covariance, independent = joint_covariance(
-        joint.linearised(theta),
+        joint.linearise(theta),
         [grid.loss for grid in joint.grids],
         [None if level is None else level / joint.unknowns.amplitude for level in problem.noise],
         joint.entries,
@@ -236,7 +236,7 @@ def _quality(result: SearchResult, k: int) -> Quality:
     level = problem.noise[k]
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * grid.unknowns.amplitude
-    left = without_walk(residuals * grid.unknowns.amplitude, grid.gain)
+    left = without_random_walk(residuals * grid.unknowns.amplitude, grid.gain)
     structure = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
     is_tested = len(record) - samples >= 2
     error, resting = None, None

@@ -25,8 +25,8 @@ from reduced_models.least_squares.residuals import (
     Loss,
     cost_and_weight,
     sensitivity,
-    with_walk,
-    without_walk,
+    with_random_walk,
+    without_random_walk,
 )
 
 LEAST_DOF = 2.0
@@ -212,12 +212,12 @@ def _resampler(
 
     count = len(residuals)
     if gain > 0.0:
-        left = without_walk(residuals, gain)
+        left = without_random_walk(residuals, gain)
         left = left - middle(left, loss)
-        return lambda random: with_walk(random.choice(left, count), gain)
-    centred = residuals - middle(residuals, loss)
-    series = autoregression(centred)
-    new = series.new(centred)
+        return lambda random: with_random_walk(random.choice(left, count), gain)
+    centre_swing = residuals - middle(residuals, loss)
+    series = autoregression(centre_swing)
+    new = series.new(centre_swing)
     new = new - middle(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0

@@ -20,7 +20,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.fitting.assessment import models_of
 from reduced_models.fitting.history import checked_histories, is_history, with_histories
 from reduced_models.fitting.options import (
@@ -49,7 +49,7 @@ from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, driving
 
@@ -237,11 +237,11 @@ def fit(
     result = search_fit(problem)
     if not math.isfinite(result.cost):
         raise InputError(
-            f"no start led to a solution of {quoted(chosen.name)} that stays finite over the "
+            f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
     if driving(chosen.inputs) and input_interpolation is None and holdout > 0.0:
-        result = _interpolated(result)
+        result = _best_interpolation(result)
     if histories:
         result = with_histories(result, histories)
     if drift:
@@ -263,13 +263,13 @@ def law_of(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -
     if isinstance(law, Law):
         return law
     if not isinstance(law, str):
-        raise InputError(f"law = {quoted(law)}; give a name, an equation or a Law")
+        raise InputError(f"law = {quote(law)}; give a name, an equation or a Law")
     if "=" in law or "'" in law:
         return law_from_text(law, column_names(record), declared)
     return law_named(law)
 
 
-def _interpolated(result: SearchResult) -> SearchResult:
+def _best_interpolation(result: SearchResult) -> SearchResult:
     """Fit with the interpolation of the inputs that has the least held-out error.
 
     Each is fitted to the training stretches, from the fit with splines, and judged behind them.
@@ -290,7 +290,7 @@ def _interpolated(result: SearchResult) -> SearchResult:
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
         return result
     joint = errors[best][1]
-    return result.trained_as(joint, joint.refit(result.trained, problem.samples))
+    return result.with_training(joint, joint.refit(result.trained, problem.samples))
 
 
 def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
@@ -321,7 +321,7 @@ def _drifting(result: SearchResult) -> SearchResult:
         )
         joint = dataclasses.replace(joint, grids=grids)
         theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)
-    return result.trained_as(joint, theta)
+    return result.with_training(joint, theta)
 
 
 def _gain(residuals: np.ndarray) -> float:
@@ -329,7 +329,7 @@ def _gain(residuals: np.ndarray) -> float:
     from scipy.optimize import minimize_scalar
 
     def left(log_gain: float) -> float:
-        return float((without_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
+        return float((without_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
 
     solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
     return float(np.exp(solution.x))

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.start_values import along
@@ -54,7 +54,7 @@ def checked_histories(
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(
-            f"the law {quoted(law.name)} has no hidden state, so what was before its record does "
+            f"the law {quote(law.name)} has no hidden state, so what was before its record does "
             "not matter; leave initial out"
         )
     if len(given) != len(records):
@@ -101,7 +101,7 @@ def with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> S
         theta = joint.refit(theta, problem.samples, tolerance=1e-10)
         if np.abs(theta - former).max() <= _SAME * max(1.0, np.abs(theta).max()):
             break
-    return result.trained_as(joint, theta)
+    return result.with_training(joint, theta)
 
 
 def _at_the_end(

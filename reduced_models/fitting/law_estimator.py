@@ -108,7 +108,7 @@ class LawEstimator:
             or where the motion diverges.
         """
         if not hasattr(self, "model_"):
-            raise _not_fitted("the estimator has seen no data; call fit first")
+            raise _not_fitted_error("the estimator has seen no data; call fit first")
         wanted = _times(X)
         if not len(wanted):
             raise InputError("there are no times; give at least one")
@@ -190,7 +190,7 @@ def _real(given: Any, name: str) -> np.ndarray:
     return array
 
 
-def _not_fitted(message: str) -> InputError:
+def _not_fitted_error(message: str) -> InputError:
     """Error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
     kind = _of_sklearn("NotFittedError", InputError)
     return (

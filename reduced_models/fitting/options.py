@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.fitting.problem import Intervals
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -38,20 +38,20 @@ def check_options(
 ) -> None:
     """Raise `InputError` unless the options of `fit` are in their ranges."""
     if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
-        raise InputError(f"starts = {quoted(starts)}; give a whole number from 1 to {MOST_STARTS}")
+        raise InputError(f"starts = {quote(starts)}; give a whole number from 1 to {MOST_STARTS}")
     if not 0.0 <= holdout <= 0.9:
-        raise InputError(f"holdout = {quoted(holdout)}; give a fraction from 0 to 0.9")
+        raise InputError(f"holdout = {quote(holdout)}; give a fraction from 0 to 0.9")
     if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence = {quoted(confidence)}; give a fraction between 0 and 1")
+        raise InputError(f"confidence = {quote(confidence)}; give a fraction between 0 and 1")
     if not isinstance(height_map, HeightMap) and height_map not in ("auto", "fitted"):
-        raise InputError(f"map = {quoted(height_map)}; give 'auto', 'fitted' or a HeightMap")
+        raise InputError(f"map = {quote(height_map)}; give 'auto', 'fitted' or a HeightMap")
     for name, value, known in (
         ("intervals", intervals, get_args(Intervals)),
         ("loss", loss, LOSSES),
         ("input_interpolation", interpolation or "spline", INTERPOLATIONS),
     ):
         if value not in known:
-            raise InputError(f"{name} = {quoted(value)}; give {_listed(known)}")
+            raise InputError(f"{name} = {quote(value)}; give {_listed(known)}")
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -99,7 +99,7 @@ def pairs_of(
         _check_name(law, name)
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
             raise InputError(
-                f"bounds of {name}: {quoted(pair)} is no pair; give (least, greatest), None for "
+                f"bounds of {name}: {quote(pair)} is no pair; give (least, greatest), None for "
                 "an open end"
             )
         low = -math.inf if pair[0] is None else _number(f"bounds of {name}", pair[0])
@@ -163,7 +163,7 @@ def initial_of(law: Law, initial: object) -> dict[str, float]:
     names = ("height", "velocity", *law.hidden)
     if not isinstance(initial, Mapping):
         raise InputError(
-            f"initial = {quoted(initial)}; give 'rest', 'free' or numbers by name, for "
+            f"initial = {quote(initial)}; give 'rest', 'free' or numbers by name, for "
             f"{', '.join(names)}, or the motion before"
         )
     result = dict.fromkeys(law.hidden, 0.0)
@@ -194,5 +194,5 @@ def _number(what: str, value: Any) -> float:
     except (TypeError, ValueError):
         result = math.nan
     if math.isnan(result):
-        raise InputError(f"{what}: {quoted(value)} is no number; give one")
+        raise InputError(f"{what}: {quote(value)} is no number; give one")
     return result

@@ -20,7 +20,7 @@ from reduced_models.fitting.problem import records_of
 from reduced_models.jax_setup import jax
 from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import Bounds
-from reduced_models.least_squares.residuals import gridded, residual_function
+from reduced_models.least_squares.residuals import put_on_grid, residual_function
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.models.roll_out import theta_of_model
 from reduced_models.records.first_guesses import first_guesses
@@ -113,7 +113,7 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
     theta = joint_vector(thetas, entries)
     names = unknowns.law.inputs
     grids = tuple(
-        gridded(
+        put_on_grid(
             unknowns, record,
             grid_over(
                 record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution
@@ -144,7 +144,7 @@ def _potential(
     size, free = len(theta), np.flatnonzero(~joint.held)
     normal, left = np.zeros((size, size)), []
     for grid, here in zip(joint.grids, joint.entries, strict=True):
-        value, slopes = grid.linearised(theta[here])
+        value, slopes = grid.linearise(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(value)
     count = sum(map(len, left))

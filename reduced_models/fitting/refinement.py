@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.start_values import free_entries, matched_values, with_initial_state
 from reduced_models.laws.solution import Solution, solution
@@ -25,7 +25,7 @@ from reduced_models.least_squares.residuals import (
     BLOWN_UP,
     GriddedRecord,
     cost_and_weight,
-    gridded,
+    put_on_grid,
 )
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.records.inputs import Grid, column, driving
@@ -80,7 +80,7 @@ class SearchResult:
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()
 
-    def trained_as(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
+    def with_training(self, joint: JointRecords, trained: np.ndarray) -> SearchResult:
         """Return the result with another fit to the training stretches."""
         return dataclasses.replace(self, joint=joint, trained=trained, theta=trained)
 
@@ -113,7 +113,7 @@ def refine(
     thetas, costs = vectors
     unknowns = coarse.unknowns
     grids = [
-        gridded(
+        put_on_grid(
             unknowns, data.record, grid, problem.interpolation, data.weights,
             problem.loss_of(data, unknowns.amplitude),
         )
@@ -125,7 +125,7 @@ def refine(
     reached = [float(grid.record.time[-1]) for grid in coarse.grids]
     best = _refit_onwards(problem, joint, first, reached)
     cost, coarse_cost = _cost(problem, joint, best), float(costs.min())
-    other = _collocated(problem, joint, best, cost)
+    other = _collocation_fit(problem, joint, best, cost)
     collocation = "none"
     if other is best:
         collocation = "same"
@@ -190,7 +190,7 @@ def _refit_onwards(
     return joint.refit(theta, problem.samples, tolerance=tolerance)
 
 
-def _collocated(
+def _collocation_fit(
     problem: FitProblem, joint: JointRecords, theta: np.ndarray, cost: float
 ) -> np.ndarray | None:
     """Fit that starts from accelerations in the leading record; None where there are none.
@@ -254,7 +254,7 @@ def judge(result: SearchResult) -> SearchResult:
         residuals = joint.residuals(theta)
         if any((np.abs(left) >= BLOWN_UP).any() for left in residuals):
             raise InputError(
-                f"no start led to a solution of {quoted(joint.unknowns.law.name)} that stays "
+                f"no start led to a solution of {quote(joint.unknowns.law.name)} that stays "
                 "finite over the record; try another law, more starts or a shorter record"
             )
         errors, grids = [], []
@@ -278,7 +278,7 @@ def _finer(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecor
         if not complete:
             cause = "cannot be followed by the adaptive solver"
         raise InputError(
-            f"the fitted solution of {quoted(grid.unknowns.law.name)} {cause}; the limit is "
+            f"the fitted solution of {quote(grid.unknowns.law.name)} {cause}; the limit is "
             f"{SOLVER_LIMIT:g}: fit a shorter record, as of chaos, or a law that is less stiff"
         )
     return grid.on(finer)

@@ -43,7 +43,7 @@ from reduced_models.least_squares.levenberg_marquardt import (
     Bounds,
     Normal,
     Prior,
-    in_the_running,
+    promising_starts,
     search,
 )
 from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
@@ -111,18 +111,18 @@ def _search(
     _check_memory(problem.starts, points, len(entries[0]))
     swing = _swing_vectors(problem, joint)
     if swing is None:
-        return joint, _over_horizons(problem, joint, limit)
+        return joint, _search_over_horizons(problem, joint, limit)
     theta, least = swing
     normal, prior = coarse_normal(problem, joint, math.inf)
     vectors = search(normal, theta, prior, bounds=bounds)
     poor = prior.samples * _POOR**2
     if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
-        other = _over_horizons(problem, joint, limit)
+        other = _search_over_horizons(problem, joint, limit)
         vectors = min(vectors, other, key=lambda vector: float(vector[1].min()))
     return joint, vectors
 
 
-def _over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
+def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Vectors:
     """Search vectors that random starts of a law lead to, and what they cost."""
     theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
     costs = np.zeros(problem.starts)
@@ -134,10 +134,10 @@ def _over_horizons(problem: FitProblem, joint: JointRecords, limit: float) -> Ve
         rival = first and not math.isinf(limit)
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
-            waiting = None if not costs.any() else in_the_running(costs, prior.samples)
+            waiting = None if not costs.any() else promising_starts(costs, prior.samples)
             theta, costs = search(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
         else:
-            waiting = None if first else in_the_running(costs, prior.samples)
+            waiting = None if first else promising_starts(costs, prior.samples)
             theta, costs = search(
                 normal, theta, prior, _TOLERANCE, joint.bounds, trials=trials, waiting=waiting
             )
@@ -228,9 +228,9 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         # A mean of few samples is moved to its grid point by the slope between them, which is off
         # where they are far apart: by as much as the noise, which the doubling does not survive.
         samples = samples_on_grid(training, grid, law.inputs, how)
-        padded = np.zeros_like(samples.weight)
-        padded[: len(training)] = weights
-        samples = samples.weighted(padded)
+        pad_to_vectors = np.zeros_like(samples.weight)
+        pad_to_vectors[: len(training)] = weights
+        samples = samples.weighted(pad_to_vectors)
     loss = problem.loss_of(data, unknowns.amplitude)
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 

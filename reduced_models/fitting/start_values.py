@@ -67,7 +67,7 @@ def start_values(
         )
     else:
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
-        draws = _matched(law, guess, record, drawn, bounds)
+        draws = _match_pairs(law, guess, record, drawn, bounds)
     chosen = draws[np.arange(count) % len(draws)]
     # The best as it is: a frequency in the law may be known to far less than the spread.
     spread = _SPREAD * (np.arange(count) > 0)
@@ -88,7 +88,7 @@ def matched_values(
     """
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
-    return np.asarray(_matched(law, guess, record, np.vstack([units, draws]), bounds)[0])
+    return np.asarray(_match_pairs(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
@@ -123,7 +123,7 @@ def _random_draws(
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
-def _matched(
+def _match_pairs(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,

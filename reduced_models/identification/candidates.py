@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quoted, times
+from granular.shared.messages import quote, times
 from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import Term, library
 from reduced_models.discovery.weak_form import (
@@ -88,15 +88,15 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     """
     there = column_names(record)
     if drive not in there:
-        others = ", ".join(map(quoted, there)) or "none"
-        raise InputError(f"the record has no column {quoted(drive)}; further columns: {others}")
+        others = ", ".join(map(quote, there)) or "none"
+        raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
     if not drive.isidentifier() or drive in (*law.parameters, "gain", "z", "t", "pi", "e"):
         raise InputError(
-            f"the column {quoted(drive)} cannot be named in an equation; rename it, such as to u"
+            f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u"
         )
     size = float(np.abs(column(record, drive)).max())
     if not size > 0.0:
-        raise InputError(f"the column {quoted(drive)} is zero everywhere; it drives nothing")
+        raise InputError(f"the column {quote(drive)} is zero everywhere; it drives nothing")
     own, gain = law_named(law.name).start, "gain"
 
     def start(

@@ -122,7 +122,7 @@ def further_runs(
     records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
     failures = [record for record in records if isinstance(record, Failure)]
     first, last = len(swings), len(swings) + len(lifts)
-    scores = None if fall is None else falls_of(run, fall, falls, records[last:])
+    scores = None if fall is None else score_run_falls(run, fall, falls, records[last:])
     if isinstance(scores, Failure):
         failures.append(scores)
     return FurtherRuns(
@@ -193,15 +193,15 @@ def step_check(run: Trajectory) -> StepCheck:
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
     Half the step changes 1 - 2^-p of the error.
     """
-    from granular.run.options import doubled, halved, is_allowed
+    from granular.run.options import double_step, halve_step, is_allowed
 
     settings = run.settings()
     dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and is_allowed(run.scene, doubled(dt), run.method):
-        return StepCheck(RunCheck("twice the time step", {"dt": doubled(dt)}), 1.0)
+    if coarser <= _RESOLVED and is_allowed(run.scene, double_step(dt), run.method):
+        return StepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
     power = 2.0**run.method.order
-    return StepCheck(RunCheck("half the time step", {"dt": halved(dt)}), power / (power - 1.0))
+    return StepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
 
 
 def seed_checks(run: Trajectory) -> list[RunCheck]:
@@ -322,7 +322,7 @@ def _fits(scene: Scene, check: RunCheck) -> bool:
     return True
 
 
-def falls_of(
+def score_run_falls(
     run: Trajectory,
     fall: PistonRecord,
     checks: Sequence[RunCheck],

@@ -250,6 +250,6 @@ def pool(errors: Sequence[float]) -> float:
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Error as people read it."""
-    return "diverges" if math.isinf(share) else f"{number(100.0 * share, 3)} %"
+    return "diverges" if math.isinf(fraction) else f"{number(100.0 * fraction, 3)} %"

@@ -14,7 +14,7 @@ from reduced_models.laws.elliptic import (
     EllipticMotion,
     averaged_amplitude,
     averaged_frequency,
-    critical_share,
+    critical_fraction,
     elliptic_motion,
     turns_about_rest,
 )
@@ -24,7 +24,7 @@ from reduced_models.records.envelope import envelope
 _BENT = 0.01
 """Least m: below it the motion is a cosine."""
 _MOST_LOST = 0.5
-"""Share of the amplitude that drag may take in the record: with more, no one function is said."""
+"""Fraction of the amplitude that drag may take in the record; with more, no function is given."""
 
 
 def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion | None:
@@ -32,7 +32,7 @@ def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion |
 
     None where it is a cosine, or drag takes too much of the amplitude for one function.
     """
-    if _lost(model, duration) > _MOST_LOST:
+    if _lost_fraction(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
     motion = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
@@ -41,7 +41,7 @@ def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion |
 
 def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
     """Return that a fitted Duffing law and an elliptic function are one motion."""
-    lost = _lost(model, duration)
+    lost = _lost_fraction(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
         f"The motion of {DUFFING.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
@@ -50,7 +50,7 @@ def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) 
     )
 
 
-def _lost(model: ReducedModel, duration: float) -> float:
+def _lost_fraction(model: ReducedModel, duration: float) -> float:
     """Fraction of the amplitude that the drag takes in so many seconds."""
     return 1.0 - math.exp(-model.parameters["lam"] * duration)
 
@@ -118,7 +118,7 @@ def averaging_of(model: ReducedModel, time: np.ndarray) -> Averaging | None:
         frequencies=_ends(averaged_frequency(averaged, oscillator)),
         solved_amplitudes=_ends(cycles.amplitude),
         solved_frequencies=_ends(cycles.frequency / (2.0 * math.pi)),
-        critical=critical_share(float(cycles.amplitude[0]), oscillator),
+        critical=critical_fraction(float(cycles.amplitude[0]), oscillator),
     )
 
 

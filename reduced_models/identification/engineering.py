@@ -167,13 +167,13 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
     return tuple(quantities)
 
 
-def _small_swing_figures(rest: AtRest, share: float) -> list[Quantity]:
+def _small_swing_figures(rest: AtRest, fraction: float) -> list[Quantity]:
     ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
     quantities = [_ratio("", ratio, (least, most))]
     if 0.0 < ratio < _UNDERDAMPED:
         quantities += [
             _symmetric(
-                damped_frequency(rest.period, ratio), share, "damped frequency", "f_d", "Hz"
+                damped_frequency(rest.period, ratio), fraction, "damped frequency", "f_d", "Hz"
             ),
             _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
             _by_ratio(lambda ratio_: 0.5 / ratio_, ratio, most, least, "quality factor", "Q", ""),
@@ -227,8 +227,8 @@ def _inverse(value: float, low: float, high: float) -> tuple[float, float, float
     return 1.0 / value, 1.0 / high if high else math.inf, 1.0 / low if low > 0.0 else math.inf
 
 
-def _symmetric(value: float, share: float, name: str, symbol: str, unit: str) -> Quantity:
-    half = abs(value) * share if math.isfinite(share) else math.inf
+def _symmetric(value: float, fraction: float, name: str, symbol: str, unit: str) -> Quantity:
+    half = abs(value) * fraction if math.isfinite(fraction) else math.inf
     return Quantity(name, symbol, unit, value, value - half, value + half)
 
 
@@ -241,7 +241,7 @@ def _by_ratio(
     return Quantity(name, symbol, unit, function(ratio), *ends)
 
 
-def at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycle]:
+def cycles_at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycle]:
     """Cycles about rest, from the greatest amplitude of some heights down to a tenth of it."""
     if model.at_rest is None or model.law.inputs:
         return []

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checks import check_figures, further_runs
@@ -25,7 +25,13 @@ from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.sources import METHOD, RunOptions, prepared, record_of, run_notes
+from reduced_models.records.sources import (
+    METHOD,
+    RunOptions,
+    prepare_directory,
+    record_of,
+    run_notes,
+)
 
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
@@ -105,7 +111,7 @@ def identify(
     """
     _check_arguments(laws, mass)
     check_options(starts=starts)
-    target = prepared(out)
+    target = prepare_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, dt, method, threads, progress)
     record, run = record_of(source, target, options)
@@ -172,7 +178,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
         if isinstance(law, str) and "'" not in law and "=" not in law:
             law_named(law)
     if mass is not None and not 0.0 < mass < math.inf:
-        raise InputError(f"mass = {quoted(mass)} kg; give one above 0")
+        raise InputError(f"mass = {quote(mass)} kg; give one above 0")
 
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:

@@ -19,7 +19,7 @@ from reduced_models.identification.engineering import (
     DAMPING_RATIO,
     Figure,
     Quantity,
-    at_amplitudes,
+    cycles_at_amplitudes,
     decimals,
     error_of,
     format_fixed,
@@ -96,7 +96,7 @@ def add_engineering(
         )
     if averaging:
         page.text(f"{sentence(averaging)}.")
-    cycles = at_amplitudes(model, heights)
+    cycles = cycles_at_amplitudes(model, heights)
     if len(cycles) < 2:
         return
     units = units_of(model.angle, mass)

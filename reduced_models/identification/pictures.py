@@ -281,4 +281,4 @@ def _add_settings(page: Page, run: Trajectory) -> None:
             ("seconds of the run", number(settings["seconds"], 3)),
         ],
     )
-    page.preformatted(run.scene.to_toml())
+    page.preformat(run.scene.to_toml())

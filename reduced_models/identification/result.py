@@ -27,7 +27,7 @@ from reduced_models.identification.engineering import (
     Figure,
     Quantity,
     amplitude_text,
-    at_amplitudes,
+    cycles_at_amplitudes,
     engineering,
     swing_text,
     swing_words,
@@ -153,7 +153,7 @@ class Identification:
             return self.verdict
         best, angle = self.comparison.rows[0], self.record.angle
         swing = swing_text(self.engineering, self.figures, angle, self.mass)
-        cycles = at_amplitudes(self.shown, self.record.height)
+        cycles = cycles_at_amplitudes(self.shown, self.record.height)
         words = f"{swing} {best_text(best)}{amplitude_text(cycles, units_of(angle, self.mass))}"
         return words if self.falls is None else f"{self.falls.verdict} {words}"
 
@@ -293,7 +293,9 @@ def lift_verdict(table: Comparison) -> str:
 def checked_price_text(run: Trajectory, height: Figure | None) -> str:
     """Price of a run whose rest height [m] was checked; without a check, `price_text`."""
     if height is None or height.step_error is None or not height.value > 0.0:
-        from granular.run.prices import price_text  # fits alone need nothing of the simulation
+        from granular.run.work_precision import (
+            price_text,
+        )  # fits alone need nothing of the simulation
 
         return price_text(run)
     seconds = run.settings()["seconds"]

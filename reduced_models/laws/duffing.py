@@ -11,7 +11,7 @@ import numpy as np
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
-_ACROSS, _WITHIN = 0.2, 0.1  # shares of the starts with two wells
+_ACROSS, _WITHIN = 0.2, 0.1  # fractions of the starts with two wells
 _FEW = 4  # starts, from which each kind has one
 
 

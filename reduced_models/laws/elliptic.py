@@ -155,7 +155,7 @@ def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndar
     return np.asarray(rate / (4.0 * ellipk(m)))
 
 
-def critical_share(amplitude: float, oscillator: Oscillator) -> float:
+def critical_fraction(amplitude: float, oscillator: Oscillator) -> float:
     """Greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)

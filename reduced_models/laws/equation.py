@@ -14,7 +14,7 @@ import numpy as np
 from granular import formulas
 from granular.formulas import algebra
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -85,13 +85,13 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     """
     import sympy
 
-    law = f"the law {quoted(equation)}"
+    law = f"the law {quote(equation)}"
     trees = trees_of(equation)
     if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
         inputs = (*inputs, TIME)
     for name in inputs:
         if name not in trees.names:
-            raise InputError(f"{law} does not name its input {quoted(name)}")
+            raise InputError(f"{law} does not name its input {quote(name)}")
         if name == "z" or name in trees.hidden:
             raise InputError(f"{law} has the input {name!r}, which it reckons itself; rename it")
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
@@ -121,7 +121,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
 
 def trees_of(equation: str) -> Trees:
     """Formulas of a law; names and primes mean something in each of them."""
-    law = f"the law {quoted(equation)}"
+    law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
         raise InputError(
             f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read"
@@ -194,7 +194,7 @@ def _hidden(law: str, text: str) -> tuple[str, formulas.Node]:
     item = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None
     if not isinstance(item, formulas.Name) or item.primes != 1 or item.name in ("z", "t"):
         raise InputError(
-            f"{law}: {quoted(text.strip())} must have one equals sign behind the rate of a hidden "
+            f"{law}: {quote(text.strip())} must have one equals sign behind the rate of a hidden "
             "state, such as w' = z' - w"
         )
     return item.name, formulas.parse(right)

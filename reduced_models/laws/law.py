@@ -10,7 +10,7 @@ import numpy as np
 
 from granular import formulas
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.laws.equation import TIME_WORD, Parsed, parse, trees_of
 from reduced_models.records.inputs import TIME
 
@@ -175,7 +175,7 @@ def law_from_text(
         If the text is no equation, has no parameter, or a name that looks like something else.
     """
     trees = trees_of(equation)
-    law = f"the law {quoted(equation)}"
+    law = f"the law {quote(equation)}"
     for name in formulas.constants(*trees.all):
         if name in columns:
             raise InputError(

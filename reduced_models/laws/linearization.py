@@ -244,7 +244,7 @@ def cycles(
         )
     )
     for _ in range(_MOST_ROUNDS):
-        moved, stiffness, damping = centred(rates, hidden, amplitude, centre, omega)
+        moved, stiffness, damping = centre_swing(rates, hidden, amplitude, centre, omega)
         swings = stiffness > 0.0
         faster = np.sqrt(np.where(swings, stiffness, omega**2)) if free else omega
         changed = np.maximum(abs(moved - centre) / amplitude, abs(faster / omega - 1.0))
@@ -254,7 +254,7 @@ def cycles(
     return Cycles(centre, omega, stiffness, damping)
 
 
-def centred(
+def centre_swing(
     rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres moved by a Newton step to no mean force; stiffness and damping before the step."""

@@ -114,7 +114,7 @@ def on_grid(
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
         given = [inputs[k] for k in range(inputs.shape[0])]
-        return _stacked((state[1], *field(*state, *given, *values)), state[0])
+        return _stack((state[1], *field(*state, *given, *values)), state[0])
 
     def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         slopes: list[jax.Array] = []
@@ -131,7 +131,7 @@ def on_grid(
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
     given = jnp.asarray(drive)
-    first = _stacked(start, start[0])
+    first = _stack(start, start[0])
     empty = jnp.zeros((len(given), 3, *first.shape[1:]))
     state, output = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
     end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
@@ -140,7 +140,7 @@ def on_grid(
     return output[:, 0], output[:, 1], output[:, 2]
 
 
-def _stacked(parts: Sequence[Value], like: jax.Array) -> jax.Array:
+def _stack(parts: Sequence[Value], like: jax.Array) -> jax.Array:
     """Numbers or arrays as the rows of one array."""
     return jnp.stack([jnp.broadcast_to(part, jnp.shape(like)) for part in parts])
 
@@ -257,11 +257,11 @@ def solution(
     if law.inputs:
         return _driven_solution(law, times, start, values, size, list(inputs), how)
     count = len(times)
-    padded = np.full(-(-count // 1024) * 1024, times[-1])
-    padded[:count] = times
+    pad_to_vectors = np.full(-(-count // 1024) * 1024, times[-1])
+    pad_to_vectors[:count] = times
     for budget in STEP_BUDGETS:
         solve = _adaptive(law.equation, budget)
-        z, v, complete, blown_up = solve(padded, start, (values, float(size)), float(size))
+        z, v, complete, blown_up = solve(pad_to_vectors, start, (values, float(size)), float(size))
         if complete or blown_up:
             break
     ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
@@ -325,8 +325,8 @@ def _driven_solution(
     result = pieces(times, inputs, how)
     every = len(result.length) // (len(times) - 1)
     count = len(result.length)
-    padded = padded_steps(count)
-    length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
+    pad_to_vectors = padded_steps(count)
+    length, cubics = np.ones(pad_to_vectors), np.zeros((pad_to_vectors, *result.cubics.shape[1:]))
     length[:count], cubics[:count] = result.length, result.cubics
     solve = _stepping(law.equation, law.inputs)
     before = np.full((len(times), 2), np.inf)

@@ -54,7 +54,7 @@ def _swing_start(
     return {"c0": c0, "c1": c1, "c2": c2, "k": k, "f": np.full(count, result.force)}
 
 
-def _mapped(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _map_law(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Law with that quadratic damping.
 
     With z = p + q u the damping 2 alpha (z^2 - 2 z) is c0 + c1 u + c2 u^2 where c2 = 2 alpha q^2,
@@ -92,7 +92,7 @@ VAN_DER_POL_LIKE = Law(
     swing_form=SwingForm(
         Law("quadratic damping", "z'' + (c0 + c1*z + c2*z**2)*z' + k*z = f", positive=("k",)),
         _swing_start,
-        _mapped,
+        _map_law,
     ),
     source="[D, eq. 5.12]",
 )

@@ -19,7 +19,7 @@ _NEAR = 1e-6  # first damping of a search that starts near its end
 
 
 def joint_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entries:
-    """Entries of some records that share all parameters but their ``own`` and the start."""
+    """Entries of some records that fraction all parameters but their ``own`` and the start."""
     names = unknowns.law.parameters
     free, length = unknowns.free, len(unknowns.prior)
     private = [k for k in range(length) if k >= free or (k < len(names) and names[k] in own)]
@@ -101,11 +101,10 @@ class JointRecords:
             grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)
         ]
 
-    def linearised(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def linearise(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
         return [
-            grid.linearised(theta[here])
-            for grid, here in zip(self.grids, self.entries, strict=True)
+            grid.linearise(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)
         ]
 
     def normal(self, counts: Sequence[int] | None = None) -> Normal:

@@ -130,7 +130,7 @@ def search(
             break
         trial = _point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
-        judged = _judged(best, start, precision, sizes, moved, total, trial_total)
+        judged = _judge_steps(best, start, precision, sizes, moved, total, trial_total)
         better, sizes = map(np.asarray, judged)
         sizes = np.clip(sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
@@ -153,7 +153,7 @@ def agreement(cost: np.ndarray, samples: float) -> float:
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 
 
-def in_the_running(cost: np.ndarray, samples: float) -> np.ndarray:
+def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
     """Return the starts (s,) that may still lead to the best fit."""
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
@@ -163,7 +163,7 @@ def _point(normal: Normal, theta: np.ndarray) -> Point:
     return theta, cost, gradient, matrix
 
 
-def _scaled(
+def _scale_coefficients(
     best: Point, start: jax.Array, precision: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Slope and matrix of a search vector's half cost in scaled entries, and their scale."""
@@ -187,7 +187,7 @@ def _moved(
 ) -> tuple[jax.Array, jax.Array]:
     """Next search vectors, within the bounds, and what of the cost they promise to save."""
     theta, cost, *_ = best
-    slope, matrix, scale = _scaled(best, start, precision)
+    slope, matrix, scale = _scale_coefficients(best, start, precision)
     resting = (
         ((theta <= bounds.low) & (slope >= 0.0))
         | ((theta >= bounds.high) & (slope <= 0.0))
@@ -205,7 +205,7 @@ def _moved(
 
 @jax.jit
 @jax.vmap
-def _judged(
+def _judge_steps(
     best: Point,
     start: jax.Array,
     precision: jax.Array,
@@ -215,7 +215,7 @@ def _judged(
     trial_total: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Decide whether steps are accepted, and return the size of the next ones."""
-    slope, matrix, scale = _scaled(best, start, precision)
+    slope, matrix, scale = _scale_coefficients(best, start, precision)
     here = _quadratic(0.5 * total, slope, matrix)
     there = optimistix.FunctionInfo.Eval(0.5 * trial_total)
     state = _TRUST.init(slope, here)

@@ -76,7 +76,7 @@ def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
 
 
-def without_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
+def without_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
     from scipy.signal import lfilter
 
@@ -85,8 +85,8 @@ def without_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
-def with_walk(left: np.ndarray, gain: float) -> np.ndarray:
-    """Residuals (n,) of which `without_walk` leaves these."""
+def with_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n,) of which `without_random_walk` leaves these."""
     from scipy.signal import lfilter
 
     if gain == 0.0:
@@ -212,7 +212,7 @@ class GriddedRecord:
         left = linear(theta, self._seen(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
-    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def linearise(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
         return self._linear(theta, self._seen(None), len(self.record))
 
@@ -222,7 +222,7 @@ class GriddedRecord:
         linear = residual_function(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
         value = np.asarray(left)[:count], np.asarray(slopes).T[:count]
-        return without_walk(value[0], self.gain), without_walk(value[1], self.gain)
+        return without_random_walk(value[0], self.gain), without_random_walk(value[1], self.gain)
 
     def normal(self, count: int | None = None) -> Normal:
         """Return the normal equations of the first ``count`` samples, or of all.
@@ -249,10 +249,10 @@ class GriddedRecord:
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
         """Return the same with other heights (n,)."""
-        padded = self.samples.height.copy()
-        padded[: len(height)] = height
+        pad_to_vectors = self.samples.height.copy()
+        pad_to_vectors[: len(height)] = height
         record = dataclasses.replace(self.record, height=height)
-        samples = self.samples._replace(height=padded)
+        samples = self.samples._replace(height=pad_to_vectors)
         return dataclasses.replace(self, record=record, samples=samples)
 
     def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:
@@ -262,7 +262,7 @@ class GriddedRecord:
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
 
-def gridded(
+def put_on_grid(
     unknowns: Unknowns,
     record: PistonRecord,
     grid: Grid,

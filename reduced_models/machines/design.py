@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 HELPS = 0.9
-"""Least share of the peak that a damper must leave away, as 1 minus this, to be one."""
+"""Least fraction of the peak that a damper must leave away, as 1 minus this, to be one."""
 _COARSE = np.linspace(0.6, 1.3, 15)
 """Frequencies over the host's that a candidate is tried at."""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)

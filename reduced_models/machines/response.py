@@ -28,7 +28,7 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.falls.theory import POWER, moving_mass, parameters_of
 from reduced_models.laws.annealing_bed import (
     HARDENING,
@@ -103,7 +103,7 @@ class CoupledSystem(NamedTuple):
         host, piston = scene.effects.host, scene.piston
         if host is None or host.mount != "cell" or len(host.bodies) != 1:
             raise InputError(
-                f"the scene {quoted(scene.name)} has no host of one body that carries the cell; "
+                f"the scene {quote(scene.name)} has no host of one body that carries the cell; "
                 "the law is coupled to such a one"
             )
         still = scene.replace(**{"effects.host": "none"})

@@ -16,7 +16,7 @@ import numpy as np
 from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.fmu import write_fmu
 from reduced_models.models.source_code import c_source, matlab_source, modelica_source
@@ -173,11 +173,11 @@ def write_code(model: FittedLaw, path: Path) -> str:
         return "an FMU (FMI 2.0, co-simulation)"
     if path.suffix not in SOURCES:
         known = ", ".join([*SOURCES, ".fmu"])
-        raise InputError(f"{visible(path)} ends in {quoted(path.suffix)}; give one of {known}")
+        raise InputError(f"{visible(path)} ends in {quote(path.suffix)}; give one of {known}")
     named = path.suffix in (".m", ".mo")
     if named and (_NAME.fullmatch(path.stem) is None or path.stem in _WORDS):
         raise InputError(
-            f"{quoted(path.name)} cannot be a function's name; give letters, digits and underscores"
+            f"{quote(path.name)} cannot be a function's name; give letters, digits and underscores"
         )
     what, source = SOURCES[path.suffix]
     write_text(path, source(model, path.stem))

@@ -14,7 +14,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
@@ -306,8 +306,8 @@ class FittedLaw:
         for name in self.law.inputs:
             if name not in given or np.shape(given[name]) != times.shape:
                 raise InputError(
-                    f"the law {quoted(self.law.name)} has the input {quoted(name)}; give "
-                    f"inputs={{{quoted(name)}: "
+                    f"the law {quote(self.law.name)} has the input {quote(name)}; give "
+                    f"inputs={{{quote(name)}: "
                     "one value a time}"
                 )
         start = (
@@ -366,6 +366,6 @@ def _incomplete(name: str, times: np.ndarray, result: Solution) -> str:
             "or leaves where the law is defined)"
         )
     return (
-        f"the solution of the law {quoted(name)} {cause}; start nearer to rest or ask for a "
+        f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a "
         "shorter time"
     )

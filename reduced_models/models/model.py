@@ -189,11 +189,11 @@ class ReducedModel(FittedLaw):
         )
 
     def _repr_html_(self) -> str:
-        from granular.shared.html import preformatted
+        from granular.shared.html import preformat
         from reduced_models.laws.printing import mathml, mathml_of_rate
 
         rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden.items()]
-        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformatted(self)}"
+        return f"{'<br>'.join([mathml(self.printed_equation), *rates])}{preformat(self)}"
 
     def _repr_latex_(self) -> str:
         return f"$${self.fitted_latex}$$"

@@ -13,9 +13,9 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.laws.law import Law
-from reduced_models.laws.linearization import Rates, centred, cycles, harmonics, rates_of
+from reduced_models.laws.linearization import Rates, centre_swing, cycles, harmonics, rates_of
 from reduced_models.models.fitted_law import FittedLaw
 
 _AMPLITUDES = 240
@@ -98,7 +98,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
         the law is defined.
     """
     if not amplitude > 0.0:
-        raise InputError(f"amplitude = {quoted(amplitude)} m; give one above 0")
+        raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     height, period = _rest(model)
     result = cycles(
         _rates(model),
@@ -112,11 +112,11 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
     if not math.isfinite(stiffness):
         raise InputError(
             f"a cycle of amplitude {amplitude:g} m leaves where the law "
-            f"{quoted(model.law.name)} is defined; give a smaller one"
+            f"{quote(model.law.name)} is defined; give a smaller one"
         )
     if frequency is None and stiffness <= 0.0:
         raise InputError(
-            f"the law {quoted(model.law.name)} has no stiffness at an amplitude of "
+            f"the law {quote(model.law.name)} has no stiffness at an amplitude of "
             f"{amplitude:g} m; "
             "give the frequency, or a smaller amplitude"
         )
@@ -145,7 +145,7 @@ def frequency_response(
         If the force is not above zero or the law has no level of rest.
     """
     if not force > 0.0:
-        raise InputError(f"force = {quoted(force)} N/kg; give one above 0")
+        raise InputError(f"force = {quote(force)} N/kg; give one above 0")
     height, period = _rest(model)
     omega = np.asarray(frequencies, dtype=np.float64)
     edges = model.domain.get("height", (height, height))
@@ -154,7 +154,9 @@ def frequency_response(
     rates, hidden, size = _rates(model), len(model.law.hidden), amplitude / abs(model.map.scale)
     centre = np.full_like(amplitude, model.map.to_law(height))
     for _ in range(4):
-        centre, *_ = centred(rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period))
+        centre, *_ = centre_swing(
+            rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period)
+        )
     _, stiffness, damping = harmonics(rates, hidden, size[:, None], centre[:, None], omega[None, :])
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
@@ -181,7 +183,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
         raise InputError(
-            f"the law {quoted(law.name)} has a {quoted(name)} already; give another name"
+            f"the law {quote(law.name)} has a {quote(name)} already; give another name"
         )
     text = law.equation.replace("z''", f"(z'' - {name})")
     return Law(
@@ -200,7 +202,7 @@ def _rest(model: FittedLaw) -> tuple[float, float]:
     """Height [m] and small period [s] at rest."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {quoted(model.law.name)} has no level of rest near its record, which this "
+            f"the law {quote(model.law.name)} has no level of rest near its record, which this "
             "needs"
         )
     return model.at_rest.height, model.at_rest.period

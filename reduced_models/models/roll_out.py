@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
-from reduced_models.least_squares.residuals import BLOWN_UP, gridded
+from reduced_models.least_squares.residuals import BLOWN_UP, put_on_grid
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
@@ -73,7 +73,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         guess.velocity / unknowns.speed,
     )
     steps = grid_over(total, law.inputs, guess.period, _STEPS * law.resolution)
-    grid = gridded(unknowns, total, steps, model.input_interpolation)
+    grid = put_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
     held[unknowns.free : unknowns.free + 2] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))

@@ -17,7 +17,7 @@ from granular.formulas import MAX_CHARACTERS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.quality import Quality
@@ -37,7 +37,7 @@ Check = Callable[[str, Any], Any]
 
 def _wrong(where: str, value: object, wanted: str) -> InputError:
     return InputError(
-        f"the data are not those of a reduced model: {visible(where)} is {quoted(value)}; {wanted} "
+        f"the data are not those of a reduced model: {visible(where)} is {quote(value)}; {wanted} "
         "is wanted"
     )
 

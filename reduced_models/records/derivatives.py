@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.records.first_guesses import noise_level
 
 DerivativeMethod = Literal["savitzky-golay", "smoothing-spline", "finite-differences"]
@@ -100,7 +100,7 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
     """
     if method not in DERIVATIVE_METHODS:
         raise InputError(
-            f"derivative = {quoted(method)}; give one of {', '.join(DERIVATIVE_METHODS)}"
+            f"derivative = {quote(method)}; give one of {', '.join(DERIVATIVE_METHODS)}"
         )
     if len(record) < LEAST_SAMPLES:
         raise RecordError(

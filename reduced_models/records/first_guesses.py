@@ -109,8 +109,8 @@ def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarr
     sign = np.sign(swing[beyond])
     turns = np.flatnonzero(sign[1:] != sign[:-1])
     before, after = beyond[turns], beyond[turns + 1]
-    share = swing[before] / (swing[before] - swing[after])
-    return np.asarray(time[before] + share * (time[after] - time[before]))
+    fraction = swing[before] / (swing[before] - swing[after])
+    return np.asarray(time[before] + fraction * (time[after] - time[before]))
 
 
 def first_guesses(record: PistonRecord) -> FirstGuesses:

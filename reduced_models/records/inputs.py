@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.records.derivatives import is_even
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
@@ -61,7 +61,7 @@ def column(record: PistonRecord, name: str) -> np.ndarray:
     if found is None:
         there = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
-            f"the law has the input {quoted(name)}, and the record no column of that name; found: "
+            f"the law has the input {quote(name)}, and the record no column of that name; found: "
             f"{there}; add the column or name another one"
         )
     return found
@@ -124,8 +124,8 @@ def pieces(time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "sp
 
     length = np.diff(time)
     if how == "band-limited":
-        share = np.arange(_FINER) / _FINER
-        fine = np.append((time[:-1, None] + length[:, None] * share).ravel(), time[-1])
+        fraction = np.arange(_FINER) / _FINER
+        fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
         columns = [_between(time, each, fine, how) for each in columns]
         time, length = fine, np.diff(fine)
     cubics = np.zeros((len(length), 4, len(columns)))
@@ -159,13 +159,15 @@ def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np
     step = float(time[-1] - time[0]) / (len(time) - 1)
     before = 2.0 * values[0] - values[_TAPS:0:-1]
     after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]
-    padded = np.concatenate([before, values, after])
+    pad_to_vectors = np.concatenate([before, values, after])
     flat = (times.ravel() - time[0]) / step + _TAPS
     found = np.zeros(len(flat))
     place = np.floor(flat).astype(np.int64)
     for tap in range(1 - _TAPS, _TAPS + 1):
-        here = np.clip(place + tap, 0, len(padded) - 1)
+        here = np.clip(place + tap, 0, len(pad_to_vectors) - 1)
         away = flat - (place + tap)
         inside = np.maximum(1.0 - (away / _TAPS) ** 2, 0.0)
-        found += padded[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
+        found += (
+            pad_to_vectors[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
+        )
     return found.reshape(times.shape)

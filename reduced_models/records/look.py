@@ -104,7 +104,7 @@ class Look:
             f"the motion is above its noise until {self.useful:.4g} s",
         ]
         lines += [f"note: {visible(note)}" for note in self.meaning.notes]
-        return "\n".join([*lines, "", *_drawn(record)])
+        return "\n".join([*lines, "", *_draw_motion(record)])
 
 
 def look(path: str | Path, said: Reading | None = None) -> Look:
@@ -159,7 +159,7 @@ def _useful(record: PistonRecord, noise: float) -> float:
     return float(record.time[away[-1]]) if len(away) else float(record.time[0])
 
 
-def _drawn(record: PistonRecord) -> list[str]:
+def _draw_motion(record: PistonRecord) -> list[str]:
     """Motion in characters, for a terminal."""
     span = float(np.ptp(record.height)) or 1.0
     place = (record.time - record.time[0]) / (record.time[-1] - record.time[0])

@@ -103,13 +103,18 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     """Moment at which a height leaves the level of its start, and how long it then rises."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
-        way = np.abs(height - level)
-        first, last = (int(np.argmax(way >= x * way.max())) for x in (_RATIO * _LOWEST, _HIGHEST))
+        displacement = np.abs(height - level)
+        first, last = (
+            int(np.argmax(displacement >= x * displacement.max()))
+            for x in (_RATIO * _LOWEST, _HIGHEST)
+        )
         level = float(np.median(height[: max(5, first // 2)]))
     together = 2 * (max(last - first, 0) // 8) + 1
-    padded = np.pad(height, together // 2, mode="edge")
-    way = np.abs(np.convolve(padded, np.ones(together) / together, mode="valid") - level)
-    span = float(way.max())
+    pad_to_vectors = np.pad(height, together // 2, mode="edge")
+    displacement = np.abs(
+        np.convolve(pad_to_vectors, np.ones(together) / together, mode="valid") - level
+    )
+    span = float(displacement.max())
     if not span > 0.0:
         return None
     steps = np.abs(np.diff(height))
@@ -120,7 +125,7 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     if low > _NOISIEST:
         return None
     levels = span * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
-    times = _crossings(time, way, levels)
+    times = _crossings(time, displacement, levels)
     if times is None:
         return None
     since = _square(times[:2], levels[:2])
@@ -135,17 +140,22 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     return _Release(_hinge(time, height, (since, times[0]), times[2]), rise)
 
 
-def _crossings(time: np.ndarray, way: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
+def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
     """Return the times at which a monotonic displacement passes three levels."""
-    first, last = (int(np.argmax(way >= x)) for x in levels[1:])
-    still = np.flatnonzero(way[:first] < levels[0])
+    first, last = (int(np.argmax(displacement >= x)) for x in levels[1:])
+    still = np.flatnonzero(displacement[:first] < levels[0])
     if len(still) < 4:
         return None
     left = int(still[-1]) + 1
-    if way[:left].max() > 1.5 * levels[0] or way[left:last].min(initial=math.inf) < levels[0] / 2:
+    if (
+        displacement[:left].max() > 1.5 * levels[0]
+        or displacement[left:last].min(initial=math.inf) < levels[0] / 2
+    ):
         return None
     here = [slice(k - 1, k + 1) for k in (left, first, last)]
-    return np.array([np.interp(x, way[k], time[k]) for x, k in zip(levels, here, strict=True)])
+    return np.array(
+        [np.interp(x, displacement[k], time[k]) for x, k in zip(levels, here, strict=True)]
+    )
 
 
 def _square(times: np.ndarray, levels: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granular.readers.reading import Reading, is_description, read_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quoted, visible
+from granular.shared.messages import quote, visible
 from reduced_models.records.release import from_release
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def record_of(
     from granular.scene.scene import Scene
 
     if isinstance(found, Scene):
-        run = _simulated(found, out, options)
+        run = _simulate(found, out, options)
         return run.piston(), run
     _refuse_run_options(options)
     missing = {"dt", "method", "steps"} - set(found.settings())
@@ -60,7 +60,7 @@ def record_of(
     return found.piston(), found
 
 
-def prepared(out: str | Path | None) -> Path | None:
+def prepare_directory(out: str | Path | None) -> Path | None:
     """Directory to write to, made where it is not there yet.
 
     Raises
@@ -180,19 +180,19 @@ def _refuse_run_options(options: RunOptions) -> None:
         given = getattr(options, name)
         if given != value:
             raise InputError(
-                f"{name} = {quoted(given)} applies to a scene only; this is a run or a record: "
+                f"{name} = {quote(given)} applies to a scene only; this is a run or a record: "
                 "leave "
                 f"{name} out"
             )
 
 
-def _simulated(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
+def _simulate(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
     from granular.run.simulation import simulate
 
     scene = scene.replace(**options.changes)
     if scene.piston is None:
         raise InputError(
-            f"scene {quoted(scene.name)} has no piston, so there is nothing to identify"
+            f"scene {quote(scene.name)} has no piston, so there is nothing to identify"
         )
     return simulate(
         scene,
@@ -210,7 +210,7 @@ def run_notes(run: Trajectory) -> tuple[str, ...]:
     if run.complete:
         return ()
     last = run.stages[-1] if run.stages else None
-    where = "before its first stage" if last is None else f"in stage {quoted(last.name)}"
+    where = "before its first stage" if last is None else f"in stage {quote(last.name)}"
     when = float(run.dataset["time"].values[-1])
     return (
         f"the run was cut at t = {when:.4g} s, {where}, so the record is not whole; finish it with "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from research.campaign import Block, Campaign
 from research.discovery.cases import NOISES, SEEDS
 from research.discovery.programme import discovery
@@ -40,7 +40,7 @@ def _noises(words: str | None) -> tuple[float, ...]:
     try:
         return tuple(known[f"{float(word):g}"] for word in words.split(","))
     except (ValueError, KeyError):
-        raise InputError(f"--noise {quoted(words)}; give some of {', '.join(known)}") from None
+        raise InputError(f"--noise {quote(words)}; give some of {', '.join(known)}") from None
 
 
 def _seeds(count: int | None) -> int:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def draw(results: Results) -> Figure:
-    """Share of the runs that find each system at 1 % of noise, by method and library."""
+    """Fraction of the runs that find each system at 1 % of noise, by method and library."""
     import numpy as np
 
     from granular.shared.plotting import COLOURS, READABLE, figure
@@ -24,9 +24,10 @@ def draw(results: Results) -> Figure:
         for ax, library in zip(axes, LIBRARIES, strict=True):
             for k, method in enumerate(METHODS):
                 shares = [
-                    results.rate(method, library, SHOWN_NOISE, [one.name]).share for one in SYSTEMS
+                    results.rate(method, library, SHOWN_NOISE, [one.name]).fraction
+                    for one in SYSTEMS
                 ]
-                known = [0.0 if share is None else 100.0 * share for share in shares]
+                known = [0.0 if fraction is None else 100.0 * fraction for fraction in shares]
                 ax.barh(places + 0.16 * (2.0 - k), known, 0.15, color=COLOURS[k], label=method)
             ax.set(xlabel="found [%]", xlim=(0.0, 104.0), yticks=places, yticklabels=[])
             ax.set_title(f"{library} library", fontsize=READABLE)

@@ -32,7 +32,7 @@ class Rate(NamedTuple):
         Median time of the processor.
     """
 
-    planned: int
+    plan_runs: int
     run: int
     exact: int
     usable: int
@@ -41,7 +41,7 @@ class Rate(NamedTuple):
     seconds: float | None
 
     @property
-    def share(self) -> float | None:
+    def fraction(self) -> float | None:
         """Found, of those run."""
         return self.found / self.run if self.run else None
 
@@ -63,7 +63,7 @@ class Results:
             if (row := self.rows.get(Case(method, name, library, noise, seed))) is not None
         ]
         return Rate(
-            planned=len(names) * SEEDS,
+            plan_runs=len(names) * SEEDS,
             run=len(rows),
             exact=sum(row["exact"] for row in rows),
             usable=sum(row["usable"] for row in rows),

@@ -14,7 +14,7 @@ import numpy as np
 from granular.formulas import algebra
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
+from granular.shared.messages import quote
 from reduced_models.discovery.terms import read_terms, symbols, terms_of
 
 if TYPE_CHECKING:
@@ -117,8 +117,8 @@ def system_named(name: str) -> System:
     for one in SYSTEMS:
         if one.name == name:
             return one
-    known = ", ".join(quoted(one.name) for one in SYSTEMS)
-    raise InputError(f"there is no system {quoted(name)}; the systems are {known}")
+    known = ", ".join(quote(one.name) for one in SYSTEMS)
+    raise InputError(f"there is no system {quote(name)}; the systems are {known}")
 
 
 def right_structures(system: System) -> tuple[frozenset[str], ...]:
@@ -134,7 +134,7 @@ def _texts(term: str) -> list[str]:
 
 
 def made_record(system: System, noise: float, seed: int) -> PistonRecord:
-    """A record of a system, with white noise of that share of the motion's standard deviation."""
+    """A record of a system, with white noise as a fraction of the motion's standard deviation."""
     time, height = recorded_motion(system.name)
     place = [one.name for one in SYSTEMS].index(system.name)
     random = np.random.default_rng([place, seed, round(1e6 * noise)])

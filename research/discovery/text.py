@@ -83,7 +83,7 @@ def rate_words(rate: Rate) -> str:
     if not rate.run:
         return NOT_RUN
     words = f"{rate.found} of {rate.run} ({rate.exact} exact)"
-    left = rate.planned - rate.run
+    left = rate.plan_runs - rate.run
     return f"{words}, {left} {NOT_RUN}" if left else words
 
 
@@ -93,24 +93,24 @@ def words(found: Results) -> str:
     for library in LIBRARIES:
         rates = {method: found.rate(method, library, SHOWN_NOISE) for method in METHODS}
         ours = rates[OURS]
-        if ours.share is None:
+        if ours.fraction is None:
             continue
         sentence = (
             f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
-            f"finds the law in {100 * ours.share:.0f} % of {ours.run} runs"
+            f"finds the law in {100 * ours.fraction:.0f} % of {ours.run} runs"
         )
         for methods, how in _PEER_WORDS:
-            known = [(rates[name].share or 0.0, name) for name in methods if rates[name].run]
+            known = [(rates[name].fraction or 0.0, name) for name in methods if rates[name].run]
             if known:
-                share, name = max(known)
-                sentence += f"; {how} the better peer, {name}, does in {100 * share:.0f} %"
+                fraction, name = max(known)
+                sentence += f"; {how} the better peer, {name}, does in {100 * fraction:.0f} %"
         sentences.append(sentence + ".")
     ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
     sentences.append(f"Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
-    planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
-    if len(found.rows) < planned:
-        sentences.append(f"{planned - len(found.rows)} of {planned} runs were {NOT_RUN}.")
+    plan_runs = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
+    if len(found.rows) < plan_runs:
+        sentences.append(f"{plan_runs - len(found.rows)} of {plan_runs} runs were {NOT_RUN}.")
     return " ".join(sentences)
 
 

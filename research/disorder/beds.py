@@ -28,11 +28,11 @@ SETTLE, MEASURE, STEP, AFTER = 4.0, 6.0, 0.2, 1.0
 """Seconds before the measurement, of it, of the piston's small step, and until it is over."""
 
 LOWERED = 0.02
-"""Share of its height by which the piston steps down, for the answer of the force."""
+"""Fraction of its height by which the piston steps down, for the answer of the force."""
 
 _UNIT = 5.68e-4
 """Energy of a pair at the mean spacing of the densest of these beds [J]: temperatures are written
-as shares of it. What is measured is compared with the energy that is measured."""
+as fractions of it. What is measured is compared with the energy that is measured."""
 
 
 class Bed(NamedTuple):
@@ -80,9 +80,11 @@ _SPEEDS = (5.0, 20.0, 80.0)
 def all_beds() -> list[Bed]:
     """Every bed, each with a start of its own."""
     beds: list[tuple[str, float, float, float]] = []
-    for k, share in enumerate(_BATHS):
-        beds.append(("bath", PACKINGS[k % 3], share, 5.0))
-    beds += [("bath", PACKINGS[(k + 1) % 3], share, 5.0) for k, share in enumerate(_BATHS[1::2])]
+    for k, fraction in enumerate(_BATHS):
+        beds.append(("bath", PACKINGS[k % 3], fraction, 5.0))
+    beds += [
+        ("bath", PACKINGS[(k + 1) % 3], fraction, 5.0) for k, fraction in enumerate(_BATHS[1::2])
+    ]
     beds += [("shaken", PACKINGS[k % 2], *one) for k, one in enumerate(_SHAKEN)]
     beds += [
         ("compressed", packing, speed, drag)

@@ -30,7 +30,7 @@ class Carried(NamedTuple):
     control : float
         The same with the dislocations of another start: both are driven alike.
     left : float
-        Share of the variance of the dislocations' increments about zero that the line leaves.
+        Fraction of the variance of the dislocations' increments about zero that the line leaves.
     """
 
     slope: float

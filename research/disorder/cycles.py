@@ -30,7 +30,7 @@ DRAG = 0.1
 """Of a grain [kg/s], as in the packaged bed: about half of critical for its fastest motion."""
 
 STROKE = 0.3
-"""Share of its height by which the piston goes down and up again."""
+"""Fraction of its height by which the piston goes down and up again."""
 
 CYCLE = 20.0
 """Duration of the cycle [s]."""

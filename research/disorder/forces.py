@@ -20,7 +20,7 @@ from research.disorder.uneven import (
     arrivals,
     force_field,
     over_others,
-    shuffled,
+    shuffle,
 )
 
 Row = dict[str, Any]
@@ -100,13 +100,13 @@ def of_field(field: ForceField, seed: int = 1) -> Row:
         from the walls: ``uneven``, ``force``, ``force 5``, ``force 7``; ``uneven, shuffled``, the
         same of shuffled places; ``shells`` of the unevenness; ``arrivals``, their number, and
         ``uneven about`` and ``force about`` them, `QUIET` frames before to as many after; and the
-        share of ``defects``.
+        fraction of ``defects``.
     """
     known = field.depth >= 0
     odd = known & (field.sides != 6)
     random = np.random.default_rng(seed)
     by_chance = [
-        over_others(field, field.unevenness, shuffled(field, odd, random)) for _ in range(SHUFFLES)
+        over_others(field, field.unevenness, shuffle(field, odd, random)) for _ in range(SHUFFLES)
     ]
     events = arrivals(field)
     calm = field.shell == SHELLS

@@ -49,11 +49,11 @@ def judged_candidates(
     chosen = [row for row in rows if row["group"] in groups]
     columns = tuple(tuple(row[name] for row in chosen) for name in (*CANDIDATES, *ORDERS))
     owners = tuple(row["group"] for row in chosen)
-    return _judged(owners, columns, DRAWS if draws is None else draws)
+    return _judge_steps(owners, columns, DRAWS if draws is None else draws)
 
 
 @lru_cache(maxsize=8)
-def _judged(
+def _judge_steps(
     owners: tuple[str, ...], columns: tuple[tuple[float, ...], ...], draws: int
 ) -> dict[tuple[str, str], Collapse]:
     table = dict(zip((*CANDIDATES, *ORDERS), map(np.array, columns), strict=True))

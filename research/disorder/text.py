@@ -196,8 +196,8 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
     )
 
 
-def _over(found: Carried, share: float) -> str:
-    return f"{found.slope / share:.2f} [{found.low / share:.2f}, {found.high / share:.2f}]"
+def _over(found: Carried, fraction: float) -> str:
+    return f"{found.slope / fraction:.2f} [{found.low / fraction:.2f}, {found.high / fraction:.2f}]"
 
 
 def _carried(found: Carried) -> str:

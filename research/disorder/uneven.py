@@ -144,7 +144,7 @@ def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> fl
     return float(total[both].sum() / expected) if both.any() else float("nan")
 
 
-def shuffled(field: ForceField, chosen: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """As many chosen grains in each frame and class of distance to the walls, but any of them."""
     classes = len(DEPTHS) + 1
     group = np.where(field.depth >= 0, np.arange(len(chosen))[:, None] * classes + field.depth, -1)

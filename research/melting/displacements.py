@@ -156,7 +156,7 @@ def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.nda
 
 
 def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
-    """Where a line through values, each with an error that is a share of it, meets 0."""
+    """Where a line through values, each with an error that is a fraction of it, meets 0."""
     design = np.stack([np.ones_like(x), x], axis=1) / values[:, None]
     found, *_ = np.linalg.lstsq(design, np.ones_like(x), rcond=None)
     return float(found[0])

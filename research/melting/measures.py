@@ -48,9 +48,9 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     -------
     dict
         ``kinetic`` and ``configurational``: temperatures over that of the bath. ``order``: the mean
-        square of the mean psi6 of each block of time; ``defects``: share of the grains without six
-        neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time, with
-        the ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean
+        square of the mean psi6 of each block of time; ``defects``: fraction of the grains without
+        six neighbours. ``r``, in spacings, with ``g6`` of each block. ``lags``, in units of time,
+        with the ``lindemann`` parameter. ``waves``: wave vectors, times the spacing, with the mean
         squares of the modes ``along`` and ``across`` of each block, over the spacing squared.
         ``translation``: translational order of each block. ``plateau``: what the Lindemann
         parameter would tend to if no grains traded places.

@@ -68,7 +68,7 @@ class LayerOrder(NamedTuple):
     order : float
         Root of the mean square of the mean psi6.
     defects : float
-        Share of the grains without six neighbours.
+        Fraction of the grains without six neighbours.
     """
 
     gamma: float
@@ -192,8 +192,8 @@ def _passes(
     for k in reversed(range(len(gammas) - 1)):
         # From the ordered side: the first layer that has lost it.
         if above[k] < 0.0 <= above[k + 1]:
-            share = -above[k] / (above[k + 1] - above[k]) if math.isfinite(above[k]) else 1.0
-            return gammas[k] + share * (gammas[k + 1] - gammas[k])
+            fraction = -above[k] / (above[k + 1] - above[k]) if math.isfinite(above[k]) else 1.0
+            return gammas[k] + fraction * (gammas[k + 1] - gammas[k])
     return None
 
 

@@ -241,7 +241,7 @@ def _polygons() -> list[Entry]:
         name = f"voronoi_shares_{section}"
         for k, n in enumerate(LISTED):
             for kind in ("pentagons", "hexagons", "heptagons"):
-                what = f"share of {kind}, {'every pair' if way == 'direct' else 'list'}, N = {n}"
+                what = f"fraction of {kind}, {'every pair' if way == 'direct' else 'list'}, N = {n}"
                 measure = mean_of(f"{way} {n}", f"{kind}_full")
                 key, spread = f"{name}.{kind}[{k}]", f"{name}.{kind}_std[{k}]"
                 rows.append(Entry(key, what, measure, "", SHARE, spread_key=spread))
@@ -304,8 +304,8 @@ def _orders() -> list[Entry]:
     ]
     return [
         *(
-            Entry(f"bidisperse_all_r.psi6_n6_correlation[{k}]", "correlation of Psi6 and the share "
-                  f"of hexagons, a = {a:g}", correlation(a), digits=3)
+            Entry(f"bidisperse_all_r.psi6_n6_correlation[{k}]", "correlation of Psi6 and the "
+                  f"fraction of hexagons, a = {a:g}", correlation(a), digits=3)
             for k, a in enumerate(ASPECTS)
         ),
         Entry("bidisperse_variants.least_correlation", "the same: the least of the variants and "

@@ -104,7 +104,7 @@ _FIGURES = {
     "half_end_D": ("half mean distance at the end", "D"),
     "hysteresis_D": ("hysteresis of the half mean distance", "D"),
     "least_distance_D": ("least distance to the piston", "D"),
-    "hexagons_full": ("share of hexagons", ""),
+    "hexagons_full": ("fraction of hexagons", ""),
     "psi6_full": ("Psi6", ""),
     "regularity_full": ("hexagon regularity", ""),
     "regularity_start": ("hexagon regularity at the start", ""),

@@ -68,6 +68,6 @@ def scattered(results: Results) -> StatementCheck | None:
     even, uneven, zero, zero_uneven = (float(one.values.mean()) for one in found)
     return StatementCheck(
         uneven < even - 0.05,
-        f"at 110 N the share of hexagons at R = 1 is {even:.2f} with equal moments, {uneven:.2f} "
-        f"with a scatter of 10 % (R = 0: {zero:.2f} and {zero_uneven:.2f})",
+        f"at 110 N the fraction of hexagons at R = 1 is {even:.2f} with equal moments, "
+        f"{uneven:.2f} with a scatter of 10 % (R = 0: {zero:.2f} and {zero_uneven:.2f})",
     )

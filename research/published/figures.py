@@ -143,8 +143,8 @@ def _profile(positions: np.ndarray, height: float, scene: Scene, when: str) -> F
 def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     """Forces on the grains with an interior Voronoi cell, as in [D, 4.3.5].
 
-    Compressive forces: mean by species, the dip test of all together, the share of the small grains
-    below the median of all. Resulting forces: mean fluctuation, and whether they prefer a
+    Compressive forces: mean by species, the dip test of all together, the fraction of the small
+    grains below the median of all. Resulting forces: mean fluctuation, and whether they prefer a
     direction. Along chains, the compressive forces of neighbours would be alike: their correlation,
     over the mean of the species.
     """

@@ -93,7 +93,7 @@ class Line:
         return self._coefficient(results, 1)
 
     def r_squared(self, results: Results) -> Finding | None:
-        """Share of the means' variance that the line explains."""
+        """Fraction of the means' variance that the line explains."""
         found = self._samples(results)
         if found is None:
             return None
@@ -156,7 +156,7 @@ def time_exponent(sizes: Sequence[int], way: str) -> Measure:
 
 
 def time_saving(count: int) -> Measure:
-    """Share of the plain loop's time that the plain list saves."""
+    """Fraction of the plain loop's time that the plain list saves."""
 
     def measure(results: Results) -> Finding | None:
         direct = results.number("loop_times", f"direct {count}")
@@ -251,7 +251,7 @@ def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float)
 
 
 def order_correlation(names: Sequence[str]) -> Measure:
-    """Pearson's correlation of Psi6 and the share of hexagons over beds at full compression."""
+    """Pearson's correlation of Psi6 and the fraction of hexagons over beds at full compression."""
 
     def measure(results: Results) -> Finding | None:
         from granular.observables import pearson_correlation

@@ -85,7 +85,7 @@ def ends_alike(results: Results) -> StatementCheck | None:
         return None
     one, other = (float(each.values.mean()) for each in found)
     return StatementCheck(
-        abs(one - other) <= 0.05, f"share of hexagons {one:.3f} at R = 0, {other:.3f} at R = 1"
+        abs(one - other) <= 0.05, f"fraction of hexagons {one:.3f} at R = 0, {other:.3f} at R = 1"
     )
 
 
@@ -193,7 +193,7 @@ def nearest(results: Results) -> StatementCheck | None:
     shares = halves(results, "nearest_species")
     if shares is None:
         return None
-    return StatementCheck(min(shares) > 0.5, f"share of starts: {listed(shares, '.2f')}")
+    return StatementCheck(min(shares) > 0.5, f"fraction of starts: {listed(shares, '.2f')}")
 
 
 def hexagons_by_aspect(results: Results) -> StatementCheck | None:

@@ -148,7 +148,7 @@ def _shares_over_size(page: Page, results: Results) -> None:
         for axes, limits in zip(both, ((0.8, 1.0), (0.0, 0.12)), strict=True):
             axes.set(xlabel="number of grains", ylim=limits)
             axes.legend(fontsize=8, loc="upper right")
-        both[0].set_ylabel("share of polygons")
+        both[0].set_ylabel("fraction of polygons")
         page.figure(drawing, "Shares of polygons at full compression; crosses are published.")
 
 
@@ -193,9 +193,9 @@ def _force_over_ratio(page: Page, results: Results) -> None:
                 linestyle=STYLES[k],
                 label=f"a = {label}, published fit",
             )
-        axes.set(xlabel="share R of small grains", ylabel="F(R)/F(1)")
+        axes.set(xlabel="fraction R of small grains", ylabel="F(R)/F(1)")
         axes.legend(fontsize=8)
-        page.figure(drawing, "Greatest force over the share of small grains, with the curves of "
+        page.figure(drawing, "Greatest force over the fraction of small grains, with the curves of "
                     "the published fits.")  # fmt: skip
 
 
@@ -208,11 +208,11 @@ def _order_over_ratio(page: Page, results: Results) -> None:
                 line = STYLES[k] if len(x) == len(RATIOS) else "none"
                 axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=line, marker="o",
                               markersize=3.5, label=f"a = {label}")  # fmt: skip
-        for axes, label in zip(both, ("share of hexagons", "Ψ₆"), strict=True):
+        for axes, label in zip(both, ("fraction of hexagons", "Ψ₆"), strict=True):
             axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
         both[1].legend(fontsize=8)
-        page.figure(drawing, "Order at full compression over the share of small grains. De Paula "
-                    "draws these, and prints no numbers.")  # fmt: skip
+        page.figure(drawing, "Order at full compression over the fraction of small grains. De "
+                    "Paula draws these, and prints no numbers.")  # fmt: skip
 
 
 def _hysteresis(page: Page, results: Results) -> None:
@@ -331,7 +331,7 @@ def _pressed(page: Page, results: Results) -> None:
                           label="scatter of 10 %" if scatter else "equal moments")  # fmt: skip
         if not drawn:
             return
-        axes.set(xlabel="R", ylabel="share of hexagons at 110 N", ylim=(0.0, 1.0))
+        axes.set(xlabel="R", ylabel="fraction of hexagons at 110 N", ylim=(0.0, 1.0))
         axes.legend(fontsize=8)
         page.figure(drawing, "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
                     "numbers de Paula does not print.")  # fmt: skip
@@ -351,7 +351,7 @@ def _variants(page: Page, results: Results) -> None:
                               linestyle=STYLES[k], marker="o", markersize=3.5,
                               label=label)  # fmt: skip
         both[0].set(xlabel="R", ylabel="F(R)/F(1)")
-        both[1].set(xlabel="R", ylabel="share of hexagons", ylim=(0.0, 1.0))
+        both[1].set(xlabel="R", ylabel="fraction of hexagons", ylim=(0.0, 1.0))
         both[0].legend(fontsize=8)
         page.figure(drawing, "With drag, and without gravity (a = 0.6).")
 

@@ -71,7 +71,7 @@ def mono(
 
     def scene(seed: int) -> Scene:
         made = mono_bed(count, speed=chosen, relaxation=relaxation, seed=seed)
-        return _recorded(made, 4, changes)
+        return _with_records(made, 4, changes)
 
     words = protocol._replace(speed=chosen).words(mixture=False)
     return Series(name, protocol.name, words, scene, seeds, step)
@@ -95,7 +95,7 @@ def mixture(
         made = bidisperse(
             aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed
         )
-        return _recorded(made, 2, changes)
+        return _with_records(made, 2, changes)
 
     return Series(name, protocol.name, protocol.words(mixture=True), scene, seeds, step)
 
@@ -114,7 +114,7 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
             raise InputError(f"{name}: the second stage ends at no height; give it one")
         end = DEEPER * pressed_to
         changes = {"protocol__compress__to": end, "grains__spread": spread, "grains__seed": seed}
-        return _recorded(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
+        return _with_records(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
 
     words = QUICK.words(mixture=True) + ", until 110 N"
     return Series(name, QUICK.name, words, scene, (1, 2), STEP, pressed_record)
@@ -130,7 +130,9 @@ def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1
     return Series(name, "published", words, scene, seeds, "auto", damper_record)
 
 
-def _recorded(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
+def _with_records(
+    scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES
+) -> Scene:
     """The scene with its first stages, and as many records as the figures need."""
     period = 2000.0 * scene.output.scalars
     protocol = scene.to_plain()["protocol"][:stages]

@@ -80,7 +80,7 @@ def statements() -> tuple[Statement, ...]:
         Statement(
             "4.3.1", "at R = 0.5 the grain nearest to the piston is a small one", mixture.nearest
         ),
-        Statement("4.3.2", "the share of hexagons falls with a", mixture.hexagons_by_aspect),
+        Statement("4.3.2", "the fraction of hexagons falls with a", mixture.hexagons_by_aspect),
         Statement(
             "4.3.2", "pure beds are ordered, mixtures near R = 0.5 least", mixture.least_order
         ),

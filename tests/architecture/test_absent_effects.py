@@ -86,8 +86,10 @@ def test_absent_effects_allocate_nothing() -> None:
         acting = natural_system(scene.replace(**changes)).constants.acting
         state = new_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])
         held = {name for name, value in state._asdict().items() if value is not None}
-        rooms = {type(room).__name__ for room in state.rooms if room is not None}
-        return (held - {"rooms"}) | rooms
+        workspaces = {
+            type(workspace).__name__ for workspace in state.workspaces if workspace is not None
+        }
+        return (held - {"rooms"}) | workspaces
 
     bare = arrays()
     assert system.constants.masses is None

@@ -26,9 +26,9 @@ COMMANDS = {"subprocess", "os", "asyncio", "pty"}
 ALLOWED = {
     ("granular/formulas/algebra.py", "lambdify"):
         "the one place where formulas become code: trees of the grammar, names made there",
-    ("granular/shared/own_file.py", "exec"):
+    ("granular/shared/user_file.py", "exec"):
         "the file that a user names on the command line, by --import",
-    ("granular/shared/own_file.py", "compile"):
+    ("granular/shared/user_file.py", "compile"):
         "the same file",
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/run/threads.py", "import_module"): "two modules of Numba, by names in the source",

@@ -190,8 +190,8 @@ def test_files_that_a_source_passes() -> None:
 
 def test_a_path_is_seen(tmp_path: Path) -> None:
     """Through a class that holds a record, a method, a constant, and an import of an import."""
-    room = tmp_path / "house"
-    room.mkdir()
+    workspace = tmp_path / "house"
+    workspace.mkdir()
     for name, text in {
         "__init__": "from house.low import Holder",
         "low": "class Holder:\n    record: PistonRecord\n    def seen(self): ...\n"
@@ -202,6 +202,6 @@ def test_a_path_is_seen(tmp_path: Path) -> None:
         "def unused(x: Scene): ...\nDEEDS = (deed, plain)\n",
         "apart": "def unused(x: Scene): ...",
     }.items():  # fmt: skip
-        (room / f"{name}.py").write_text(text, encoding="utf-8")
+        (workspace / f"{name}.py").write_text(text, encoding="utf-8")
     found = Package("house", tmp_path).passed(Definition("house.top", "job"))
     assert found == {"house/top.py": ["job"], "house/low.py": ["seen"], "house/away.py": ["deed"]}

@@ -55,8 +55,10 @@ def test_every_public_room_is_written_down() -> None:
     assert set(OURS) < set(PUBLIC)
     for package in OURS:
         found = importlib.import_module(package)
-        rooms = {f"{package}.{one.name}" for one in pkgutil.iter_modules(found.__path__)}
-        stubs = {one for one in rooms if (ROOT / one.replace(".", "/") / "__init__.pyi").is_file()}
+        workspaces = {f"{package}.{one.name}" for one in pkgutil.iter_modules(found.__path__)}
+        stubs = {
+            one for one in workspaces if (ROOT / one.replace(".", "/") / "__init__.pyi").is_file()
+        }
         assert stubs <= set(PUBLIC)
 
 

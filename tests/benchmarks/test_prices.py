@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from benchmarks import prices as module
 from benchmarks.prices import Priced, priced_scenes, prices, prices_text, rounded
 from granular import Scene
-from granular.run import prices as stored
+from granular.run import work_precision as stored
 from validation.runner import Plain
 
 NAMES = ("piston force", "energy")
@@ -39,16 +39,16 @@ def test_what_is_written_is_what_promises_are_made_from(
     monkeypatch.setattr(stored, "TABLE", path)
     stored.table.cache_clear()
     try:
-        known = stored.prices_of(priced.scene, "piston force")
+        known = stored.nearest_table(priced.scene, "piston force")
     finally:
         stored.table.cache_clear()
     assert known is not None
     assert known.grains == 23
     assert known.date == plain["made"]["date"]
-    assert [(rung.method, rung.dt) for rung in known.rungs] == [
+    assert [(rung.method, rung.dt) for rung in known.entries] == [
         ("stormer-verlet", "auto*8"), ("stormer-verlet", "auto*4"),
     ]  # fmt: skip
-    coarse, fine = known.rungs
+    coarse, fine = known.entries
     assert coarse.bounds["energy"] > fine.bounds["energy"] > 0.0
     assert coarse.fraction == pytest.approx(2.0 * fine.fraction)
     assert coarse.frequency == pytest.approx(2.0 * fine.frequency, rel=0.05)

@@ -30,7 +30,7 @@ ROWS: dict[str, dict[str, Any]] = {
              "greatest_speed": 1e-9},
     "threads": {"method": "direct", "grains": 1472, "threads": 2, "seconds": 3e-4,
                 "times one": 1.7, "same bits": True},
-    "effects": {"effect": "drag", "grains": 368, "seconds": 4e-5, "added": 1e-6, "share": 0.03},
+    "effects": {"effect": "drag", "grains": 368, "seconds": 4e-5, "added": 1e-6, "fraction": 0.03},
     "absent": {"effects": "dipole", "grains": 92, "by hand": 1e-6, "engine": 1e-6, "ratio": 1.0},
     "memory": {"method": "direct", "grains": 5888, "bytes": 3e8, "of 92 grains": 2e8},
     "start": {"start": "cold run", "seconds": 20.0},
@@ -110,8 +110,8 @@ def test_growth_needs_three_large_counts() -> None:
 
 def test_every_method_of_pairs_takes_part() -> None:
     assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
-    planned = {key["method"] for key, _ in programme._WORK["memory"](True)}
-    assert planned == set(PAIR_METHODS)
+    plan_runs = {key["method"] for key, _ in programme._WORK["memory"](True)}
+    assert plan_runs == set(PAIR_METHODS)
 
 
 def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:

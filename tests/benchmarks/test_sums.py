@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import c_kernel
-from benchmarks.peers import plain_verlet_list, verlet_list_room
+from benchmarks.peers import plain_verlet_list, verlet_list_workspace
 from benchmarks.sums import (
     PaddedGrains,
     arrangement,
@@ -51,7 +51,7 @@ def test_full_list_is_refused() -> None:
     sums = grains.sums()
     with pytest.raises(ValueError, match="the list is full"):
         plain_verlet_list(
-            verlet_list_room(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200
+            verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200
         )
 
 

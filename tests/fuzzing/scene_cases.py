@@ -30,9 +30,9 @@ class Case:
     common : bool
         Whether its effects are among the `COMMON` ones.
     compiled : bool
-        Whether it is, moreover, one of the many that share compiled code.
+        Whether it is, moreover, one of the many that fraction compiled code.
     resumed : float or None
-        Share of the run after which it is cut and resumed.
+        Fraction of the run after which it is cut and resumed.
     """
 
     def __init__(self, seed: int, number: int) -> None:

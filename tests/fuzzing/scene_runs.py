@@ -40,7 +40,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     from granular.scene.dryness import doubtful
 
     assert run.complete
-    bad = unfinite(run)
+    bad = not_finite(run)
     assert not bad, bad
     data = run.dataset
     assert (np.diff(data["time"].values) >= 0.0).all(), "time runs backward"
@@ -54,7 +54,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
         assert "energy ledger is off" in words, f"off by {off:g} without a warning"
 
 
-def unfinite(run: Any) -> str:
+def not_finite(run: Any) -> str:
     """What of a run is not finite, in words."""
     data = run.dataset
     gone = "grain_count" in data and (data["grain_count"].values < run.scene.grains.count).any()

@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Iterator
 
 from scene_cases import Case
-from scene_runs import run_case, unfinite
+from scene_runs import not_finite, run_case
 from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, tell, wanted
 
 
@@ -54,7 +54,7 @@ def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
                 run = run_case(case, said)
         except KeyboardInterrupt as stop:
             part = getattr(stop, "trajectory", None)
-            bad = "" if part is None or part.path is not None else unfinite(part)
+            bad = "" if part is None or part.path is not None else not_finite(part)
             return (FAULT, bad) if bad else ("cut", f"after {seconds:g} s")
         except InputError as error:
             return judged("refused", error)
@@ -78,7 +78,9 @@ def judged(outcome: str, error: Exception) -> Outcome:
 def main() -> None:
     parser = wanted(__doc__)
     parser.add_argument("--seconds", type=float, default=1.0, help="from when on a case is cut")
-    parser.add_argument("--common", action="store_true", help="only cases that share compiled code")
+    parser.add_argument(
+        "--common", action="store_true", help="only cases that fraction compiled code"
+    )
     parser.add_argument("--figures", action="store_true", help="what two programs may compare")
     options = parser.parse_args()
     import granular.run.simulation

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from granular import Scene, evaluate, load_scene, simulate
 from granular.compiled import entry
 from granular.pairs import cells
-from granular.pairs.cells import close_pairs_room
+from granular.pairs.cells import close_pairs_workspace
 from granular.pairs.direct import padded_coordinates, padded_values
 
 find_close_pairs = entry(cells.find_close_pairs)
@@ -40,8 +40,8 @@ def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
 
 
 SPECIES = [
-    {"name": "big", "diameter": 0.006, "share": 0.5},
-    {"name": "small", "diameter": 0.004, "share": 0.5},
+    {"name": "big", "diameter": 0.006, "fraction": 0.5},
+    {"name": "small", "diameter": 0.004, "fraction": 0.5},
 ]
 
 
@@ -77,13 +77,15 @@ def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
 def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
-    room = close_pairs_room(count, len(wanted))
+    workspace = close_pairs_workspace(count, len(wanted))
     x, y = padded_coordinates(place)
-    find_close_pairs(room, x, y, count, reach, None)
-    filled = room.filled[0]
+    find_close_pairs(workspace, x, y, count, reach, None)
+    filled = workspace.filled[0]
     found = {
         (min(i, j), max(i, j))
-        for i, j in zip(room.first[:filled].tolist(), room.second[:filled].tolist(), strict=True)
+        for i, j in zip(
+            workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True
+        )
     }
     assert len(found) == filled
     assert found == wanted
@@ -91,12 +93,12 @@ def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, wi
 
 def test_too_many_contacts_are_an_error_not_silence() -> None:
     place = np.zeros((40, 2))
-    room = close_pairs_room(40, 40 * 39 // 2 - 1)
+    workspace = close_pairs_workspace(40, 40 * 39 // 2 - 1)
     x, y = padded_coordinates(place)
-    find_close_pairs(room, x, y, 40, 1.0, None)
-    assert room.filled[0] == -1
+    find_close_pairs(workspace, x, y, 40, 1.0, None)
+    assert workspace.filled[0] == -1
     x[3] = np.nan
-    find_close_pairs(close_pairs_room(40, 780), x, y, 40, 1.0, None)
+    find_close_pairs(close_pairs_workspace(40, 780), x, y, 40, 1.0, None)
 
 
 def test_small_grains_about_a_big_one_have_room() -> None:
@@ -104,15 +106,15 @@ def test_small_grains_about_a_big_one_have_room() -> None:
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)
     radius[0] = 0.5
-    room = close_pairs_room(400, 16 * 400)
-    find_close_pairs(room, *padded_coordinates(place), 400, 1.0, padded_values(radius))
+    workspace = close_pairs_workspace(400, 16 * 400)
+    find_close_pairs(workspace, *padded_coordinates(place), 400, 1.0, padded_values(radius))
     wanted = {
         (min(i, j), max(i, j))
         for i, j in cKDTree(place).query_pairs(1.0, output_type="set")
         if np.hypot(*(place[i] - place[j])) < radius[i] + radius[j]
     }
-    filled = room.filled[0]
-    found = zip(room.first[:filled].tolist(), room.second[:filled].tolist(), strict=True)
+    filled = workspace.filled[0]
+    found = zip(workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True)
     assert {(min(pair), max(pair)) for pair in found} == wanted
 
 

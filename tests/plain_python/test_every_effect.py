@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
+from granular.custom import import_user_code
 from granular.effects.registry import effects
-from granular.engine.departure import grain_constants, take_out
 from granular.engine.new_state import new_state
+from granular.engine.outflow import grain_constants, take_out
 from granular.methods import METHODS
-from granular.own import import_own
 from granular.scene.system import natural_system
 from tests.commands.shown import files
 
@@ -128,7 +128,7 @@ GUIDE = ("springs.py", "oil.py", "rubber.py")
 with tempfile.TemporaryDirectory() as folder:
     for file in GUIDE:
         (Path(folder) / file).write_text(files()[file], encoding="utf-8")
-        import_own([Path(folder) / file])
+        import_user_code([Path(folder) / file])
 
 
 def test_what_the_guide_brings_is_short() -> None:
@@ -154,8 +154,8 @@ def small(name: str, **more: Any) -> Scene:
         **{
             "grains.count": 9,
             "grains.species": [
-                {"name": "big", "diameter": "6 mm", "share": 0.6},
-                {"name": "small", "diameter": "4 mm", "share": 0.4},
+                {"name": "big", "diameter": "6 mm", "fraction": 0.6},
+                {"name": "small", "diameter": "4 mm", "fraction": 0.4},
             ],
             "cell.width": "6 D",
             "piston.height": "6 D",

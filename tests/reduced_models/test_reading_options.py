@@ -66,9 +66,9 @@ def read(
         if name == "look":
             from reduced_models.records import look
 
-            drawn = look._drawn
+            drawn = look._draw_motion
             monkeypatch.setattr(
-                look, "_drawn", lambda record: (caught.append(record), drawn(record))[1]
+                look, "_draw_motion", lambda record: (caught.append(record), drawn(record))[1]
             )
         else:
             monkeypatch.setattr(f"reduced_models.{JOBS[name]}", job)

@@ -65,8 +65,8 @@ def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
 def test_noise_is_as_said_and_repeats() -> None:
     system = system_named("pendulum")
     clean, noisy = made_record(system, 0.0, 0), made_record(system, 0.03, 1)
-    share = float((noisy.height - clean.height).std() / clean.height.std())
-    assert share == pytest.approx(0.03, rel=0.1)
+    fraction = float((noisy.height - clean.height).std() / clean.height.std())
+    assert fraction == pytest.approx(0.03, rel=0.1)
     np.testing.assert_array_equal(noisy.height, made_record(system, 0.03, 1).height)
 
 

@@ -31,7 +31,7 @@ from research.disorder.crossing import seen_share
 from research.disorder.cycles import annealing_scene, cycle_scene, plastic_by_law
 from research.disorder.forces import interval, of_field
 from research.disorder.results import STUDIES, run_studies
-from research.disorder.uneven import QUIET, SHELLS, ForceField, shells, shuffled
+from research.disorder.uneven import QUIET, SHELLS, ForceField, shells, shuffle
 
 DRAWS = 40
 OWNERS = [one for one in GROUPS for _ in range(12)]
@@ -148,7 +148,7 @@ def test_unevenness_at_made_defects_is_found(random: np.random.Generator) -> Non
 def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
     field = made_field(random, uneven=1.0)
     chosen = field.shell == 0
-    other = shuffled(field, chosen, random)
+    other = shuffle(field, chosen, random)
     assert (other.sum(axis=1) == chosen.sum(axis=1)).all()
     assert (field.depth[other].sum()) == field.depth[chosen].sum()
     assert (other != chosen).any()
@@ -172,12 +172,12 @@ def test_interval_of_a_mean(random: np.random.Generator) -> None:
     assert found.high - found.low == pytest.approx(3.92 * 0.3 / 20.0, rel=0.15)
 
 
-def made_cycles(random: np.random.Generator, share: float) -> list[dict[str, list[float]]]:
+def made_cycles(random: np.random.Generator, fraction: float) -> list[dict[str, list[float]]]:
     rows = []
     for _ in range(6):
         steps = np.repeat(random.exponential(size=20) * (random.random(20) < 0.3), 5)
         plastic = np.cumsum(steps)
-        rows.append({"plastic": plastic.tolist(), "moves": (share * plastic).tolist()})
+        rows.append({"plastic": plastic.tolist(), "moves": (fraction * plastic).tolist()})
     return rows
 
 

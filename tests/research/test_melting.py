@@ -93,8 +93,8 @@ def test_correlation_of_an_angle_field_falls_with_its_power() -> None:
     variances = strength * (2.0 * math.pi) ** 2 / (periods[0] * periods[1])
     for k, radius in enumerate(r):
         ways = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        share = (1.0 - np.cos(ways @ vectors.T)) / (vectors**2).sum(axis=1)
-        squares[k] = np.exp(-variances * share.sum(axis=1)).mean()
+        fraction = (1.0 - np.cos(ways @ vectors.T)) / (vectors**2).sum(axis=1)
+        squares[k] = np.exp(-variances * fraction.sum(axis=1)).mean()
     found = totals[0] / np.maximum(totals[1], 1.0)
     far = r > 2.5 * a  # nearer, sites lie at few distances
     np.testing.assert_allclose(found[far], squares[far], atol=0.03)

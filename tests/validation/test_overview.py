@@ -18,7 +18,7 @@ from validation.overview import (
     advice_table,
     effect_table,
     overview_tasks,
-    planned,
+    plan_runs,
     quantities_of,
     show_overview,
 )
@@ -94,7 +94,7 @@ def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
 @pytest.mark.long
 def test_plan_keeps_to_its_time(small_bed: Scene) -> None:
     """More time buys finer steps, and a reference finer than all of them."""
-    short, long = (planned(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
+    short, long = (plan_runs(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"
     assert len(long[1]) > 1

@@ -12,9 +12,9 @@ from granular.commands.console import launch
 from granular.methods.named import add_methods
 from granular.shared.errors import InputError
 from validation.__main__ import main
+from validation.custom_method import method_report
 from validation.exact import exact_problem
 from validation.order import convergence
-from validation.own_method import method_report
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(

@@ -227,7 +227,7 @@ def points(
     try:
         _warm(scenes[0], setting)
         runs, seconds = zip(
-            *(_timed(scene, setting, until, repeats) for scene in scenes), strict=True
+            *(_time_calls(scene, setting, until, repeats) for scene in scenes), strict=True
         )
     except GranularError as stop:
         return [_failed(setting, stop)] * len(quantities)
@@ -276,7 +276,7 @@ def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     return spread / float(np.abs(series.mean(axis=0)).max())
 
 
-def _timed(
+def _time_calls(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int
 ) -> tuple[Trajectory, float]:
     """Run, and the least time of its repeats [s]."""

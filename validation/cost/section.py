@@ -33,7 +33,7 @@ def studies_of(plain: Mapping[str, Any]) -> Studies:
     return [WorkPrecision.from_plain(study) for study in plain["studies"]]
 
 
-def joined(results: Sequence[Studies]) -> Studies:
+def join_studies(results: Sequence[Studies]) -> Studies:
     """Return the studies of all tasks."""
     return list(chain.from_iterable(results))
 
@@ -129,7 +129,7 @@ def _weigh(
 
 def show_studies(page: Page, results: Sequence[Studies]) -> None:
     """Show a picture and a table a quantity, and which setting to take."""
-    studies = joined(results)
+    studies = join_studies(results)
     page.text(
         "Error over wall time, warm, the least of the repeats. The broad line joins the settings "
         "that none beats in both. Where several starts were run, the error is the mean deviation "
@@ -185,13 +185,13 @@ def _chosen(work_precision: WorkPrecision, level: float, usual: float) -> tuple[
 def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
     return [
-        *((title.format(study), study.table()) for study in joined(results)),
-        ("What to take.", choices(joined(results))),
+        *((title.format(study), study.table()) for study in join_studies(results)),
+        ("What to take.", choices(join_studies(results))),
     ]
 
 
 def _verdict(results: Sequence[Studies]) -> tuple[str, bool]:
-    studies = joined(results)
+    studies = join_studies(results)
     usual = [
         study for study in studies if any(point.setting[:2] == USUAL for point in study.points)
     ]

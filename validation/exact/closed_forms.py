@@ -28,10 +28,10 @@ def free_fall(time: float = 0.25) -> Problem:
     """
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
     scene = lone_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
-    return Problem("free-fall", "free fall", scene, time, partial(_fallen, scene), fewest=16)
+    return Problem("free-fall", "free fall", scene, time, partial(_falling_grain, scene), fewest=16)
 
 
-def _fallen(scene: Scene, time: float) -> Snapshot:
+def _falling_grain(scene: Scene, time: float) -> Snapshot:
     """Grain at a time [s]."""
     from mpmath import mpf, workdps
 
@@ -61,12 +61,12 @@ def drag(time: float = 0.1) -> Problem:
     effects = {"drag": {"coefficient": COEFFICIENT}}
     scene = lone_scene("drag", time, effects, arrangement=arrangement)
     return Problem(
-        "drag", "viscous drag alone", scene, time, partial(_dragged, scene), fewest=8,
+        "drag", "viscous drag alone", scene, time, partial(_dragged_grain, scene), fewest=8,
         conservative=False,
     )  # fmt: skip
 
 
-def _dragged(scene: Scene, time: float) -> Snapshot:
+def _dragged_grain(scene: Scene, time: float) -> Snapshot:
     """Grain at a time [s]."""
     from mpmath import exp, expm1, mpf, workdps
 

@@ -100,7 +100,7 @@ class Problem:
     conservative: bool = True
     smooth: bool = True
 
-    def nudged(self, bits: int) -> Problem:
+    def nudge_start(self, bits: int) -> Problem:
         """Return the same problem with its start moved by a few units in the last place.
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from

@@ -27,7 +27,7 @@ def _drop(**changes: Any) -> Scene:
     )
 
 
-def _squeezed() -> Scene:
+def _compressed_frequency() -> Scene:
     """Bed whose piston comes down until the grains' area is more than the cell's."""
     return few_grains(
         "bed",
@@ -73,7 +73,7 @@ def piston_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "packing above 1", "the grains' area is more than the cell's, without contact",
-            _squeezed, 0.55, 2.0,
+            _compressed_frequency, 0.55, 2.0,
         ),
         HardCase(
             "slabs under the bed", "a finite magnetic slab as the bottom, another as the piston",
@@ -94,9 +94,9 @@ def piston_cases() -> tuple[HardCase, ...]:
 
 
 def _sizes(**fractions: tuple[str, float]) -> Scene:
-    """Bed of several species: diameter and share of each, by its name."""
+    """Bed of several species: diameter and fraction of each, by its name."""
     species = [
-        {"name": name, "diameter": diameter, "share": fraction}
+        {"name": name, "diameter": diameter, "fraction": fraction}
         for name, (diameter, fraction) in fractions.items()
     ]
     return few_grains("bed", **{"grains.species": species, "effects.drag": None})

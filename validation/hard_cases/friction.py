@@ -18,7 +18,7 @@ from validation.hard_cases.case import (
 )
 
 
-def _loaded(load: float) -> Scene:
+def _loaded_grain(load: float) -> Scene:
     """Grain under its weight, pressed on the plates [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
     return lone_scene(
@@ -57,7 +57,7 @@ def friction_cases() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "friction below the threshold", "the weight is 0.7 of what static friction holds",
-            lambda: _loaded(0.01), 0.5, 5.0,
+            lambda: _loaded_grain(0.01), 0.5, 5.0,
             Measure("displacement [D]", greatest_displacement), 0.0,
         ),
         HardCase(

@@ -91,8 +91,8 @@ def _unequal(ratio: float) -> Scene:
     grains = {
         "count": 2,
         "species": [
-            {"name": "heavy", "diameter": 5e-3, "share": 0.5},
-            {"name": "light", "diameter": small, "share": 0.5},
+            {"name": "heavy", "diameter": 5e-3, "fraction": 0.5},
+            {"name": "light", "diameter": small, "fraction": 0.5},
         ],
     }
     plan = {
@@ -190,30 +190,30 @@ LINEAR = 1e-6
 linear to rounding, and its energy below what the ledger judges."""
 
 
-def near_limit(share: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
-    """Grain where the wall carries it, and that share of the longest stable step, 2/omega.
+def near_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
+    """Grain where the wall carries it, and that fraction of the longest stable step, 2/omega.
 
     Parameters
     ----------
-    share : float
+    fraction : float
     amplitude : float
         Start above the place of rest, in units of its height.
     """
     from validation.exact.oscillation import harmonic_period, problem
 
     scene = problem(amplitude).scene
-    step = share * harmonic_period(scene) / math.pi
+    step = fraction * harmonic_period(scene) / math.pi
     return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
 
 
-def verlet_swing(share: float, step: float) -> Callable[[Trajectory], float]:
+def verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
     """Distance from Verlet's own swing in a linear mode, over its amplitude.
 
-    At a step of that share of 2/omega the places are x_n = A cos(n theta), with cos(theta) =
-    1 - 2 share^2: bounded for ever up to a share of one (Hairer, Lubich and Wanner 2003, section
+    At a step of that fraction of 2/omega the places are x_n = A cos(n theta), with cos(theta) =
+    1 - 2 share^2: bounded for ever up to a fraction of one (Hairer, Lubich and Wanner 2003, section
     5.1).
     """
-    angle = math.acos(1.0 - 2.0 * share * share)
+    angle = math.acos(1.0 - 2.0 * fraction * fraction)
 
     def measure(run: Trajectory) -> float:
         heights = run.dataset["position"].values[:, 0, 1]

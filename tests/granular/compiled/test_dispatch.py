@@ -19,12 +19,12 @@ class Quiet(NamedTuple):
 
     @staticmethod
     @numba.njit
-    def act(law: Any, room: Any, place: int, values: Any) -> int:
+    def act(law: Any, workspace: Any, place: int, values: Any) -> int:
         return 0
 
     @staticmethod
     @numba.njit
-    def reach(law: Any, room: Any, place: int, at: float) -> float:
+    def reach(law: Any, workspace: Any, place: int, at: float) -> float:
         return law.size * at
 
 
@@ -34,14 +34,14 @@ class Loud(NamedTuple):
 
     @staticmethod
     @numba.njit
-    def act(law: Any, room: Any, place: int, values: Any) -> int:
+    def act(law: Any, workspace: Any, place: int, values: Any) -> int:
         values[0] = 10.0 * values[0] + place
         return 1 if values[0] > 0.0 else 0
 
     @staticmethod
     @numba.njit
-    def reach(law: Any, room: Any, place: int, at: float) -> float:
-        return law.size * at + room[0]
+    def reach(law: Any, workspace: Any, place: int, at: float) -> float:
+        return law.size * at + workspace[0]
 
 
 class Idle(NamedTuple):
@@ -67,18 +67,18 @@ chosen = by_law("nothing", "at", _without)
 
 
 @entry
-def every(laws: Any, rooms: Any, values: Any) -> Any:
+def every(laws: Any, workspaces: Any, values: Any) -> Any:
     return (
-        forward(laws, rooms, values), backward(laws, rooms, values), greatest(laws, rooms, 2.0),
-        last(laws, rooms, values), chosen(laws[0], 1.0),
+        forward(laws, workspaces, values), backward(laws, workspaces, values),
+        greatest(laws, workspaces, 2.0), last(laws, workspaces, values), chosen(laws[0], 1.0),
     )  # fmt: skip
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
 def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int, ...]) -> None:
-    laws, rooms = (tuple(one[place] for place in places) for one in (LAWS, ROOMS))
+    laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, ROOMS))
     values = np.array([0.0])
-    found = every(laws, rooms, values)
+    found = every(laws, workspaces, values)
     acting = [place for place, law in enumerate(laws) if isinstance(law, Loud)]
     digits, counts = 0.0, []
     for order in (acting, acting[::-1], acting[-1:]):
@@ -88,8 +88,8 @@ def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int
             count += digits > 0.0
         counts.append(count)
     reaches = [
-        2.0 * law.size + (0.0 if room is None else room[0])
-        for law, room in zip(laws, rooms, strict=True)
+        2.0 * law.size + (0.0 if workspace is None else workspace[0])
+        for law, workspace in zip(laws, workspaces, strict=True)
         if not isinstance(law, Idle)
     ]
     assert values[0] == digits

@@ -6,9 +6,9 @@ import ast
 
 import pytest
 
-from granular.compiled.source import PACKAGE, ROOMS, raw_digest, source_files, syntax_digest
+from granular.compiled.source import PACKAGE, ROOMS, kernel_files, raw_digest, syntax_digest
 
-FILES = source_files()
+FILES = kernel_files()
 
 
 def edited(name: str, old: str, new: str) -> dict[str, bytes]:
@@ -56,7 +56,7 @@ def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> No
     for name, content in FILES.items():
         for node in ast.walk(ast.parse(content)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
-                room = (node.module or "").split(".")[1]
+                workspace = (node.module or "").split(".")[1]
                 constants = [one.name for one in node.names if one.name.isupper()]
-                assert room in ROOMS or not constants, (name, node.module, constants)
+                assert workspace in ROOMS or not constants, (name, node.module, constants)
     assert {path.name for path in PACKAGE.iterdir()} >= set(ROOMS)

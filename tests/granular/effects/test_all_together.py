@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from granular import evaluate, load_trajectory
-from granular.own import import_own
+from granular.custom import import_user_code
 from granular.run.directory import is_run
 from granular.scene.scene import Scene
 
@@ -62,8 +62,8 @@ class Haze:
 SCENE = load_scene("bed").replace(**{
     "grains.count": 300,
     "grains.species": [
-        {"name": "big", "diameter": "6 mm", "share": 0.6},
-        {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "1 T"},
+        {"name": "big", "diameter": "6 mm", "fraction": 0.6},
+        {"name": "small", "diameter": "4 mm", "fraction": 0.4, "remanence": "1 T"},
     ],
     "grains.spread": 0.05,
     "cell.width": "50 D", "piston.height": "22 D", "arrangement.height": "21 D",
@@ -84,11 +84,11 @@ PROGRAM = """
 import os, signal, sys, warnings
 import granular.run.simulation as simulation
 from granular import simulate
-from granular.own import import_own
-from granular.shared.own_file import contents, read_own_file
+from granular.custom import import_user_code
+from granular.shared.user_file import contents, read_user_file
 warnings.simplefilter("ignore")
 file, out, threads, kill = sys.argv[1:]
-import_own([file])
+import_user_code([file])
 simulation.COMMIT_SECONDS = 0.0
 store = simulation.Store
 commits = 0
@@ -99,7 +99,7 @@ def commit(self, kept, former=store.commit):
     if kill == "kill" and commits == 4:
         os.kill(os.getpid(), signal.SIGKILL)
 store.commit = commit
-simulate(contents(read_own_file(file))["SCENE"], t_end=0.1, progress=False, out=out, resume=True,
+simulate(contents(read_user_file(file))["SCENE"], t_end=0.1, progress=False, out=out, resume=True,
          threads=int(threads))
 """
 
@@ -126,7 +126,7 @@ def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(file: Path, tmp_
     assert carry_out(file, tmp_path / "killed", 1) == 0
     assert carry_out(file, tmp_path / "whole", 1) == 0
     assert carry_out(file, tmp_path / "threads", 2) == 0
-    import_own([file])
+    import_user_code([file])
     runs = [load_trajectory(tmp_path / name) for name in ("killed", "whole", "threads")]
     for name in ("position", "velocity", "field_energy", "pull_energy", "haze_loss", "work"):
         for other in runs[1:]:
@@ -138,9 +138,9 @@ def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(file: Path, tmp_
 
 @pytest.mark.long
 def test_the_force_of_all_is_minus_the_gradient(file: Path) -> None:
-    from granular.shared.own_file import contents, read_own_file
+    from granular.shared.user_file import contents, read_user_file
 
-    scene: Scene = contents(read_own_file(file))["SCENE"]
+    scene: Scene = contents(read_user_file(file))["SCENE"]
     place = scene.initial_motion()[0]
     direction = np.random.default_rng(2).normal(size=place.shape)
     h = 1e-6

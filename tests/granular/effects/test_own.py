@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
+from granular.custom import import_user_code
 from granular.effects.registry import names
-from granular.own import import_own
 from granular.run.simulation import custom_sources
 from granular.scene.system import natural_system
 from granular.shared.errors import GranularError, InputError
@@ -55,8 +55,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from granular import evaluate, load_scene
-from granular.own import import_own
-import_own([sys.argv[1]])
+from granular.custom import import_user_code
+import_user_code([sys.argv[1]])
 scene = load_scene("single-particle").replace(effects={"leaf": {"k": "2 N/m"}})
 print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])
 print(sum(1 for _ in Path(sys.argv[2]).rglob("*.kernel")))
@@ -111,7 +111,7 @@ def _apart(p: Any, r: float, first: Any, second: Any) -> Any:
 
 
 MIXED = [
-    {"name": name, "diameter": size, "share": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
+    {"name": name, "diameter": size, "fraction": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
 ]
 
 
@@ -243,7 +243,7 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
     for factor in ("1.0", "2.0"):
         path = tmp_path / f"own{factor}.py"
         path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
-        import_own([path])
+        import_user_code([path])
         scene = bed(leaf={"k": "1 N/m"})
         measure = measure_named("last-values")
         (case,) = make_cases(

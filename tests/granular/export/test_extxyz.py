@@ -20,7 +20,7 @@ def parsed(path: Path) -> list[Frame]:
     while lines:
         count, comment = int(lines[0]), lines[1]
         pairs = re.findall(r'(\w+)=(?:"([^"]*)"|(\S+))', comment)
-        header = {key: quoted or plain for key, quoted, plain in pairs}
+        header = {key: quote or plain for key, quote, plain in pairs}
         rows = [line.split() for line in lines[2 : 2 + count]]
         del lines[: 2 + count]
         columns, start = {}, 0

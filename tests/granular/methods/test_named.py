@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from granular.custom import import_user_code
 from granular.methods import METHODS, Method, method_named, method_of
 from granular.methods.method import method_from_plain
 from granular.methods.named import add_methods, method_setting
-from granular.own import import_own
 from granular.shared.errors import InputError
 
 Z = 0.1931833275037836
@@ -41,8 +41,8 @@ def test_own_methods_are_kept_by_table() -> None:
 
 
 @given(st.floats(-2.0, 2.0))
-def test_any_consistent_composition_returns(share: float) -> None:
-    method = Method("any", 1, kicks=(share, 1.0 - share), drifts=(1.0,))
+def test_any_consistent_composition_returns(fraction: float) -> None:
+    method = Method("any", 1, kicks=(fraction, 1.0 - fraction), drifts=(1.0,))
     assert method_of(json.loads(json.dumps(method.to_plain()))) == method
 
 
@@ -69,7 +69,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
         "mine = Method('from-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
         "def swing(run): return {}\n"
     )
-    assert list(import_own([tmp_path / "mine.py"]).measures) == ["swing"]
+    assert list(import_user_code([tmp_path / "mine.py"]).measures) == ["swing"]
     assert method_named("from-a-file").kicks == (0.5, 0.5)
     assert method_named("from-a-file+compensated").compensated
     (tmp_path / "other.py").write_text(
@@ -77,7 +77,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
         "mine = Method('from-a-file', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
     )
     with pytest.raises(InputError, match="two methods are called 'from-a-file'"):
-        import_own([tmp_path / "other.py"])
+        import_user_code([tmp_path / "other.py"])
     with pytest.raises(InputError, match="one that is built in"):
         add_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 

@@ -27,8 +27,8 @@ WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
 SLAB = {"law": "slab", "length": "0.6 m"}
 FORMULA = {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}
 TWO = [
-    {"name": "big", "diameter": 0.005, "share": 0.5},
-    {"name": "small", "diameter": 0.003, "share": 0.5},
+    {"name": "big", "diameter": 0.005, "fraction": 0.5},
+    {"name": "small", "diameter": 0.003, "fraction": 0.5},
 ]
 
 
@@ -81,9 +81,9 @@ def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -
         r[i] = np.inf
         pairs = 3.0 * 4e-7 * np.pi * moments[i] * moments / (4.0 * np.pi * r**4)
         x, y = positions[i]
-        share = moments[i] / moments[scene.grains.diameters() == 0.005][0]
+        fraction = moments[i] / moments[scene.grains.diameters() == 0.005][0]
         walls = [
-            0.5 * share * unit / (np.pi * 0.005**4) * (0.005 / w) ** 3.5
+            0.5 * fraction * unit / (np.pi * 0.005**4) * (0.005 / w) ** 3.5
             for w in (x, WIDTH - x, y, HEIGHT - y)
         ]
         found = compressive_forces(scene, positions)[i]

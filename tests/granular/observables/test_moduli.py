@@ -152,11 +152,16 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
             places[inner] += step * moves.reshape(-1, 2)
             return places
 
-        def unbalanced(moves: np.ndarray, at: Callable[..., np.ndarray] = at) -> np.ndarray:
+        def unbalanced_energy_error(
+            moves: np.ndarray, at: Callable[..., np.ndarray] = at
+        ) -> np.ndarray:
             return np.asarray((slope(at(moves))[inner] - held).ravel() / step)
 
-        moves = fsolve(unbalanced, np.zeros(2 * len(inner)), xtol=1e-10)
-        assert abs(unbalanced(moves)).max() < 1e-4 * abs(unbalanced(0.0 * moves)).max()
+        moves = fsolve(unbalanced_energy_error, np.zeros(2 * len(inner)), xtol=1e-10)
+        assert (
+            abs(unbalanced_energy_error(moves)).max()
+            < 1e-4 * abs(unbalanced_energy_error(0.0 * moves)).max()
+        )
         gain = energy(begun) - energy(at(moves)) + step * float((held.ravel() * moves).sum())
         losses.append(gain / step**2 / 2.0)
     lost = np.mean(losses) * strength_of(scene) / length**3 / area

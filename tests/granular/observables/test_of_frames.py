@@ -122,13 +122,13 @@ def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
 
 
 def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
-    from granular.own import import_own
+    from granular.custom import import_user_code
 
     (tmp_path / "mine.py").write_text(OWN)
-    measure = import_own([tmp_path / "mine.py"]).measures["greatest_force"]
+    measure = import_user_code([tmp_path / "mine.py"]).measures["greatest_force"]
     assert measure(run) == {"greatest_force": per_frame(run, greatest_force).values[-1]}
     (tmp_path / "named.py").write_text(OWN.replace("return", "return {'all': 1.0}\n    return"))
-    measure = import_own([tmp_path / "named.py"]).measures["greatest_force"]
+    measure = import_user_code([tmp_path / "named.py"]).measures["greatest_force"]
     assert measure(run) == {"greatest_force.all": 1.0}
 
 

@@ -27,7 +27,7 @@ def distances(points: np.ndarray) -> np.ndarray:
 
 
 def share_nearer(a: float, b: float, r: float) -> float:
-    """Share of the pairs of uniform points in a x b that are nearer than r, by quadrature.
+    """Fraction of the pairs of uniform points in a x b that are nearer than r, by quadrature.
 
     The differences x and y of two points have the densities 2 (a - x)/a^2 and 2 (b - y)/b^2.
     """

@@ -10,7 +10,7 @@ from granular.observables.plasticity import (
     area_change,
     displacement_to_edge,
     inner,
-    swept,
+    swept_area,
     uniaxial,
 )
 
@@ -37,7 +37,7 @@ def check(name: str, error: float = 0.06) -> None:
     made, _ = FILMS[name]
     frames = frames_of(name)
     found = slip_of_frames(frames)
-    driven = sum(swept(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start))
+    driven = sum(swept_area(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start))
                  for one in made)  # fmt: skip
     wanted = np.asarray(driven) / area_of(frames)
     np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
@@ -69,7 +69,7 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
     made, _ = FILMS["pair born"]
     frames = frames_of("pair born")
     found = slip_of_frames(frames)
-    moment = sum(swept(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
+    moment = sum(swept_area(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
     wanted = np.asarray(moment) / area_of(frames)
     np.testing.assert_allclose(found.total[-1], wanted, atol=0.06 * np.abs(wanted).max())
     assert np.abs(found.moves[-1]).max() < 0.95 * np.abs(wanted).max()
@@ -79,9 +79,9 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
 def test_climb_changes_the_area_and_glide_does_not() -> None:
     """An extra half row above its end, which goes up, is shorter."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    assert area_change(swept(right, up)[None])[0] == -1.0
-    assert area_change(swept(right, right)[None])[0] == 0.0
-    assert swept(right, right)[0, 1] == 1.0
+    assert area_change(swept_area(right, up)[None])[0] == -1.0
+    assert area_change(swept_area(right, right)[None])[0] == 0.0
+    assert swept_area(right, right)[0, 1] == 1.0
 
 
 def test_way_to_the_edge_is_along_the_burgers_vector() -> None:

@@ -23,8 +23,8 @@ from granular.shared.errors import InputError
 from .conftest import MakeRun
 
 TWO_SPECIES = [
-    {"name": "big", "diameter": "6 mm", "share": 0.5},
-    {"name": "small", "diameter": "3 mm", "share": 0.5},
+    {"name": "big", "diameter": "6 mm", "fraction": 0.5},
+    {"name": "small", "diameter": "3 mm", "fraction": 0.5},
 ]
 
 
@@ -130,7 +130,7 @@ def test_pearson_at_its_limits() -> None:
 
 
 def test_order_and_hexagons_correlate(make_run: MakeRun, random: np.random.Generator) -> None:
-    """From a crystal to disorder, Psi6 and the share of hexagons fall together."""
+    """From a crystal to disorder, Psi6 and the fraction of hexagons fall together."""
     j, i = np.divmod(np.arange(144), 12)
     lattice = np.stack([i + 0.5 * (j % 2), 0.5 * np.sqrt(3.0) * j], axis=1)
     frames = [lattice + s * random.normal(size=lattice.shape) for s in np.linspace(0.0, 0.4, 15)]

@@ -190,7 +190,7 @@ def test_series(make_run: MakeRun, random: np.random.Generator) -> None:
 
 
 def test_a_hundred_thousand_grains(random: np.random.Generator) -> None:
-    """A Poisson arrangement: the mean number of sides is 6 (Euler), the shares are known.
+    """A Poisson arrangement: the mean number of sides is 6 (Euler), the fractions are known.
 
     Shares of 5, 6, 7 sides: 0.25946, 0.29473, 0.19877 (Brakke, Statistics of random plane Voronoi
     tessellations, 1986); the standard errors are below 0.0015 here.

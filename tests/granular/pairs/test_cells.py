@@ -7,7 +7,7 @@ import pytest
 
 from granular.compiled import entry
 from granular.pairs import cells
-from granular.pairs.cells import close_pairs_room
+from granular.pairs.cells import close_pairs_workspace
 
 find_close_pairs = entry(cells.find_close_pairs)
 
@@ -17,9 +17,15 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
     """Cells of the grains' size would be more than whole numbers count."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
-    room = close_pairs_room(10, 45)
-    find_close_pairs(room, *places, 10, 1.0, None)
-    found = set(zip(room.first[: room.filled[0]], room.second[: room.filled[0]], strict=True))
+    workspace = close_pairs_workspace(10, 45)
+    find_close_pairs(workspace, *places, 10, 1.0, None)
+    found = set(
+        zip(
+            workspace.first[: workspace.filled[0]],
+            workspace.second[: workspace.filled[0]],
+            strict=True,
+        )
+    )
     gap = np.hypot(*(places[:, :, None] - places[:, None, :]))
     assert {tuple(sorted(map(int, pair))) for pair in found} == {
         (i, j) for i in range(10) for j in range(i + 1, 10) if gap[i, j] < 1.0
@@ -28,6 +34,6 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
 
 @pytest.mark.parametrize("place", [np.nan, np.inf, -np.inf])
 def test_places_that_are_none(place: float) -> None:
-    room = close_pairs_room(3, 3)
-    find_close_pairs(room, np.array([0.0, place, 2.0]), np.zeros(3), 3, 1.0, None)
-    assert room.filled[0] == -1
+    workspace = close_pairs_workspace(3, 3)
+    find_close_pairs(workspace, np.array([0.0, place, 2.0]), np.zeros(3), 3, 1.0, None)
+    assert workspace.filled[0] == -1

@@ -12,7 +12,7 @@ from granular.compiled import entry
 from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.stripes import BUILDS, Stripes, stripes_room
+from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
 from granular.run.snapshot import kept_lists, put_lists
 from granular.shared.errors import SceneError
 
@@ -37,10 +37,10 @@ class Bed:
         self.x, self.y = padded_coordinates(positions)
         self.moments = padded_values(np.linspace(0.3, 1.0, self.count)) if differing else None
         self.weight = padded_values(np.linspace(0.2, 1.0, self.count))
-        self.stripes = self.room()
+        self.stripes = self.workspace()
 
-    def room(self) -> Stripes:
-        return stripes_room(self.x.size, moments=self.moments is not None, loaded=True)
+    def workspace(self) -> Stripes:
+        return stripes_workspace(self.x.size, moments=self.moments is not None, loaded=True)
 
     def sums(self, function=cut_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
@@ -114,7 +114,7 @@ def test_lists_made_again_give_the_same_bits() -> None:
         if step == 20:
             kept, kept_place = kept_lists(bed.stripes), (bed.x.copy(), bed.y.copy())
     assert bed.stripes.memory[BUILDS] > 5.0
-    bed.stripes = bed.room()
+    bed.stripes = bed.workspace()
     put_lists(bed.stripes, kept)
     assert kept_place is not None
     bed.x, bed.y = kept_place
@@ -134,7 +134,7 @@ def test_threads_give_the_same_bits() -> None:
 def test_memory_is_linear() -> None:
     sizes = []
     for count in (10_000, 100_000):
-        arrays = stripes_room(count, moments=True, loaded=True)
+        arrays = stripes_workspace(count, moments=True, loaded=True)
         sizes.append(sum(one.nbytes for one in arrays if one is not None) / count)
     assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
     assert sizes[1] < 1500.0

@@ -10,9 +10,9 @@ from granular.compiled import entry
 from granular.pairs import far_direct
 from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_direct import direct_room
+from granular.pairs.far_direct import direct_workspace
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
-from granular.pairs.stripes import stripes_room
+from granular.pairs.stripes import stripes_workspace
 
 find_far_direct = entry(far_direct.find_far_direct)
 COUNT, WIDTH = 150, 30.0
@@ -34,7 +34,8 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     x, y = padded_coordinates(places())
     fx, fy, load, energy = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x), np.zeros(1)
     find_far_direct(
-        direct_room(x.size, loaded=True), stripes_room(x.size, moments=differing, loaded=True),
+        direct_workspace(x.size, loaded=True),
+        stripes_workspace(x.size, moments=differing, loaded=True),
         RADIUS, None, COUNT, x, y, fx, fy, energy, padded_values(moments) if differing else None,
         load, padded_values(WEIGHTS),
     )  # fmt: skip

@@ -18,7 +18,7 @@ from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import (
     FarField,
     FarForces,
-    far_forces_room,
+    far_forces_workspace,
 )
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
@@ -73,12 +73,12 @@ class Bed:
         self.padded_moments = padded_values(moments) if differing else None
         self.weight = padded_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
 
-    def room(self) -> FarForces:
+    def workspace(self) -> FarForces:
         field = FarField(RADIUS, (self.width + 6.0, self.height + 6.0), None)
-        return far_forces_room(field, self.x.size, loaded=True)
+        return far_forces_workspace(field, self.x.size, loaded=True)
 
     def far(self) -> FarForces:
-        far = self.room()
+        far = self.workspace()
         moments, weight = self.padded_moments, self.weight
         assert self.found(far, moments, weight) == 0
         return far
@@ -179,18 +179,21 @@ def test_all_that_is_spread_arrives() -> None:
 
 def test_no_room_and_no_number() -> None:
     bed = Bed(92)
-    room = bed.room()
+    workspace = bed.workspace()
     bed.y[3] += 1e3
-    assert bed.found(room) == 1
-    assert np.isnan(room.energy[0])
+    assert bed.found(workspace) == 1
+    assert np.isnan(workspace.energy[0])
     bed.y[3] = np.nan
-    assert bed.found(bed.room()) == 0
-    assert find_far_forces(room.mesh, room, None, 0, bed.x, bed.y, None, None, np.arange(1)) == 0
+    assert bed.found(bed.workspace()) == 0
+    assert (
+        find_far_forces(workspace.mesh, workspace, None, 0, bed.x, bed.y, None, None, np.arange(1))
+        == 0
+    )
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = padded_coordinates(np.array([[3.3, 4.4]]))
-    far = far_forces_room(FarField(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
+    far = far_forces_workspace(FarField(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
     assert find_far_forces(far.mesh, far, None, 1, x, y, None, None, np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
@@ -200,9 +203,9 @@ def test_room_is_linear_in_the_cell() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
-        room = far_forces_room(FarField(RADIUS, (side, side), None), count, loaded=True)
-        assert room.mesh is not None
-        arrays = [*room.mesh, *room]
+        workspace = far_forces_workspace(FarField(RADIUS, (side, side), None), count, loaded=True)
+        assert workspace.mesh is not None
+        arrays = [*workspace.mesh, *workspace]
         sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)
     assert sizes[1] < sizes[0] < 220.0
 

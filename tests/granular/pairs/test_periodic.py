@@ -98,9 +98,9 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray) -> float:
     ]
     for m in range(most[0] + 1):
         k = 2.0 * np.pi * np.hypot(m / sides[0], np.arange(-most[1], most[1] + 1) / sides[1])
-        share = 2.0 * sharp * np.exp(-((k / (2 * sharp)) ** 2))
-        share -= np.sqrt(np.pi) * k * erfc(k / (2 * sharp))
-        weights = np.abs(phases[1] @ phases[0][most[0] + m]) ** 2 * share
+        fraction = 2.0 * sharp * np.exp(-((k / (2 * sharp)) ** 2))
+        fraction -= np.sqrt(np.pi) * k * erfc(k / (2 * sharp))
+        weights = np.abs(phases[1] @ phases[0][most[0] + m]) ** 2 * fraction
         series += weights.sum() if m else weights[most[1] + 1 :].sum()
     total += 2.0 * np.sqrt(np.pi) / area * 2.0 * series
     return 0.125 * (total - count * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)

@@ -11,7 +11,7 @@ from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.verlet_list import BUILDS, Listing, VerletList, verlet_list_room
+from granular.pairs.verlet_list import BUILDS, Listing, VerletList, verlet_list_workspace
 from granular.run.snapshot import kept_lists, put_lists
 from granular.shared.errors import SceneError
 
@@ -36,7 +36,7 @@ def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> n
 
 def test_fresh_list_is_the_cut_off() -> None:
     x, y = scattered(150, 3)
-    found = sums(list_sum, verlet_list_room(x.size, LISTING.radius), LISTING, 150, x, y)
+    found = sums(list_sum, verlet_list_workspace(x.size, LISTING.radius), LISTING, 150, x, y)
 
     def plain(near: None, radius: float, *rest: object) -> None:
         plain_cut_sum(near, radius, None, None, *rest)
@@ -47,13 +47,13 @@ def test_fresh_list_is_the_cut_off() -> None:
 
 def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> None:
     x, y = padded_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
-    known = verlet_list_room(x.size, LISTING.radius)
+    known = verlet_list_workspace(x.size, LISTING.radius)
     sums(list_sum, known, LISTING, 3, x, y)
     x[1] += 1.9  # beyond the radius, and still on the list
     y[2] -= 1.9  # within the radius, and missed
     force = sums(list_sum, known, LISTING, 3, x, y)[:6].reshape(2, 3)
-    share = 0.3 * 0.65 * 0.75 / 7.8**4
-    np.testing.assert_allclose(force, [[-share, share, 0.0], [0.0, 0.0, 0.0]], atol=1e-15)
+    fraction = 0.3 * 0.65 * 0.75 / 7.8**4
+    np.testing.assert_allclose(force, [[-fraction, fraction, 0.0], [0.0, 0.0, 0.0]], atol=1e-15)
     assert known.memory[BUILDS] == 1.0
     y[2] -= 0.2
     assert sums(list_sum, known, LISTING, 3, x, y)[3] < 0.0  # the first grain, pushed down
@@ -62,20 +62,22 @@ def test_pairs_are_those_of_the_list_until_a_grain_has_moved_by_the_skin() -> No
 
 def test_list_made_again_gives_the_same_bits() -> None:
     x, y = scattered(150, 5)
-    known = verlet_list_room(x.size, LISTING.radius)
+    known = verlet_list_workspace(x.size, LISTING.radius)
     sums(list_sum, known, LISTING, 150, x, y)
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
     wanted = sums(list_sum, known, LISTING, 150, x, y)
-    again = verlet_list_room(x.size, LISTING.radius)
+    again = verlet_list_workspace(x.size, LISTING.radius)
     put_lists(again, kept_lists(known))
     np.testing.assert_array_equal(sums(list_sum, again, LISTING, 150, x, y), wanted)
 
 
 def test_full_list_gives_no_numbers() -> None:
     x, y = scattered(60, 5)
-    room = verlet_list_room(x.size, LISTING.radius)
-    short = room.pairs._asdict() | {name: np.zeros(9, np.int32) for name in ("first", "second")}
-    full = VerletList(ClosePairs(**short), room.built, room.memory)
+    workspace = verlet_list_workspace(x.size, LISTING.radius)
+    short = workspace.pairs._asdict() | {
+        name: np.zeros(9, np.int32) for name in ("first", "second")
+    }
+    full = VerletList(ClosePairs(**short), workspace.built, workspace.memory)
     assert np.isnan(sums(list_sum, full, LISTING, 60, x, y)[:120]).all()
 
 

@@ -285,7 +285,7 @@ def _zipped(path: Path) -> None:
     _parts(path, {"record.csv": (" " * MEGABYTE for _ in range(1000))})
 
 
-def _squeezed(path: Path) -> None:
+def _compressed_frequency(path: Path) -> None:
     squeezed = zlib.compressobj(1, wbits=31)
     blank = b"0,1\n" * (MEGABYTE // 4)
     path.write_bytes(b"".join([squeezed.compress(blank) for _ in range(1000)] + [squeezed.flush()]))
@@ -333,5 +333,5 @@ LONG: dict[str, Bomb] = {
     "blank lines": ("g.csv", _text("\n" * 20_000_000)),
     "hole": ("h.csv", _hole),
     "archive": ("a.zip", _zipped),
-    "gzip": ("a.csv.gz", _squeezed),
+    "gzip": ("a.csv.gz", _compressed_frequency),
 }

@@ -14,12 +14,12 @@ import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
 from granular.run.options import checked_step
-from granular.run.prices import Prices, price_text, prices_of, table
 from granular.run.summary import run_text
+from granular.run.work_precision import WorkPrecisionTable, price_text, nearest_table, table
 from granular.shared.errors import InputError
 
 
-def of_table(one: Prices) -> Scene:
+def of_table(one: WorkPrecisionTable) -> Scene:
     """A scene that the table's entry stands for."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
@@ -39,23 +39,23 @@ def promises() -> Iterator[object]:
 
 
 @pytest.mark.parametrize(("prices", "quantity"), promises())
-def test_what_is_chosen_holds_and_is_not_dear(prices: Prices, quantity: str) -> None:
+def test_what_is_chosen_holds_and_is_not_dear(prices: WorkPrecisionTable, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(prices)
-    assert prices_of(scene, quantity) == prices
+    assert nearest_table(scene, quantity) == prices
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
-        holding = [one for one in prices.rungs if one.bounds[quantity] <= tolerance]
+        holding = [one for one in prices.entries if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * prices.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
                 choose_settings(scene, f"{tolerance} {quantity}")
             continue
-        if tolerance < MARGIN * min(one.bounds[quantity] for one in prices.rungs):
+        if tolerance < MARGIN * min(one.bounds[quantity] for one in prices.entries):
             continue  # shorter than the table's shortest step, or refused
         found = choose_settings(scene, f"{tolerance} {quantity}")
         chosen += 1
         fraction = checked_step(found.dt, scene).fraction
-        same = [one for one in prices.rungs if one.method == found.method]
+        same = [one for one in prices.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if holding:
             price = near.seconds * near.fraction / fraction

@@ -116,20 +116,23 @@ def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> No
 
 
 @contextlib.contextmanager
-def full_disk(room: int) -> Iterator[None]:
+def full_disk(workspace: int) -> Iterator[None]:
     """No file can become longer than so many bytes."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (workspace, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("room", [100, 5000])
-def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, room: int) -> None:
+@pytest.mark.parametrize("workspace", [100, 5000])
+def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, workspace: int) -> None:
     begun(scene, tmp_path / "other")  # loads what is compiled
-    with full_disk(room), pytest.raises(StoreError, match="run cannot be made: File too large"):
+    with (
+        full_disk(workspace),
+        pytest.raises(StoreError, match="run cannot be made: File too large"),
+    ):
         begun(scene, tmp_path / "run")
     assert [one.name for one in tmp_path.iterdir()] == ["other"]
 

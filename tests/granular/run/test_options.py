@@ -8,7 +8,7 @@ import pytest
 
 from granular import Scene, load_scene, simulate
 from granular.methods import METHODS
-from granular.run.options import checked_step, doubled, halved, is_allowed
+from granular.run.options import checked_step, double_step, halve_step, is_allowed
 from granular.scene.dryness import dry_parts
 from granular.shared.errors import InputError, StepCountError
 
@@ -62,7 +62,7 @@ def test_longer_steps_are_allowed_as_far_as_they_are_stable(small_bed: Scene) ->
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
 def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
-    step, back = checked_step(dt), checked_step(doubled(halved(dt)))
+    step, back = checked_step(dt), checked_step(double_step(halve_step(dt)))
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
 

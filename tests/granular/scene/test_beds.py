@@ -63,15 +63,15 @@ def test_table_of_the_source(
     [(0.0, 0.0), (0.05, 0.05), (0.1, 0.1), (0.2, 0.2), (0.3, 0.3325), (0.4, 0.5), (0.45, 0.5),
      (0.5, 0.5), (0.55, 0.5), (0.7, 0.6675), (0.9, 0.9), (0.95, 0.95), (1.0, 1.0)],
 )  # fmt: skip
-def test_rule_of_the_source_makes_other_shares(share: float, made: float) -> None:
-    grains = bidisperse(0.6, share, mixing="every-kth").grains
+def test_rule_of_the_source_makes_other_shares(fraction: float, made: float) -> None:
+    grains = bidisperse(0.6, fraction, mixing="every-kth").grains
     assert grains.shares()[1] == made
     assert grains.counts()[1] == round(400 * made)
 
 
 def test_rule_of_the_source_by_its_own_examples() -> None:
-    def species(share: float) -> list[int]:
-        return bidisperse(0.6, share, mixing="every-kth").grains.assignment()[:6].tolist()
+    def species(fraction: float) -> list[int]:
+        return bidisperse(0.6, fraction, mixing="every-kth").grains.assignment()[:6].tolist()
 
     assert species(0.3) == [0, 0, 1, 0, 0, 1]
     assert species(0.7) == [1, 1, 0, 1, 1, 0]
@@ -79,11 +79,11 @@ def test_rule_of_the_source_by_its_own_examples() -> None:
 
 
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
-def test_interspersed_rule_is_exact_and_even(share: float, count: int) -> None:
-    grains = bidisperse(0.6, share).replace(**{"grains.count": count}).grains
+def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> None:
+    grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
     counts = grains.counts()
     assert sum(counts) == count
-    assert abs(counts[1] - share * count) <= 0.5 + 1e-9
+    assert abs(counts[1] - fraction * count) <= 0.5 + 1e-9
     # In every prefix the number of small grains is within one of its even share.
     prefix = np.cumsum(grains.assignment() == 1)
     even = counts[1] / count * np.arange(1, count + 1)
@@ -95,7 +95,7 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
     total = sum(weight for _, weight in kinds)
     count = 100 * total
     species = [
-        Species(name=f"s{k}", diameter=0.005 * size, share=weight / total)
+        Species(name=f"s{k}", diameter=0.005 * size, fraction=weight / total)
         for k, (size, weight) in enumerate(kinds)
     ]
     base = load_scene("bed").replace(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.caches import own_folder, read_sealed, toolkit_cache, write_sealed
+from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 
 
 @pytest.mark.parametrize("given", ["", "relative", "~/caches", None])
@@ -31,14 +31,14 @@ def test_no_home_directory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "home", homeless)
     assert toolkit_cache() is None
     with pytest.warns(UserWarning, match="there is no home directory; set MY_CACHE to a folder"):
-        assert own_folder(None, "MY_CACHE") is None
+        assert private_folder(None, "MY_CACHE") is None
 
 
 def test_a_folder_is_made_for_the_user_alone(tmp_path: Path) -> None:
-    folder = own_folder(tmp_path / "a" / "b", "MY_CACHE")
+    folder = private_folder(tmp_path / "a" / "b", "MY_CACHE")
     assert folder == tmp_path / "a" / "b"
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert own_folder(folder, "MY_CACHE") == folder
+    assert private_folder(folder, "MY_CACHE") == folder
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="other rules hold")
@@ -46,7 +46,7 @@ def test_a_folder_is_made_for_the_user_alone(tmp_path: Path) -> None:
 def test_a_folder_that_others_may_write_to_is_not_used(mode: int, tmp_path: Path) -> None:
     tmp_path.chmod(mode)
     with pytest.warns(UserWarning, match="others may write to it"):
-        assert own_folder(tmp_path, "MY_CACHE") is None
+        assert private_folder(tmp_path, "MY_CACHE") is None
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", lambda: 1)() != 0, reason="only root can give away")
@@ -56,7 +56,7 @@ def test_what_belongs_to_others_is_not_used(tmp_path: Path) -> None:
     assert read_sealed(tmp_path / "file", "label") is None
     os.chown(tmp_path, 12345, -1)
     with pytest.warns(UserWarning, match="belongs to others"):
-        assert own_folder(tmp_path, "MY_CACHE") is None
+        assert private_folder(tmp_path, "MY_CACHE") is None
 
 
 def test_a_sealed_file_is_whole_or_absent(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from granular.shared.locks import locked
+from granular.shared.locks import lock_file
 
 pytest.importorskip("fcntl")
 
@@ -19,12 +19,12 @@ ROOT = Path(__file__).parents[3]
 
 def test_who_does_not_wait_is_told(tmp_path: Path) -> None:
     path = tmp_path / "lock"
-    with locked(path, wait=False) as first:
-        with locked(path, wait=False) as second:
+    with lock_file(path, wait=False) as first:
+        with lock_file(path, wait=False) as second:
             assert (first, second) == (True, False)
         assert path.exists()
     assert not path.exists()
-    with locked(path, wait=False) as again:
+    with lock_file(path, wait=False) as again:
         assert again
 
 
@@ -33,7 +33,7 @@ def test_only_one_at_a_time_of_many_that_wait(tmp_path: Path) -> None:
     most = []
 
     def enter(number: int) -> None:
-        with locked(tmp_path / "lock", wait=True) as alone:
+        with lock_file(tmp_path / "lock", wait=True) as alone:
             assert alone
             inside.append(number)
             most.append(len(inside))
@@ -57,9 +57,9 @@ def test_the_lock_of_a_process_that_is_killed_is_free(tmp_path: Path) -> None:
     )
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"held\n"
-    with locked(path, wait=False) as alone:
+    with lock_file(path, wait=False) as alone:
         assert not alone
     holder.kill()
     holder.communicate()
-    with locked(path, wait=False) as alone:
+    with lock_file(path, wait=False) as alone:
         assert alone

@@ -14,7 +14,7 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, emit, launch
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
-from granular.shared.messages import LONGEST, MOST, one_line, printable, quoted, times, visible
+from granular.shared.messages import LONGEST, MOST, one_line, printable, quote, times, visible
 from granular.shared.plotting import line_look, plain_label
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
@@ -26,7 +26,7 @@ LARGE = (
 
 @pytest.mark.parametrize("value", LARGE, ids=[type(one).__name__ for one in LARGE])
 def test_values_are_quoted_on_a_short_line(value: object) -> None:
-    text = quoted(value)
+    text = quote(value)
     assert text.isprintable()
     assert 0 < len(text) <= LONGEST
 
@@ -47,8 +47,8 @@ def test_a_factor_is_one_that_people_use() -> None:
 
 def test_short_values_are_quoted_as_python_writes_them() -> None:
     for value in ("", "a b", "it's", 3, -2.5, None, True, [1, 2], {"a": 1}, "größe λ"):
-        assert quoted(value) == repr(value)
-    assert quoted("a\x1b[31m") == r"'a\x1b[31m'"
+        assert quote(value) == repr(value)
+    assert quote("a\x1b[31m") == r"'a\x1b[31m'"
     assert visible("a\tb" * 100).startswith(r"a\tb")
     assert len(visible("ab" * 1000)) == LONGEST
 
@@ -145,7 +145,7 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_pages_hold_no_control_signs() -> None:
     page = Page(STEERING, STEERING)
-    for write in (page.section, page.text, page.note, page.preformatted, page.footer):
+    for write in (page.section, page.text, page.note, page.preformat, page.footer):
         write(STEERING)
     page.table([STEERING], [[STEERING], ["<b>"]])
     text = page.render()

@@ -48,7 +48,7 @@ def here() -> Iterator[Executor]:
         yield pool
 
 
-def swept(executor: Executor, out: Path | None, **more: Any) -> Study:
+def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
     grid = {"effects.gravity.acceleration": more.pop("values", ACCELERATIONS)}
     return sweep(falling(), grid, dt=1e-4, out=out, executor=executor, progress=False, **more)
 
@@ -56,7 +56,7 @@ def swept(executor: Executor, out: Path | None, **more: Any) -> Study:
 @pytest.fixture(scope="module")
 def whole(here: Executor) -> pandas.DataFrame:
     """The table of a sweep that nothing disturbs."""
-    return swept(here, None).table
+    return swept_area(here, None).table
 
 
 def alike(found: pandas.DataFrame, expected: pandas.DataFrame) -> None:
@@ -94,17 +94,17 @@ def test_what_the_machine_does_is_tried_again_and_never_kept(
 ) -> None:  # fmt: skip
     simulate = granular.run.simulation.simulate
     monkeypatch.setattr(granular.run.simulation, "simulate", Failing(simulate, error, 5))
-    alike(swept(here, tmp_path / "once").table, whole)
+    alike(swept_area(here, tmp_path / "once").table, whole)
 
     always = Failing(simulate, error, float("inf"))
     monkeypatch.setattr(granular.run.simulation, "simulate", always)
-    study = swept(here, tmp_path / "always")
+    study = swept_area(here, tmp_path / "always")
     assert always.calls == 2 * len(ACCELERATIONS)
     assert study.unfinished == study.failed == study.cases
     assert kept(tmp_path / "always") == []
 
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
-    again = swept(here, tmp_path / "always")
+    again = swept_area(here, tmp_path / "always")
     assert (again.reused, again.unfinished) == (0, ())
     alike(again.table, whole)
 
@@ -120,12 +120,12 @@ def test_an_outcome_that_cannot_be_written_is_written_later(
         out = tmp_path / str(times)
         monkeypatch.setattr(granular.shared.result_cache, "write_text", Failing(write, full, times))
         simulate.calls = 0
-        study = swept(here, out)
+        study = swept_area(here, out)
         assert simulate.calls == len(ACCELERATIONS)
         assert len(kept(out)) == len(ACCELERATIONS) - len(study.unfinished)
         assert len(study.unfinished) == max(0, times - 2 * len(ACCELERATIONS))
         assert "no space left" in study.outcomes[0]["error"] if study.unfinished else True
-        alike(swept(here, out).table, whole)
+        alike(swept_area(here, out).table, whole)
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
 
@@ -136,10 +136,12 @@ def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: E
         calls.append(run)
         return {"a": 1.0 / (len(calls) > 1)}
 
-    study = swept(here, tmp_path, measure=faulty, values=[1.0])
+    study = swept_area(here, tmp_path, measure=faulty, values=[1.0])
     assert study.outcomes[0]["error"] == "ZeroDivisionError: float division by zero"
     assert len(calls) == len(study.unfinished) == 1
-    assert swept(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0]["figures"] == {"a": 1.0}
+    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0]["figures"] == {
+        "a": 1.0
+    }
 
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
@@ -155,12 +157,14 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as first, ThreadPoolExecutor(2) as second:
         arguments: dict[str, Any] = {"measure": counted, "keep_runs": True, "values": values}
         with ThreadPoolExecutor(2) as both:
-            studies = [both.submit(swept, pool, tmp_path, **arguments) for pool in (first, second)]
+            studies = [
+                both.submit(swept_area, pool, tmp_path, **arguments) for pool in (first, second)
+            ]
         tables = [study.result().table for study in studies]
         assert sorted(calls) == values
         assert len(kept(tmp_path)) == len(values)
         alike(*tables)
-        alike(tables[0], swept(first, None, measure=counted, values=values).table)
+        alike(tables[0], swept_area(first, None, measure=counted, values=values).table)
 
 
 def test_a_command_whose_cases_the_machine_failed_says_so(

@@ -60,7 +60,7 @@ class Taken(Future[Any]):
 SEEDS = range(1, 41)
 
 
-def swept(executor: Mortal) -> dict[int, str | None]:
+def swept_area(executor: Mortal) -> dict[int, str | None]:
     """The error of each seed."""
     study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
     assert all(one["error"] or one["figures"]["seed"] == seed
@@ -70,13 +70,13 @@ def swept(executor: Mortal) -> dict[int, str | None]:
 
 @pytest.mark.parametrize("times", [1, ATTEMPTS - 1])
 def test_workers_killed_from_outside_cost_no_case(times: int) -> None:
-    assert set(swept(Mortal({3: times, 20: 1})).values()) == {None}
+    assert set(swept_area(Mortal({3: times, 20: 1})).values()) == {None}
 
 
 @pytest.mark.parametrize("killers", [(1,), (3,), (40,), (1, 2), (3, 20, 21, 40)])
 def test_cases_that_kill_their_workers_take_no_other_with_them(killers: tuple[int, ...]) -> None:
     executor = Mortal(dict.fromkeys(killers, float("inf")))
-    errors = swept(executor)
+    errors = swept_area(executor)
     for seed, error in errors.items():
         assert error == (f"the worker died, {ATTEMPTS} times" if seed in killers else None)
     for seed in SEEDS:
@@ -90,7 +90,7 @@ def test_an_executor_that_stays_broken_ends_the_study() -> None:
                 raise BrokenExecutor("for good")
             return super().submit(function, case, *more)
 
-    errors = list(swept(Broken({})).values())
+    errors = list(swept_area(Broken({})).values())
     assert errors[:20] == [None] * 20
     assert set(errors[20:]) == {f"the worker died, {ATTEMPTS} times"}
 

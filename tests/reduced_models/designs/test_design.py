@@ -59,8 +59,8 @@ def test_published_damper_is_in_the_maps():
     # tests/regression/test_damper.py: 9.856 D, 0.2880 s, 0.0367.
     expected = {"rest_height": 9.856 * 0.006, "frequency": 1.0 / 0.2880, "damping_ratio": 0.0367}
     for name, value in expected.items():
-        room = 2.0 * maps.surfaces[name].error  # two standard errors of a prediction
-        assert getattr(said, name) == pytest.approx(value, rel=room)
+        workspace = 2.0 * maps.surfaces[name].error  # two standard errors of a prediction
+        assert getattr(said, name) == pytest.approx(value, rel=workspace)
     assert said.k1 == pytest.approx((2.0 * math.pi * said.frequency) ** 2)
 
 
@@ -112,9 +112,9 @@ def test_maps_predict_what_they_did_not_see():
 
 @settings(max_examples=25, deadline=None)
 @given(inside, inside, inside, st.floats(0.0, 0.5))
-def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, share):
+def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, fraction):
     maps = damper_maps()
-    wanted = candidate_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * share - 1.0]))
+    wanted = candidate_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * fraction - 1.0]))
     said = maps.predict(wanted)
     wish = DesignTarget(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
     found = maps.predict(propose_design(maps, wish))

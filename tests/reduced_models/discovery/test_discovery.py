@@ -126,7 +126,7 @@ def test_strong_form_and_ensembles() -> None:
     assert is_exact(found, "duffing")
     shares = found.inclusion
     assert all(shares[term.text] > 0.9 for term in LAWS["duffing"][3])
-    assert all(0.0 <= share <= 1.0 for share in shares.values())
+    assert all(0.0 <= fraction <= 1.0 for fraction in shares.values())
 
 
 def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:

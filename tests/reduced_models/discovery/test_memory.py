@@ -26,7 +26,7 @@ MASS = 7.5
 
 
 def forced(noise: float, modulus: float = TRUE["modulus"]) -> PistonRecord:
-    """Force of a bed under two prescribed sines, with a share of noise."""
+    """Force of a bed under two prescribed sines, with a fraction of noise."""
     time = np.linspace(0.0, 2.0, 800)
     values = [(TRUE | {"modulus": modulus})[name] for name in LAW.parameters]
     field = compiled_field(LAW.equation, (), "numpy")

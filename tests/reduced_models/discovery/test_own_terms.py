@@ -18,7 +18,14 @@ from reduced_models.discovery.choice import polish_front
 from reduced_models.discovery.libraries import LIBRARIES, library_terms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import score_subsets
-from reduced_models.discovery.terms import OwnTerm, library, read_terms, sum_of, symbols, terms_of
+from reduced_models.discovery.terms import (
+    CustomTerm,
+    library,
+    read_terms,
+    sum_of,
+    symbols,
+    terms_of,
+)
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -150,7 +157,7 @@ OWN = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*
 @given(st.sampled_from(OWN), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
 def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: float) -> None:
     (term,) = terms_of(read_terms([text], "u")[0]) or ()
-    assert isinstance(term, OwnTerm)
+    assert isinstance(term, CustomTerm)
     h = 1e-6
 
     def at(dz: float, dv: float) -> float:

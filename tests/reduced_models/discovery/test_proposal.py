@@ -15,20 +15,20 @@ from reduced_models import HeightMap, discover
 TIME = np.linspace(0.0, 40.0, 1000)
 
 
-def record(law: Callable[[float, float], float], start: float, share: float) -> PistonRecord:
-    """Of z'' = law(z, z'), let go at a height, with that share of noise."""
+def record(law: Callable[[float, float], float], start: float, fraction: float) -> PistonRecord:
+    """Of z'' = law(z, z'), let go at a height, with that fraction of noise."""
     found = solve_ivp(
         lambda _, y: [y[1], law(*y)], (0.0, TIME[-1]), [start, 0.0], "DOP853", TIME, rtol=1e-9,
         atol=1e-11, max_step=0.05,
     )  # fmt: skip
     z = found.y[0]
-    noise = np.random.default_rng(0).normal(0.0, share * z.std(), len(z))
+    noise = np.random.default_rng(0).normal(0.0, fraction * z.std(), len(z))
     return PistonRecord(TIME, z + noise)
 
 
-def pendulum(share: float) -> PistonRecord:
+def pendulum(fraction: float) -> PistonRecord:
     """A pendulum let go at 56 degrees."""
-    return record(lambda z, v: -0.05 * v - 9.0 * np.sin(z), np.deg2rad(56.0), share)
+    return record(lambda z, v: -0.05 * v - 9.0 * np.sin(z), np.deg2rad(56.0), fraction)
 
 
 @pytest.mark.parametrize(

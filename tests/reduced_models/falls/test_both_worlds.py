@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tests.reduced_models.falls.forces_at import PUSHED, Pushed
 
 from granular import PistonRecord, Scene, damper, simulate
 from reduced_models.falls.theory import RESPONSE_ERROR
@@ -15,7 +16,6 @@ from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.solution import solution
-from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 D = 0.006
 LAW = LAWS["annealing-bed"]
@@ -158,7 +158,7 @@ def test_one_set_of_numbers_for_falls_lifts_and_sines(count: int) -> None:
     assert all(abs(one - 1.0) <= 0.15 for one in losses)
 
 
-def pushed(
+def forces_at(
     mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and heights of the law of a piston that is pushed from its rest."""
@@ -192,7 +192,7 @@ def test_the_law_responds_to_a_push_as_the_table_says() -> None:
     scene = damper()
     for row in (PUSHED[0], PUSHED[7], PUSHED[12]):
         # Level of rest and order of the simulated bed.
-        times, heights = pushed(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
+        times, heights = forces_at(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
         found = response(times, heights, row.frequency) / scale(scene)
         assert found == pytest.approx(row.by_law, rel=0.01)
         assert abs(row.by_law / row.simulated - 1.0) <= RESPONSE_ERROR

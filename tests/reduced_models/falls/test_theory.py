@@ -64,7 +64,7 @@ def test_the_law_stands_for_falls_of_the_packaged_damper() -> None:
 def test_a_mixture_of_equals_is_the_bed_itself() -> None:
     plain = damper()
     (one,) = plain.grains.species
-    halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
+    halves = [{**one.to_plain(), "name": name, "fraction": 0.5} for name in ("a", "b")]
     mixed = plain.replace(**{"grains.species": halves})
     assert parameters_of(mixed) == pytest.approx(parameters_of(plain))
 
@@ -104,8 +104,8 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
     """The piston hardly creeps where the bed's force is within it."""
     plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
     assert rubbing.at_rest is None
-    share = rubbing.parameters["friction"] / rubbing.parameters["weight"]
-    assert share == pytest.approx(5.0 / (WEIGHT * 7.5 * 9.8))
+    fraction = rubbing.parameters["friction"] / rubbing.parameters["weight"]
+    assert fraction == pytest.approx(5.0 / (WEIGHT * 7.5 * 9.8))
     heights, freely = (followed(law) for law in (rubbing, plain))
     assert np.ptp(heights[600:]) < 0.05 * np.ptp(freely[600:])
     with pytest.raises(InputError, match="friction of the piston"):

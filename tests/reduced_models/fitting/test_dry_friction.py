@@ -29,7 +29,7 @@ CASES = {
 def released(ratio: float, loss: float, noise: float) -> PistonRecord:
     """A free swing with a dashpot's damping ratio and dry friction, solved swing by swing.
 
-    The friction takes the given share of the first amplitude in a period.
+    The friction takes the given fraction of the first amplitude in a period.
     """
     offset = 0.25 * loss * AMPLITUDE  # of the level that each half swing is about
     lam = ratio * OMEGA
@@ -81,15 +81,15 @@ def test_intervals_follow_from_those_of_the_parameters() -> None:
     assert model.at_rest.equivalent is not None
     # omega is known far better than the friction
     low, high = model.intervals["friction"]
-    share = (high - low) / model.parameters["friction"]
+    fraction = (high - low) / model.parameters["friction"]
     ends = np.array(model.at_rest.equivalent.intervals["friction"])
-    assert np.diff(ends)[0] / model.at_rest.equivalent.friction == pytest.approx(share, rel=0.1)
+    assert np.diff(ends)[0] / model.at_rest.equivalent.friction == pytest.approx(fraction, rel=0.1)
     ends = np.array(model.at_rest.intervals["damping_ratio"])
-    assert np.diff(ends)[0] / model.at_rest.damping_ratio == pytest.approx(share, rel=0.1)
+    assert np.diff(ends)[0] / model.at_rest.damping_ratio == pytest.approx(fraction, rel=0.1)
 
 
 def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
-    """A wrong law's residuals lag by rounding; a lag of a share of a sample is told."""
+    """A wrong law's residuals lag by rounding; a lag of a fraction of a sample is told."""
     with pytest.warns(UserWarning, match="swing with the motion"):
         model = fit(made("coulomb"), "linear", starts=2, holdout=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]

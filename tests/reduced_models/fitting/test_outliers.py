@@ -15,12 +15,12 @@ from reduced_models.least_squares.residuals import Loss
 TIME = np.linspace(0.0, 40.0, 2000)
 
 
-def swing(noise: float, share: float, seed: int) -> tuple[PistonRecord, PistonRecord]:
-    """A linear swing with noise, and the same with a share of samples far away."""
+def swing(noise: float, fraction: float, seed: int) -> tuple[PistonRecord, PistonRecord]:
+    """A linear swing with noise, and the same with a fraction of samples far away."""
     random = np.random.default_rng(seed)
     clean = np.exp(-0.05 * TIME) * np.cos(1.05 * TIME)
     plain = clean + random.normal(0.0, noise, len(TIME))
-    away = random.uniform(size=len(TIME)) < share
+    away = random.uniform(size=len(TIME)) < fraction
     height = np.where(away, plain + random.normal(0.0, 40.0 * noise, len(TIME)), plain)
     return PistonRecord(TIME, plain), PistonRecord(TIME, height)
 

@@ -12,7 +12,7 @@ from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
 from reduced_models.fitting.diagnostics import autoregression, diagnostics, spread_of
 from reduced_models.laws.solution import solution
-from reduced_models.least_squares.residuals import with_walk, without_walk
+from reduced_models.least_squares.residuals import with_random_walk, without_random_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -30,8 +30,8 @@ def hard_spring(stiffening: float, drag: float, duration: float, samples: int) -
     return PistonRecord(time, found.y[0])
 
 
-def check_hard_spring(clean: PistonRecord, stiffening: float, share: float) -> None:
-    noise = share * clean.height.std()
+def check_hard_spring(clean: PistonRecord, stiffening: float, fraction: float) -> None:
+    noise = fraction * clean.height.std()
     height = clean.height + np.random.default_rng(0).normal(0.0, noise, len(clean))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that few of the starts led there
@@ -139,11 +139,11 @@ def test_a_hopeless_rival_is_given_up_after_two_swings(
     assert swings[-1] == module.FIRST_SWINGS
 
 
-def quadratic(share: float) -> PistonRecord:
+def quadratic(fraction: float) -> PistonRecord:
     """A linear swing with a little drag that grows with the speed squared."""
     law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
     clean = solution(law, TIME, 1.0, 0.0, (0.05, 0.02, 1.05, -1.0), 1.0).z
-    noise = np.random.default_rng(0).normal(0.0, share * clean.std(), len(TIME))
+    noise = np.random.default_rng(0).normal(0.0, fraction * clean.std(), len(TIME))
     return PistonRecord(TIME, clean + noise)
 
 
@@ -194,7 +194,9 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
 
 def test_a_walk_is_taken_out_and_put_back() -> None:
     noise = np.random.default_rng(2).normal(size=300)
-    np.testing.assert_allclose(with_walk(without_walk(noise, 0.2), 0.2), noise, atol=1e-12)
+    np.testing.assert_allclose(
+        with_random_walk(without_random_walk(noise, 0.2), 0.2), noise, atol=1e-12
+    )
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.options import checked_step, halved
+from granular.run.options import checked_step, halve_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
@@ -126,8 +126,8 @@ def test_from_run(run: Trajectory) -> None:
      ("auto*0.5", "auto/4"), ("auto*1.5", "auto/1.3333333333333333"), (1e-5, 5e-6)],
 )  # fmt: skip
 def test_half_a_step(dt: float | str, half: float | str) -> None:
-    assert halved(dt) == half
-    step, finer = checked_step(dt), checked_step(halved(dt))
+    assert halve_step(dt) == half
+    step, finer = checked_step(dt), checked_step(halve_step(dt))
     assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
 
 

@@ -14,7 +14,7 @@ from reduced_models.laws.elliptic import (
     Oscillator,
     averaged_amplitude,
     averaged_frequency,
-    critical_share,
+    critical_fraction,
     elliptic_motion,
     turns_about_rest,
 )
@@ -161,4 +161,4 @@ def test_humps_and_barriers_bound_the_swings(
 
 
 def test_the_critical_share_sees_the_whole_swing() -> None:
-    assert critical_share(2.0, Oscillator(4.0, 0.0, 0.1, -0.2, 0.3)) == pytest.approx(0.85)
+    assert critical_fraction(2.0, Oscillator(4.0, 0.0, 0.1, -0.2, 0.3)) == pytest.approx(0.85)

@@ -44,8 +44,8 @@ def test_laws_in_many_words(text: str) -> None:
     names = ["z", "v", *law.parameters]
     given = dict(zip(names, values, strict=True))
     wanted = _value(READ[text], given)
-    for module, wrapped in (("numpy", lambda f: f), ("jax", jax.jit)):
-        found = wrapped(compiled_field(text, (), module))(*values)[0]
+    for module, wrap_law in (("numpy", lambda f: f), ("jax", jax.jit)):
+        found = wrap_law(compiled_field(text, (), module))(*values)[0]
         assert float(found) == pytest.approx(wanted, rel=1e-12)
 
 

@@ -13,16 +13,16 @@ MASS, WEIGHT, REST, POWER = 7.5, 9.8, 0.06, 2.5
 
 
 def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
-    """Height of a piston on layers of grains without mass, each with its share of the drag."""
-    share = resistance / LAYERS
+    """Height of a piston on layers of grains without mass, each with its fraction of the drag."""
+    fraction = resistance / LAYERS
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
         places, speed = state[:-1], state[-1]
         strain = np.diff(places, prepend=0.0) * LAYERS / REST
         force = MASS * WEIGHT * strain**-POWER
-        moved = (force[:-1] - force[1:]) / share
+        moved = (force[:-1] - force[1:]) / fraction
         # Half a layer goes with the piston.
-        acceleration = (force[-1] - 0.5 * share * speed) / MASS - WEIGHT
+        acceleration = (force[-1] - 0.5 * fraction * speed) / MASS - WEIGHT
         return np.concatenate([moved, [speed, acceleration]])
 
     places = start * np.arange(1, LAYERS + 1) / LAYERS

@@ -109,8 +109,8 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
     record = made("linear")
     estimator = LawEstimator("linear").fit(record.time[:, None], record.height)
     assert estimator.score(record.time, record.height) == pytest.approx(1.0 - 1e-4, abs=2e-5)
-    shuffled = np.random.default_rng(0).permutation(record.time)
-    again = estimator.predict(shuffled)[np.argsort(shuffled)]
+    shuffle = np.random.default_rng(0).permutation(record.time)
+    again = estimator.predict(shuffle)[np.argsort(shuffle)]
     assert np.array_equal(again, estimator.predict(record.time))
     assert estimator.get_params() == {"law": "linear", "starts": 16, "holdout": 0.3}
     assert LawEstimator().set_params(law="duffing").law == "duffing"

@@ -80,7 +80,7 @@ def savetxt(path: Path) -> None:
     after="Python, csv.writer with QUOTE_ALL: names and numbers in quotes",
     source="https://docs.python.org/3/library/csv.html#csv.QUOTE_ALL",
 )
-def quoted(path: Path) -> None:
+def quote(path: Path) -> None:
     with path.open("w", newline="") as file:
         writer = csv.writer(file, quoting=csv.QUOTE_ALL)
         writer.writerow(("time", "height"))
@@ -233,7 +233,7 @@ def ticks(path: Path) -> None:
 
 
 @form("flipped.csv", said={"flip": True}, scale=-1.0, after="distance from a sensor above")
-def flipped(path: Path) -> None:
+def flip_sign(path: Path) -> None:
     path.write_text(lines("Time_s,distance_mm", ","))
 
 

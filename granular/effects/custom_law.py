@@ -11,13 +11,13 @@ from numba.extending import overload
 
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
-from granular.effects.own_definition import DEFINITIONS, Definition, Grain
+from granular.effects.custom_definition import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, moments_of, value_of
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
-from granular.pairs.cells import Cells, cells_room, find_partners, sort_into_cells
+from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells
 
 
-class OwnLaw(NamedTuple):
+class CustomLaw(NamedTuple):
     """An own effect as the kernels take it.
 
     Attributes
@@ -36,40 +36,44 @@ class OwnLaw(NamedTuple):
     reach: float
     factor: Array | None
 
-    def room(self, size: int, count: int) -> Cells | None:
+    def workspace(self, size: int, count: int) -> Cells | None:
         """Cells for the search of grains within reach; None where all pairs count."""
         pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
-        return cells_room(count) if pairs and math.isfinite(self.reach) else None
+        return cells_workspace(count) if pairs and math.isfinite(self.reach) else None
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: OwnLaw, room: Cells | None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(
+        law: CustomLaw, workspace: Cells | None, index: int, bed: Bed, time: float
+    ) -> int:
         state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
-        return _pair_forces(law.kind, law, room, state, constants)
+        return _pair_forces(law.kind, law, workspace, state, constants)
 
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: OwnLaw, room: Cells | None, index: int, bed: Bed,
+        law: CustomLaw, workspace: Cells | None, index: int, bed: Bed,
         time: float, stiffness: Array, energies: Array,
     ) -> int:  # fmt: skip
         state, constants = bed.state, bed.constants
         energies[index] = _grain_energy(law.kind, law, state, constants, time, stiffness)
-        energies[index] += _pair_energy(law.kind, law, room, state, constants, stiffness)
+        energies[index] += _pair_energy(law.kind, law, workspace, state, constants, stiffness)
         return 0
 
     @staticmethod
     @compiled(inline=True)
     def flow(
-        law: OwnLaw, room: Cells | None, index: int, dt: float, bed: Bed, opening: bool
+        law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: OwnLaw, room: Cells | None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def work(
+        law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, time: float
+    ) -> int:
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0
@@ -111,7 +115,7 @@ def _make_grain_forces(definition: Definition) -> Loop:
     if force is None:
         return lambda kind, law, state, constants, time: None
 
-    def add(kind: Any, law: OwnLaw, state: State, constants: Constants, time: float) -> None:
+    def add(kind: Any, law: CustomLaw, state: State, constants: Constants, time: float) -> None:
         p = values_of(*law.values)
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
@@ -129,7 +133,7 @@ def _make_grain_energy(definition: Definition) -> Loop:
         return lambda kind, law, state, constants, time, slopes: 0.0
 
     def measure(
-        kind: Any, law: OwnLaw, state: State, constants: Constants, time: float, slopes: Array
+        kind: Any, law: CustomLaw, state: State, constants: Constants, time: float, slopes: Array
     ) -> float:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
@@ -148,7 +152,7 @@ def _make_work(definition: Definition) -> Loop:
         return lambda kind, law, dt, state, constants, time: None
 
     def work(
-        kind: Any, law: OwnLaw, dt: float, state: State, constants: Constants, time: float
+        kind: Any, law: CustomLaw, dt: float, state: State, constants: Constants, time: float
     ) -> None:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
@@ -165,7 +169,7 @@ def _make_flow(definition: Definition) -> Loop:
         return lambda kind, law, entry, dt, state, constants: None
 
     def slow(
-        kind: Any, law: OwnLaw, entry: int, dt: float, state: State, constants: Constants
+        kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants
     ) -> None:
         p, lost = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
@@ -180,13 +184,13 @@ def _make_flow(definition: Definition) -> Loop:
 
 
 @compiled
-def _ready(law: OwnLaw, cells: Cells | None, state: State, count: int) -> bool:
+def _ready(law: CustomLaw, cells: Cells | None, state: State, count: int) -> bool:
     """Sort the grains, where pairs end; False where a position is no number."""
     return True if cells is None else sort_into_cells(cells, state.x, state.y, count, law.reach)
 
 
 @compiled
-def _partners(law: OwnLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
+def _partners(law: CustomLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
     """Return the number of a grain's partners: those within reach, or all that follow it."""
     if cells is None:
         return count - 1 - i
@@ -203,7 +207,9 @@ def _make_pair_forces(definition: Definition) -> Loop:
     if force is None:
         return lambda kind, law, cells, state, constants: 0
 
-    def add(kind: Any, law: OwnLaw, cells: Cells | None, state: State, constants: Constants) -> int:
+    def add(
+        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants
+    ) -> int:
         p, count = values_of(*law.values), constants.grains
         masses, moments = constants.masses, moments_of(constants)
         if not _ready(law, cells, state, count):
@@ -232,7 +238,7 @@ def _make_pair_energy(definition: Definition) -> Loop:
         return lambda kind, law, cells, state, constants, slopes: 0.0
 
     def measure(
-        kind: Any, law: OwnLaw, cells: Cells | None, state: State, constants: Constants,
+        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants,
         slopes: Array,
     ) -> float:  # fmt: skip
         p, count, total = values_of(*law.values), constants.grains, 0.0
@@ -268,7 +274,7 @@ NEAREST, FARTHEST = 1e-4, 1e3
 """Distances [D] between which a grain's turning point is looked for."""
 
 
-class OwnWallLaw(NamedTuple):
+class CustomWallLaw(NamedTuple):
     """An own law of a wall as the kernels take it.
 
     Attributes
@@ -282,22 +288,22 @@ class OwnWallLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def force(law: OwnWallLaw, w: float) -> float:
+    def force(law: CustomWallLaw, w: float) -> float:
         return _wall_force(law.kind, law.values, w)
 
     @staticmethod
     @compiled(inline=True)
-    def energy(law: OwnWallLaw, w: float) -> float:
+    def energy(law: CustomWallLaw, w: float) -> float:
         return _wall_energy(law.kind, law.values, w)
 
     @staticmethod
     @compiled(inline=True)
-    def stiffness(law: OwnWallLaw, w: float) -> float:
+    def stiffness(law: CustomWallLaw, w: float) -> float:
         return _wall_stiffness(law.kind, law.values, w)
 
     @staticmethod
     @compiled
-    def turning_stiffness(law: OwnWallLaw, speed: float) -> float:
+    def turning_stiffness(law: CustomWallLaw, speed: float) -> float:
         """Stiffness where a grain of this speed turns, by bisection of the distance."""
         near, far = math.log(NEAREST), math.log(FARTHEST)
         for _ in range(60):

@@ -16,7 +16,7 @@ LONGEST_FILE = 2**20
 """Bytes: a file that is longer is a mistake."""
 
 
-class OwnFile(NamedTuple):
+class UserFile(NamedTuple):
     """A file and its text, so that any other process can have the same.
 
     Attributes
@@ -35,7 +35,7 @@ class OwnFile(NamedTuple):
         return f"imported_{Path(self.path).stem}"
 
 
-def read_own_file(path: str | Path) -> OwnFile:
+def read_user_file(path: str | Path) -> UserFile:
     """File, after it was run once.
 
     Parameters
@@ -48,7 +48,7 @@ def read_own_file(path: str | Path) -> OwnFile:
     InputError
         If the file cannot be read, or fails.
     """
-    file = OwnFile(str(path), read_text(Path(path), LONGEST_FILE))
+    file = UserFile(str(path), read_text(Path(path), LONGEST_FILE))
     try:
         contents(file)
     except (Exception, SystemExit) as error:  # a file that ends the process is no success
@@ -59,7 +59,7 @@ def read_own_file(path: str | Path) -> OwnFile:
 
 
 @functools.lru_cache
-def contents(file: OwnFile) -> dict[str, Any]:
+def contents(file: UserFile) -> dict[str, Any]:
     """Definitions in the file, by their names; it is run once in a process."""
     module = ModuleType(file.module)
     module.__file__ = file.path

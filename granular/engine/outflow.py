@@ -28,7 +28,7 @@ def take_out(state: State, constants: Constants) -> Constants:
             grains -= 1
             _move_last_to(i, grains, state, constants)
     state.scratch[:] = 0.0
-    for workspace in state.rooms:
+    for workspace in state.workspaces:
         if isinstance(workspace, np.ndarray):
             workspace[:] = 0.0
     return constants._replace(grains=grains)

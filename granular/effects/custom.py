@@ -72,9 +72,8 @@ from typing import Any, ClassVar
 import numba
 
 from granular.compiled.dispatch import OPTIONS
-from granular.effects.effect import Effect, Setting, in_joules
-from granular.effects.own_check import check, check_compiling, check_wall
-from granular.effects.own_definition import (
+from granular.effects.custom_check import check, check_compiling, check_wall
+from granular.effects.custom_definition import (
     DEFINITIONS,
     FUNCTIONS,
     WALL_FUNCTIONS,
@@ -82,16 +81,17 @@ from granular.effects.own_definition import (
     Kind,
     functions_digest,
 )
-from granular.effects.own_law import OwnLaw, OwnWallLaw
+from granular.effects.custom_law import CustomLaw, CustomWallLaw
+from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.registry import WALL_LAWS, register
 from granular.schema.scales import Scales
 from granular.schema.sections import Quantity, Section, Whole, unknown
 from granular.shared.errors import InputError
-from granular.shared.messages import quoted
-from granular.shared.own_file import OwnFile, contents
+from granular.shared.messages import quote
+from granular.shared.user_file import UserFile, contents
 
 
-class OwnSection(Section):
+class CustomSection(Section):
     """Base of what is made of a user's class.
 
     Attributes
@@ -99,7 +99,7 @@ class OwnSection(Section):
     definition : Definition
     written : type
         The class as it was written.
-    origin : OwnFile or None
+    origin : UserFile or None
         The file that it came from, where the command line named one.
     made_by : function
         The decorator.
@@ -107,7 +107,7 @@ class OwnSection(Section):
 
     definition: ClassVar[Definition]
     written: ClassVar[type]
-    origin: ClassVar[OwnFile | None] = None
+    origin: ClassVar[UserFile | None] = None
     made_by: ClassVar[Callable[[type], Any]]
 
     @property
@@ -134,12 +134,12 @@ class OwnSection(Section):
         return _of_script, (type(self).made_by, self.written, values)
 
 
-class OwnEffect(OwnSection, Effect):
+class CustomEffect(CustomSection, Effect):
     """Base of the effects that `effect` makes."""
 
     rank = 1
 
-    def law(self, setting: Setting) -> OwnLaw:
+    def law(self, setting: EffectContext) -> CustomLaw:
         """Law in natural units.
 
         Raises
@@ -151,9 +151,9 @@ class OwnEffect(OwnSection, Effect):
         check(self.definition, p, setting)
         reach = self.definition.functions.get("reach")
         ends = math.inf if reach is None else float(reach(p))
-        return OwnLaw(Kind(self.definition.digest), tuple(p), ends, None)
+        return CustomLaw(Kind(self.definition.digest), tuple(p), ends, None)
 
-    def check_compiling(self, setting: Setting) -> None:
+    def check_compiling(self, setting: EffectContext) -> None:
         check_compiling(self.definition, self.natural(setting.scales))
 
     @property
@@ -165,10 +165,10 @@ class OwnEffect(OwnSection, Effect):
         return 0.0 if result is None else abs(float(result(self.natural(scales))))
 
 
-class OwnWall(OwnSection):
+class CustomWall(CustomSection):
     """Base of the wall laws that `wall_law` makes."""
 
-    def law(self, scales: Scales) -> OwnWallLaw:
+    def law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units.
 
         Raises
@@ -178,7 +178,7 @@ class OwnWall(OwnSection):
         """
         values = self.natural(scales)
         check_wall(self.definition, values)
-        return OwnWallLaw(Kind(self.definition.digest), tuple(values))
+        return CustomWallLaw(Kind(self.definition.digest), tuple(values))
 
 
 def effect(written: type) -> Any:
@@ -205,7 +205,7 @@ def effect(written: type) -> Any:
     has_energy = "energy" in functions or "pair_energy" in functions
     made = define(
         written,
-        OwnEffect,
+        CustomEffect,
         FUNCTIONS,
         needed,
         "effect",
@@ -238,23 +238,23 @@ def wall_law(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    made = define(written, OwnWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
+    made = define(written, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
     WALL_LAWS[made.definition.key] = made
     return made
 
 
-def mark_origin(file: OwnFile) -> dict[str, type[OwnSection]]:
+def mark_origin(file: UserFile) -> dict[str, type[CustomSection]]:
     """Effects and wall laws that a file defines, by their names; they know the file then."""
     result = {}
     for content in list(contents(file).values()):
-        own = isinstance(content, type) and issubclass(content, OwnSection)
+        own = isinstance(content, type) and issubclass(content, CustomSection)
         if own and content.__module__ == file.module:
             content.origin = file
             result[content.definition.key] = content
     return result
 
 
-def _of_file(file: OwnFile, key: str, values: dict[str, Any]) -> Any:
+def _of_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
     return mark_origin(file)[key](**values)
 
 
@@ -267,7 +267,7 @@ def _of_script(made_by: Callable[[type], Any], written: type, values: dict[str, 
 
 
 def define(
-    written: type, base: type[OwnSection], known: Sequence[str], needed: Sequence[str],
+    written: type, base: type[CustomSection], known: Sequence[str], needed: Sequence[str],
     what: str, /, **more: Any,
 ) -> Any:  # fmt: skip
     """Subclass of ``base`` with the class's parameters, and its functions as ``definition``.
@@ -305,7 +305,7 @@ def define(
     for name, value in content.items():
         taken = hasattr(base, name) and name not in more
         if not name.startswith("_") and name not in functions and taken:
-            raise InputError(f"{what} {key!r}: {quoted(name)} has a meaning of its own; rename it")
+            raise InputError(f"{what} {key!r}: {quote(name)} has a meaning of its own; rename it")
         if isinstance(value, python_types.FunctionType):
             raise InputError(f"{what} {key!r}: {name!r} must be static; write @staticmethod above")
     fields = [
@@ -357,4 +357,4 @@ def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return numba.njit(**OPTIONS)(function)
 
 
-OwnEffect.made_by, OwnWall.made_by = staticmethod(effect), staticmethod(wall_law)
+CustomEffect.made_by, CustomWall.made_by = staticmethod(effect), staticmethod(wall_law)

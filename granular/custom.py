@@ -6,32 +6,32 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from granular.effects.own import mark_origin
+from granular.effects.custom import mark_origin
 from granular.methods.method import Method
 from granular.methods.named import add_methods
 from granular.methods.tables import METHODS
 from granular.observables.frame import Frame, Value, observable_of
-from granular.shared.own_file import contents, read_own_file
-from granular.studies.measures import OwnMeasure, own_measures
+from granular.shared.user_file import contents, read_user_file
+from granular.studies.measures import CustomMeasure, custom_measures
 
 
-class OwnCode(NamedTuple):
+class UserCode(NamedTuple):
     """Measures and observables that a user's files define, by name.
 
     Their methods are known to `granular.methods`, their effects and wall laws to scenes.
 
     Attributes
     ----------
-    measures : dict of str to OwnMeasure
+    measures : dict of str to CustomMeasure
         Functions, and observables at the end of a run.
     observables : dict of str to function of Frame
     """
 
-    measures: dict[str, OwnMeasure]
+    measures: dict[str, CustomMeasure]
     observables: dict[str, Callable[[Frame], Value]]
 
 
-def import_own(paths: Iterable[str | Path]) -> OwnCode:
+def import_user_code(paths: Iterable[str | Path]) -> UserCode:
     """Run a user's files: their effects and methods are known by name from then on.
 
     Raises
@@ -39,16 +39,16 @@ def import_own(paths: Iterable[str | Path]) -> OwnCode:
     InputError
         If a file cannot be read, or fails, or two methods have one name.
     """
-    own_code = OwnCode({}, {})
+    user_code = UserCode({}, {})
     for path in paths:
-        file = read_own_file(path)
+        file = read_user_file(path)
         mark_origin(file)
         values = contents(file).values()
         methods = [function for function in values if isinstance(function, Method)]
         add_methods(function for function in methods if METHODS.get(function.name) is not function)
-        own_code.measures.update(own_measures(file))
+        user_code.measures.update(custom_measures(file))
         marked = ((observable_of(function), function) for function in values)
-        own_code.observables.update(
+        user_code.observables.update(
             (mark.name, function) for mark, function in marked if mark is not None
         )
-    return own_code
+    return user_code

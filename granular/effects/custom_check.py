@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.effect import Setting
-from granular.effects.own_definition import Definition, Grain, failed
+from granular.effects.custom_definition import Definition, Grain, failed
+from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
 from granular.shared.messages import one_line
 
@@ -23,7 +23,7 @@ _PLACES, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
 
-def check(definition: Definition, p: Any, setting: Setting) -> None:
+def check(definition: Definition, p: Any, setting: EffectContext) -> None:
     """Raise `InputError` where a function fails, or one is not the derivative of the other."""
     functions = definition.functions
     width = setting.cell.width / setting.scales.length

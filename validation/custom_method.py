@@ -53,7 +53,8 @@ def method_report(
     ----------
     directory : str or Path
     methods : sequence of str or Method
-        A user's own, also by their names where those are known; see `granular.own.import_own`.
+        A user's own, also by their names where those are known; see
+        `granular.custom.import_user_code`.
     scene : Scene, optional
         What error against wall time is measured on; without, the packaged bed without friction, up
         to 0.02 s.

@@ -18,7 +18,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.files import parse_toml
 
-TABLE = Path(__file__).with_name("prices.toml")
+TABLE = Path(__file__).with_name("work_precision.toml")
 
 KNOWN = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
 """Effects that the scenes of the table have; it says nothing of others."""
@@ -27,7 +27,7 @@ ALIKE = 8.0
 """Ratio of numbers of grains up to which a scene of the table stands for another."""
 
 
-class Rung(NamedTuple):
+class WorkPrecisionEntry(NamedTuple):
     """A method at a step, in a scene of the table.
 
     Attributes
@@ -54,7 +54,7 @@ class Rung(NamedTuple):
     clear: list[str]
 
 
-class Prices(NamedTuple):
+class WorkPrecisionTable(NamedTuple):
     """A scene of the table.
 
     Attributes
@@ -63,7 +63,7 @@ class Prices(NamedTuple):
     grains, starts : int
     floors : mapping of str to float
         Scatter of each quantity over random starts.
-    rungs : tuple of Rung
+    rungs : tuple of WorkPrecisionEntry
     date : str
         Date of the measurement.
     """
@@ -73,7 +73,7 @@ class Prices(NamedTuple):
     grains: int
     starts: int
     floors: Mapping[str, float]
-    rungs: tuple[Rung, ...]
+    entries: tuple[WorkPrecisionEntry, ...]
     date: str
 
     def floor(self, quantity: str, grains: int) -> float:
@@ -90,15 +90,15 @@ def kind_of(scene: Scene) -> str:
 
 
 @cache
-def table() -> tuple[Prices, ...]:
+def table() -> tuple[WorkPrecisionTable, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     return tuple(_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
 
 
-def _scene(plain: Mapping[str, Any], date: str) -> Prices:
-    entries = tuple(Rung(**rung_values) for rung_values in plain["rungs"])
-    return Prices(
+def _scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
+    entries = tuple(WorkPrecisionEntry(**rung_values) for rung_values in plain["entries"])
+    return WorkPrecisionTable(
         plain["name"],
         plain["kind"],
         plain["grains"],
@@ -109,7 +109,7 @@ def _scene(plain: Mapping[str, Any], date: str) -> Prices:
     )
 
 
-def prices_of(scene: Scene, quantity: str) -> Prices | None:
+def nearest_table(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
     """Scene of the table that is most like another one; None where none is like it."""
     if not KNOWN.issuperset(effect_names(scene)):
         return None
@@ -117,10 +117,10 @@ def prices_of(scene: Scene, quantity: str) -> Prices | None:
     kind = kind_of(scene)
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
 
-    def apart(item: Prices) -> float:
+    def apart(item: WorkPrecisionTable) -> float:
         return abs(math.log(item.grains / max(scene.grains.count, 1)))
 
-    def unlike(item: Prices) -> tuple[bool, float]:
+    def unlike(item: WorkPrecisionTable) -> tuple[bool, float]:
         return ("rest height" in item.floors) is not rests, apart(item)
 
     near = [
@@ -141,7 +141,7 @@ def price_text(run: Trajectory) -> str:
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
     quantity = _main(run)
-    costs = None if quantity is None else prices_of(run.scene, quantity)
+    costs = None if quantity is None else nearest_table(run.scene, quantity)
     seen = settings.get("step_times_highest_frequency", 0.0)
     entry = None if costs is None else _nearest(costs, run.method.name, seen)
     if quantity is None or costs is None or entry is None:
@@ -172,10 +172,10 @@ def _main(run: Trajectory) -> str | None:
     return "rest height" if rested else "piston force"
 
 
-def _nearest(costs: Prices, method: str, seen: float) -> Rung | None:
-    """Rung of a method next to a step, of those at least as long; the longest without."""
+def _nearest(costs: WorkPrecisionTable, method: str, seen: float) -> WorkPrecisionEntry | None:
+    """WorkPrecisionEntry of a method next to a step, of those at least as long; the longest without."""
     entries = sorted(
-        (entry for entry in costs.rungs if entry.method == method),
+        (entry for entry in costs.entries if entry.method == method),
         key=lambda entry: entry.frequency,
     )
     if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
