@@ -1,9 +1,9 @@
 from .convergence_result import convergence_table
 from .cost import SolverSettings, work_precision
+from .custom_method import method_report
 from .exact import exact_problem
 from .hard_cases import catalogue, energy_change, head_on, near_limit
 from .order import convergence
-from .custom_method import method_report
 from .recommendation import recommend_settings
 from .stability import outcome
 from .trend import energy_trend

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from granular.engine.step_size import Step, multiple
 from granular.methods.named import method_named
 from granular.run.options import checked_step, is_allowed
-from granular.run.work_precision import WorkPrecisionTable, WorkPrecisionEntry, nearest_table, table
+from granular.run.work_precision import WorkPrecisionEntry, WorkPrecisionTable, nearest_table, table
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError

@@ -173,7 +173,7 @@ def _main(run: Trajectory) -> str | None:
 
 
 def _nearest(costs: WorkPrecisionTable, method: str, seen: float) -> WorkPrecisionEntry | None:
-    """WorkPrecisionEntry of a method next to a step, of those at least as long; the longest without."""
+    """Entry of a method next to a step, of those at least as long; else its longest."""
     entries = sorted(
         (entry for entry in costs.entries if entry.method == method),
         key=lambda entry: entry.frequency,

@@ -15,7 +15,7 @@ from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
 from granular.run.options import checked_step
 from granular.run.summary import run_text
-from granular.run.work_precision import WorkPrecisionTable, price_text, nearest_table, table
+from granular.run.work_precision import WorkPrecisionTable, nearest_table, price_text, table
 from granular.shared.errors import InputError
 
 
