@@ -104,7 +104,7 @@ class Excitation(Section):
             _knots(self)
 
     def _read_record(self) -> None:
-        from granular.readers.opening import read_series
+        from granular.readers.formats import read_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
         try:

@@ -31,7 +31,7 @@ def is_number(cell: str, decimal: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
 
 
-def parse_seconds(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
+def parse_stamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
     """Seconds since the first of some stamps, and what they are; None where some are none.
 
     A time of day that falls back by more than half a day has passed midnight.
@@ -45,9 +45,9 @@ def parse_seconds(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarr
         values, kind = _clocks(known), "clock"
     else:
         return None
-    found = np.full(len(cells), np.nan)
-    found[[cell not in lost for cell in cells]] = values
-    return found, kind
+    seconds = np.full(len(cells), np.nan)
+    seconds[[cell not in lost for cell in cells]] = values
+    return seconds, kind
 
 
 def _dates(cells: Sequence[str]) -> np.ndarray | float:

@@ -9,41 +9,41 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, is_number, is_stamp, parse_seconds
-from granular.readers.delimited_form import (
+from granular.readers.cells import LOST, is_number, is_stamp, parse_stamps
+from granular.readers.dialect import (
     SEPARATORS,
-    Form,
+    Dialect,
     Line,
-    are_decimals,
-    fields_of,
-    form_of,
+    detect_dialect,
+    has_decimal_commas,
     is_row,
-    trim_fields,
-    with_points,
-    words_of,
+    replace_decimal_commas,
+    split_fields,
+    split_header,
+    trim,
 )
-from granular.readers.names import TIME, is_unit, name_and_unit, role_of
+from granular.readers.headers import TIME, is_unit, parse_header, role_of
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote, visible
 
 COMMENTS = "#%!"
-"""Signs that begin a line of comment."""
+"""Characters that begin a comment."""
 _MOST_COLUMNS = 50_000
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
 
 def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
-    """Table in a text.
+    """Read the table in a text.
 
     Parameters
     ----------
     text : str
     decimal : str or None
-        Sign of the decimals; guessed without.
+        Decimal sign; detected if not given.
     skip : int
-        Lines at the head that are no part of the table.
+        Lines at the head of the text that precede the table.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Shee
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
-    form = form_of(plain, decimal)
+    form = detect_dialect(plain, decimal)
     if form is None:
         raise RecordError(_no_table(plain or lines))
     start, head = _begin(plain, form)
@@ -69,8 +69,8 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Shee
     names, units = _header(head, form, lines, plain[start].number)
     below, commas = plain[start:], form.decimal == ","
     if form.separator == "," and not names and _has_decimal_commas(below, form, decimal):
-        below, commas = with_points(below), True
-        form = form_of(below, ".") or form
+        below, commas = replace_decimal_commas(below), True
+        form = detect_dialect(below, ".") or form
     rows, notes = _end(below, form)
     columns = _columns(rows, form, names, units)
     words = f"text separated by {SEPARATORS[form.separator]}"
@@ -93,14 +93,14 @@ def _check_width(lines: Sequence[Line]) -> None:
 
 def _no_table(lines: Sequence[Line]) -> str:
     head = next((line.text for line in lines), "")
-    separator = max(SEPARATORS, key=lambda mark: len(fields_of(head, mark)))
-    names = fields_of(head, separator)
+    separator = max(SEPARATORS, key=lambda mark: len(split_fields(head, mark)))
+    names = split_fields(head, separator)
     for row, line in enumerate(lines[1:2]):
-        cells = fields_of(line.text, separator)
+        cells = split_fields(line.text, separator)
         for name, cell in zip(names, cells, strict=False):
             if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
-                    f"{visible(name_and_unit(name)[0])} of sample {row} (line "
+                    f"{visible(parse_header(name)[0])} of sample {row} (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
@@ -117,27 +117,28 @@ def _no_table(lines: Sequence[Line]) -> str:
 # Beginning, header, end ------------------------------------------------------------------------
 
 
-def _begin(lines: Sequence[Line], form: Form) -> tuple[int, Sequence[Line]]:
+def _begin(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence[Line]]:
     """Return the index of the first row, and the lines above it."""
     full = next(
         k
         for k, line in enumerate(lines)
-        if len(fields := trim_fields(fields_of(line.text, form.separator), form.width))
-        == form.width
+        if len(fields := trim(split_fields(line.text, form.separator), form.width)) == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
         and is_row(fields, form)
     )
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
-    while start and is_row(fields_of(lines[start - 1].text, form.separator), form):
+    while start and is_row(split_fields(lines[start - 1].text, form.separator), form):
         start -= 1
-    above = [k for k in range(start) if _is_header(fields_of(lines[k].text, form.separator), form)]
+    above = [
+        k for k in range(start) if _is_header(split_fields(lines[k].text, form.separator), form)
+    ]
     if not above and start != full:
         start = full
     return start, lines[:start]
 
 
-def _is_header(fields: Sequence[str], form: Form) -> bool:
+def _is_header(fields: Sequence[str], form: Dialect) -> bool:
     """Return True where a line may name the columns: as many words, none of which is a number."""
     words = [cell for cell in fields if cell]
     return (
@@ -147,87 +148,88 @@ def _is_header(fields: Sequence[str], form: Form) -> bool:
     )
 
 
-def _check_above(head: Sequence[Line], form: Form) -> None:
-    """Refuse rows that have other numbers of fields than a header above them, or than it names."""
-    for place in range(len(head) - 1, -1, -1):
-        fields = fields_of(head[place].text, form.separator)
-        names = len(fields) > 1 and any(role_of(name_and_unit(one)[0]) for one in fields)
-        if not names or any(is_number(one, form.decimal) for one in fields):
+def _check_above(head: Sequence[Line], form: Dialect) -> None:
+    """Refuse rows whose number of fields differs from that of the header above them."""
+    for index in range(len(head) - 1, -1, -1):
+        fields = split_fields(head[index].text, form.separator)
+        names = len(fields) > 1 and any(role_of(parse_header(field)[0]) for field in fields)
+        if not names or any(is_number(field, form.decimal) for field in fields):
             continue
-        below = [] if place + 1 == len(head) else fields_of(head[place + 1].text, form.separator)
-        odd = [one for one in below if is_number(one, form.decimal)]
+        below = [] if index + 1 == len(head) else split_fields(head[index + 1].text, form.separator)
+        odd = [field for field in below if is_number(field, form.decimal)]
         if odd or (not below and len(fields) < form.width):
             raise RecordError(
                 f"sample 0 has {len(below) or form.width} values for "
-                f"{len(fields)} columns (below line {head[place].number}); separate all lines "
-                "alike, and by another sign than the decimals"
+                f"{len(fields)} columns (below line {head[index].number}); separate all lines "
+                "alike, and by another character than the decimals"
             )
         return
 
 
-def _has_decimal_commas(lines: Sequence[Line], form: Form, decimal: str | None) -> bool:
+def _has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None) -> bool:
     """Return True where commas separate and are decimal ones too; refuse to guess if unclear."""
-    found = are_decimals(lines, form, decimal)
-    if found is None:
+    decimal_commas = has_decimal_commas(lines, form, decimal)
+    if decimal_commas is None:
         raise RecordError(
-            f"{quote(lines[0].text)} is {form.width} whole numbers, or "
+            f"{quote(lines[0].text)} is {form.width} integers, or "
             f"{form.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
             "by semicolons"
         )
-    return found
+    return decimal_commas
 
 
 def _header(
-    head: Sequence[Line], form: Form, every: Sequence[Line], start: int
+    head: Sequence[Line], form: Dialect, every: Sequence[Line], start: int
 ) -> tuple[list[str], list[str]]:
-    """Names and units above the rows; empty lists where there are none."""
-    rows = [words_of(line.text, form.separator) for line in head[-_HEADER:]]
-    found = [row for row in rows if _is_header(row, form)]
-    if not found:
+    """Return names and units above the rows; empty lists if there are none."""
+    rows = [split_header(line.text, form.separator) for line in head[-_HEADER:]]
+    headers = [row for row in rows if _is_header(row, form)]
+    if not headers:
         comments = [line.text.lstrip().lstrip(COMMENTS + "/ ") for line in every
                     if line.number < start and line.text.lstrip()[0] in COMMENTS]  # fmt: skip
-        rows = [words_of(text, form.separator) for text in comments[-3:]]
-        found = [row for row in rows if _is_header(row, form) and len(row) == form.width]
-    if not found:
+        rows = [split_header(text, form.separator) for text in comments[-3:]]
+        headers = [row for row in rows if _is_header(row, form) and len(row) == form.width]
+    if not headers:
         return [], []
-    if not all(is_unit(cell) or cell in LOST for cell in found[-1]):
-        return _above_others(found)
-    units = list(found.pop())
-    if found:
-        return list(found[-1]), units
+    if not all(is_unit(cell) or cell in LOST for cell in headers[-1]):
+        return _above_others(headers)
+    units = list(headers.pop())
+    if headers:
+        return list(headers[-1]), units
     # A row of units alone, or below one whose names hold numbers, such as that of a channel.
     above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= form.width else []
     return list(above), units
 
 
 def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
-    """Lowest row with a time among its names, and units in that below it; else the lowest.
+    """Return names and units: the lowest row that names a time, else the lowest row.
 
-    Loggers write what was done to a column, such as averaging, below its name and unit. A lowest
-    row that names columns itself is the header, whatever a line above it is about.
+    Units are taken from the row below that with the time. Loggers write what was done to a
+    column, such as averaging, below its name and unit. A lowest row that names columns itself is
+    the header, whatever a line above it is about.
     """
     if any(_names_a_column(cell) for cell in rows[-1]):
         return list(rows[-1]), []
-    for place in range(len(rows) - 1, -1, -1):
-        if any(role_of(name_and_unit(cell)[0]) == TIME for cell in rows[place]):
-            below = rows[place + 1] if place + 1 < len(rows) else []
+    for index in range(len(rows) - 1, -1, -1):
+        if any(role_of(parse_header(cell)[0]) == TIME for cell in rows[index]):
+            below = rows[index + 1] if index + 1 < len(rows) else []
             units = [cell if is_unit(cell) else "" for cell in below]
-            return list(rows[place]), units
+            return list(rows[index]), units
     return list(rows[-1]), []
 
 
 def _names_a_column(cell: str) -> bool:
     """Return True for a cell with a known name, or a name with a unit."""
-    name, unit = name_and_unit(cell)
+    name, unit = parse_header(cell)
     return role_of(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
-def _end(lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
-    """Rows, without words at the end and without a last row that is cut off."""
+def _end(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:
+    """Return the rows without trailing text and without a truncated last row."""
     rows, notes = list(lines), []
     odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
     while odd and odd[-1] == len(rows) - 1:
-        fields = fields_of(rows[-1].text, form.separator)
+        fields = split_fields(rows[-1].text, form.separator)
         if len(fields) > form.width and any(is_number(cell, form.decimal) for cell in fields):
             break
         if len(rows) == 1 or (len(fields) < form.width and len(rows) - len(odd) < 2):
@@ -245,31 +247,31 @@ def _end(lines: Sequence[Line], form: Form) -> tuple[list[Line], list[str]]:
     return rows, notes
 
 
-def _width(line: str, form: Form) -> int:
+def _width(line: str, form: Dialect) -> int:
     if '"' not in line and form.separator != " ":
         width = line.count(form.separator) + 1
         if width <= form.width:
             return width
-    return len(trim_fields(fields_of(line, form.separator), form.width))
+    return len(trim(split_fields(line, form.separator), form.width))
 
 
 # Columns ---------------------------------------------------------------------------------------
 
 
 def _columns(
-    rows: Sequence[Line], form: Form, names: Sequence[str], units: Sequence[str]
+    rows: Sequence[Line], form: Dialect, names: Sequence[str], units: Sequence[str]
 ) -> list[Column]:
     frame = _frame(rows, form)
-    found = []
+    columns = []
     for k in range(form.width):
-        name, unit = name_and_unit(names[k]) if k < len(names) else ("", None)
+        name, unit = parse_header(names[k]) if k < len(names) else ("", None)
         if k < len(units) and units[k] and not unit:
             unit = units[k].strip("[](){} ")
-        found.append(_column(name, unit or None, frame[k], form.decimal))
-    return found
+        columns.append(_column(name, unit or None, frame[k], form.decimal))
+    return columns
 
 
-def _frame(rows: Sequence[Line], form: Form) -> Any:
+def _frame(rows: Sequence[Line], form: Dialect) -> Any:
     import pandas
 
     # Exact to the last bit by default from pandas 3 on.
@@ -289,7 +291,7 @@ def _frame(rows: Sequence[Line], form: Form) -> Any:
 
 
 def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
-    """Column from what pandas found, whose numbers may be texts where some cell is none."""
+    """Make a column of a pandas Series, which holds texts if some cell is no number."""
     if cells.dtype.kind in "iuf":
         return Column(name, unit, cells.to_numpy(dtype=np.float64))
     texts = [
@@ -306,7 +308,7 @@ def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
             break
     if wrong is None:
         return Column(name, unit, values)
-    found = parse_seconds(texts, LOST)
-    if found is not None:
-        return Column(name, "s", found[0], clock=found[1])
+    stamps = parse_stamps(texts, LOST)
+    if stamps is not None:
+        return Column(name, "s", stamps[0], clock=stamps[1])
     return Column(name, unit, None, wrong)

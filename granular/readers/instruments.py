@@ -9,8 +9,8 @@ import re
 import numpy as np
 
 from granular.readers.delimited import read_delimited
-from granular.readers.names import TIME
-from granular.readers.reading import Reading
+from granular.readers.headers import TIME
+from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -23,8 +23,8 @@ def is_labview(text: str) -> bool:
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
-def read_labview(text: str, reading: Reading) -> Sheet:
-    """First segment of a LabVIEW measurement file (.lvm).
+def read_labview(text: str, reading: ReadOptions) -> Sheet:
+    """Read the first segment of a LabVIEW measurement file (.lvm).
 
     Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
     National Instruments, Specification for the LabVIEW Measurement File (.lvm), 2020.
@@ -50,7 +50,9 @@ def read_labview(text: str, reading: Reading) -> Sheet:
     body = "\n".join([*[""] * begin, *lines[begin:later]])
     sheet = read_delimited(_padded(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
-    channels = [one for one in sheet.columns if one.name.lower() not in ("x_value", "comment")]
+    channels = [
+        column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")
+    ]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
         column.unit = column.unit or unit or None
     _name_times(sheet)
@@ -58,14 +60,14 @@ def read_labview(text: str, reading: Reading) -> Sheet:
         step = _number(head, "Delta_X", decimal)
         first = _number(head, "X0", decimal)
         count = 0 if sheet.lines is None else len(sheet.lines)
-        sheet.columns = [one for one in sheet.columns if one.name != TIME]
+        sheet.columns = [column for column in sheet.columns if column.name != TIME]
         sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
     return sheet
 
 
 def _name_times(sheet: Sheet) -> None:
-    """``X_Value`` is the time; each channel may have one (``X_Columns Multi``), if all agree."""
-    times = [one for one in sheet.columns if one.name.lower() == "x_value"]
+    """Name ``X_Value`` as the time; each channel may have one if all agree."""
+    times = [column for column in sheet.columns if column.name.lower() == "x_value"]
     for column in times:
         column.name, column.unit = TIME, "s"
     for column in times[1:]:
@@ -85,18 +87,18 @@ def _agree(first: Column, second: Column) -> bool:
 
 
 def _padded(body: str, head: dict[str, list[str]]) -> str:
-    """Without times each line begins with the separator: a number for it, to be left out."""
+    """Return lines that begin with a number; without times they begin with the separator."""
     if head.get("X_Columns", [""])[0] != "No":
         return body
     return re.sub(r"(?m)^(?=[\t,])", "0", body)
 
 
 def _entries(lines: list[str], mark: str) -> dict[str, list[str]]:
-    found = {}
+    entries = {}
     for line in lines:
         name, *values = line.strip().split(mark)
-        found[name] = [value.strip() for value in values] or [""]
-    return found
+        entries[name] = [value.strip() for value in values] or [""]
+    return entries
 
 
 def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
@@ -110,8 +112,8 @@ def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
         ) from None
 
 
-def read_tdms(content: bytes, reading: Reading) -> Sheet:
-    """First group of a TDMS file that holds channels of one length; ``sheet`` names another.
+def read_tdms(content: bytes, reading: ReadOptions) -> Sheet:
+    """Read a group of a TDMS file: the first with samples, or that which ``sheet`` names.
 
     Times are a channel of that name, or follow from the channels' ``wf_increment``.
 
@@ -125,17 +127,17 @@ def read_tdms(content: bytes, reading: Reading) -> Sheet:
 
         file = TdmsFile.read(io.BytesIO(content))
         groups = {group.name: group.channels() for group in file.groups()}
-    chosen = reading.chosen(groups, "group")
+    candidates = reading.select_table(groups, "group")
     name, channels = next(
-        ((name, some) for name, some in chosen.items() if some and len(some[0])), ("", [])
+        ((name, some) for name, some in candidates.items() if some and len(some[0])), ("", [])
     )
     if not channels:
         raise RecordError("holds no channel with samples; export it anew")
     columns = [
-        Column(one.name, one.properties.get("unit_string") or None,
-               np.asarray(one[:], dtype=np.float64))
-        for one in channels
-        if len(one) == len(channels[0]) and np.asarray(one[:]).dtype.kind in "iuf"
+        Column(channel.name, channel.properties.get("unit_string") or None,
+               np.asarray(channel[:], dtype=np.float64))
+        for channel in channels
+        if len(channel) == len(channels[0]) and np.asarray(channel[:]).dtype.kind in "iuf"
     ]  # fmt: skip
     step = channels[0].properties.get("wf_increment")
     if step and not any(column.name.lower() == TIME for column in columns):
@@ -155,7 +157,7 @@ def is_rigol(text: str) -> bool:
 
 
 def read_rigol(text: str) -> Sheet:
-    """Channels of a waveform; sample n is at ``Start`` + n ``Increment``.
+    """Read the channels of a waveform; sample n is at ``Start`` + n ``Increment``.
 
     The layout is that of files of the DS1000Z, DS2000 and DS4000.
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.names import TIME, name_and_unit, role_of
-from granular.readers.reading import Reading
+from granular.readers.headers import TIME, parse_header, role_of
+from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -23,8 +23,8 @@ _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 """Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
 
 
-def read_matlab(content: bytes, reading: Reading) -> Sheet:
-    """Vectors of one length in a MATLAB file of version 4 to 7.
+def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
+    """Read the vectors of one length in a MATLAB file of version 4 to 7.
 
     Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
     Its channels, ``A``, ``B``, ..., are whatever was connected.
@@ -32,7 +32,7 @@ def read_matlab(content: bytes, reading: Reading) -> Sheet:
     Parameters
     ----------
     content : bytes
-    reading : Reading
+    reading : ReadOptions
         ``sheet`` names a structure, or a matrix, whose columns are taken.
 
     Raises
@@ -46,32 +46,32 @@ def read_matlab(content: bytes, reading: Reading) -> Sheet:
     with parsing("a MATLAB file"):
         _check_unpacked(content)
         try:
-            found = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
+            loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
         except NotImplementedError:
             raise RecordError(
                 "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
             ) from None
-    variables = {name: value for name, value in found.items() if not name.startswith("__")}
-    variables = dict(reading.chosen(variables, "variable"))
+    variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
+    variables = dict(reading.select_table(variables, "variable"))
     vectors = _vectors(variables)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
     columns = [
-        Column(*name_and_unit(name), np.asarray(values, dtype=np.float64))
+        Column(*parse_header(name), np.asarray(values, dtype=np.float64))
         for name, values in vectors.items()
         if len(values) == length
     ]
-    timed = TIME in reading.columns or any(role_of(one.name) == TIME for one in columns)
+    timed = TIME in reading.columns or any(role_of(column.name) == TIME for column in columns)
     if "Tinterval" in variables and columns and not timed:
-        for one in columns:
-            one.channel = len(one.name) == 1
+        for column in columns:
+            column.channel = len(column.name) == 1
         columns.insert(0, _times(variables, length))
     if len(columns) < 2:
         raise RecordError(
             f"holds no two vectors of one length; found: "
             f"{', '.join(map(quote, variables)) or 'nothing'}; save time and height as vectors"
         )
-    return Sheet(columns, None, any(one.name for one in columns), "MATLAB file")
+    return Sheet(columns, None, any(column.name for column in columns), "MATLAB file")
 
 
 def _check_unpacked(content: bytes) -> None:
@@ -79,10 +79,10 @@ def _check_unpacked(content: bytes) -> None:
     order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
     if order is None:
         return
-    place, unpacked = _HEAD, 0
-    while place + 8 <= len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, place)
-        element = content[place : place + 8 + size]
+    offset, unpacked = _HEAD, 0
+    while offset + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, offset)
+        element = content[offset : offset + 8 + size]
         if kind == _COMPRESSED:
             element = zlib.decompressobj().decompress(element[8:], _MAX_UNPACKED - unpacked + 1)
         unpacked += len(element)
@@ -96,29 +96,32 @@ def _check_unpacked(content: bytes) -> None:
                 f"a structure or cell array in it has more than {_MAX_ELEMENTS} "
                 f"parts, or they are more than {_MAX_DEPTH} deep; save time and height as vectors"
             )
-        place += 8 + size
+        offset += 8 + size
 
 
 def _is_nested(content: bytes, order: str) -> bool:
     """Return True for an element with too many others in it, or nested too deeply."""
-    count, spans = 0, [(0, len(content))]
-    while spans:
-        place, end = spans.pop()
-        while place + 8 <= end:
-            kind, size = struct.unpack_from(f"{order}II", content, place)
+    count, stack = 0, [(0, len(content))]
+    while stack:
+        offset, end = stack.pop()
+        while offset + 8 <= end:
+            kind, size = struct.unpack_from(f"{order}II", content, offset)
             count += 1
-            if count > _MAX_ELEMENTS or len(spans) > _MAX_DEPTH:
+            if count > _MAX_ELEMENTS or len(stack) > _MAX_DEPTH:
                 return True
-            first, small = place + 8, kind >> 16  # of a small element the content stands in its tag
-            place = first if small else first + -(-size // 8) * 8
+            first, small = (
+                offset + 8,
+                kind >> 16,
+            )  # of a small element the content stands in its tag
+            offset = first if small else first + -(-size // 8) * 8
             if kind == _MATRIX:
-                spans.append((place, end))
-                place, end = first, min(end, first + size)
+                stack.append((offset, end))
+                offset, end = first, min(end, first + size)
     return False
 
 
 def _times(variables: Mapping[str, Any], length: int) -> Column:
-    """Return the times by PicoScope's start and interval."""
+    """Return times by PicoScope's start and interval."""
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
     if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
         raise RecordError(
@@ -135,13 +138,13 @@ def _is_finite(value: Any) -> bool:
 
 
 def _vectors(variables: dict[str, Any]) -> dict[str, np.ndarray]:
-    found: dict[str, np.ndarray] = {}
+    vectors: dict[str, np.ndarray] = {}
     for name, value in variables.items():
         if isinstance(value, dict):  # a structure
-            found |= _vectors(value)
+            vectors |= _vectors(value)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size > 1:
             if value.ndim == 1:
-                found[name] = value
+                vectors[name] = value
             elif value.ndim == 2 and value.shape[1] <= 64 < value.shape[0]:
-                found |= {f"{name} {k + 1}": value[:, k] for k in range(value.shape[1])}
-    return found
+                vectors |= {f"{name} {k + 1}": value[:, k] for k in range(value.shape[1])}
+    return vectors

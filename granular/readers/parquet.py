@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.names import name_and_unit
-from granular.readers.reading import Reading
+from granular.readers.headers import parse_header
+from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
 from granular.shared.files import replacing
@@ -19,8 +19,8 @@ _MAX_NUMBERS = 50_000_000
 """Five columns of ten million, in whatever few bytes: reading takes 1.5 GB."""
 
 
-def read_parquet(content: bytes, _said: Reading) -> Sheet:
-    """Columns of a Parquet file.
+def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
+    """Read the columns of a Parquet file.
 
     Raises
     ------
@@ -33,15 +33,15 @@ def read_parquet(content: bytes, _said: Reading) -> Sheet:
         source = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
         schema, rows = source.schema_arrow, source.metadata.num_rows
         # Texts may be many times as large as the file, and no number.
-        wanted = [field.name for field in schema if _is_numeric(field.type)]
-        _check_count(rows, len(wanted))
-        found = source.read(columns=wanted)
-    named = _with_metadata([name_and_unit(name) for name in schema.names], schema)
+        numeric = [field.name for field in schema if _is_numeric(field.type)]
+        _check_count(rows, len(numeric))
+        table = source.read(columns=numeric)
+    named = _with_metadata([parse_header(name) for name in schema.names], schema)
     read: dict[str, list[Any]] = {}  # of one name there may be several
-    for field, column in zip(found.schema, found.columns, strict=True):
+    for field, column in zip(table.schema, table.columns, strict=True):
         read.setdefault(field.name, []).append(column)
     columns = [
-        _column(name, unit, read[field.name].pop(0) if field.name in wanted else field.type)
+        _column(name, unit, read[field.name].pop(0) if field.name in numeric else field.type)
         for field, (name, unit) in zip(schema, named, strict=True)
     ]
     return Sheet(columns, None, True, "Parquet")
@@ -92,8 +92,8 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
 def _with_metadata(
     named: list[tuple[str, str | None]], schema: Any
 ) -> list[tuple[str, str | None]]:
-    """Units from the metadata of the fields too; they may not contradict those in the names."""
-    found = []
+    """Add units of the metadata to names; they may not contradict those in the names."""
+    pairs = []
     for (name, unit), field in zip(named, schema, strict=True):
         metadata = field.metadata or {}
         raw = metadata.get(b"units", metadata.get(b"unit"))
@@ -103,8 +103,8 @@ def _with_metadata(
                 f"the column {quote(name)} has the unit {quote(unit)} in its "
                 f"name and {quote(said)} in its metadata; correct one of them"
             )
-        found.append((name, unit or said))
-    return found
+        pairs.append((name, unit or said))
+    return pairs
 
 
 def _is_numeric(kind: Any) -> bool:

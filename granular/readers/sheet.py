@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, parse_seconds
-from granular.readers.names import name_and_unit
+from granular.readers.cells import LOST, parse_stamps
+from granular.readers.headers import parse_header
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote, visible
 
@@ -66,8 +66,8 @@ class Sheet:
     form: str
     notes: list[str] = dataclasses.field(default_factory=list)
 
-    def place(self, row: int) -> str:
-        """Row in words."""
+    def describe_row(self, row: int) -> str:
+        """Return a row in words, with its line in the file."""
         if self.lines is None:
             return f"sample {row}"
         return f"sample {row} (line {int(self.lines[row])})"
@@ -75,7 +75,7 @@ class Sheet:
 
 @contextlib.contextmanager
 def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Context in which a library reads a file; it turns errors of any kind into one line.
+    """Turn errors of any kind, from a library that reads a file, into one line.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
         raise RecordError(f"cannot be read as {kind}: {words}; save it anew, or as CSV") from None
 
 
-def sheet_of(table: Any) -> Sheet:
-    """Columns of a DataFrame, of an xarray object, or of a mapping of names to arrays.
+def sheet_from_table(table: Any) -> Sheet:
+    """Make a sheet of a DataFrame, an xarray object, or a mapping of names to arrays.
 
     The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
     names, or in an xarray variable's attributes.
@@ -117,9 +117,10 @@ def sheet_of(table: Any) -> Sheet:
     if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray
         table = table.to_dataset(name=table.name or "height")
     if hasattr(table, "data_vars"):
-        every = table.variables.items()
         columns = {
-            name: (one.values, one.attrs.get("units")) for name, one in every if one.ndim == 1
+            name: (variable.values, variable.attrs.get("units"))
+            for name, variable in table.variables.items()
+            if variable.ndim == 1
         }
         form = "xarray"
     elif hasattr(table, "iloc") and hasattr(table, "columns"):
@@ -128,7 +129,10 @@ def sheet_of(table: Any) -> Sheet:
         columns = {name: (table[name].to_numpy(), None) for name in table.columns}
         form = "DataFrame"
     elif isinstance(table, Mapping):
-        columns, form = {name: (np.asarray(one), None) for name, one in table.items()}, "columns"
+        columns, form = (
+            {name: (np.asarray(values), None) for name, values in table.items()},
+            "columns",
+        )
     else:
         raise RecordError(
             f"{quote(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "
@@ -137,12 +141,12 @@ def sheet_of(table: Any) -> Sheet:
     lengths = {len(values) for values, _ in columns.values()}
     if len(lengths) > 1:
         raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of one length")
-    made = [_column(str(name), *column) for name, column in columns.items()]
-    return Sheet(made, None, True, form)
+    sheet_columns = [_column(str(name), *column) for name, column in columns.items()]
+    return Sheet(sheet_columns, None, True, form)
 
 
 def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
-    name, in_name = name_and_unit(header)
+    name, in_name = parse_header(header)
     unit = in_name or unit
     if values.dtype.kind in "iuf":
         return Column(name, unit, values.astype(np.float64))
@@ -150,12 +154,12 @@ def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
         seconds = (values - values[0]) / np.timedelta64(1, "ns") * 1e-9
         return Column(name, "s", np.asarray(seconds, dtype=np.float64), clock="date")
     try:
-        if values.dtype.kind == "O" and not any(isinstance(one, str | bool) for one in values):
+        if values.dtype.kind == "O" and not any(isinstance(value, str | bool) for value in values):
             return Column(name, unit, np.array(values, dtype=np.float64))
     except (TypeError, ValueError):
         pass
-    texts = [str(one) for one in values]
-    found = parse_seconds(texts, LOST)
-    if found is not None:
-        return Column(name, "s", found[0], clock=found[1])
+    texts = [str(value) for value in values]
+    stamps = parse_stamps(texts, LOST)
+    if stamps is not None:
+        return Column(name, "s", stamps[0], clock=stamps[1])
     return Column(name, unit, None, (0, texts[0] if texts else ""))

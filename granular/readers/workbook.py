@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element, iterparse
 from zipfile import ZipFile, ZipInfo
 
 from granular.readers.delimited import read_delimited
-from granular.readers.reading import Reading
+from granular.readers.options import ReadOptions
 from granular.readers.sheet import Sheet, parsing
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -67,25 +67,25 @@ def refuse_old(content: bytes) -> None:
         )
 
 
-def read_workbook(content: bytes, reading: Reading) -> Sheet:
-    """Sheet of a workbook: the first that holds a table, or that which is named.
+def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
+    """Read a sheet of a workbook: the first that holds a table, or that which is named.
 
     Raises
     ------
     RecordError
         If it cannot be read as such, there is no such sheet, or what reads it is not installed.
     """
-    tables = reading.chosen(_tables(content), "sheet")
-    failed: RecordError | None = None
+    tables = reading.select_table(_tables(content), "sheet")
+    first_error: RecordError | None = None
     for name, table in tables.items():
         try:
             sheet = read_delimited(_csv(table), None, reading.skip)
         except RecordError as error:
-            failed = failed or error
+            first_error = first_error or error
             continue
         sheet.form = f"sheet {quote(name)} of a workbook"
         return sheet
-    raise failed or RecordError("holds no sheet; save the table in one")
+    raise first_error or RecordError("holds no sheet; save the table in one")
 
 
 def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
@@ -99,10 +99,10 @@ def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
         else:
             sheets = excel_sheets(io.BytesIO(content))
         tables: dict[str, list[Sequence[Any]]] = {}
-        left = MAX_CELLS
+        cells_left = MAX_CELLS
         for name, rows in sheets:
-            tables[name] = table_of(rows, left)
-            left -= len(tables[name]) * _width(tables[name])
+            tables[name] = table_of(rows, cells_left)
+            cells_left -= len(tables[name]) * _width(tables[name])
         return tables
 
 
@@ -111,7 +111,7 @@ def _width(table: Sequence[Sequence[Any]]) -> int:
 
 
 def _csv(table: Sequence[Sequence[Any]]) -> str:
-    """Sheet as text; what the program shows for a cell stays exact."""
+    """Write a sheet as text; numbers of cells stay exact."""
     width = _width(table)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
@@ -151,7 +151,7 @@ def check_parts(archive: ZipFile) -> None:
         size = sum(info.file_size for info in parts[start]) / 2**20
         if size > most.megabytes:
             raise _too_large(
-                f"its parts {start or 'beside sheets and texts'} unpack to {size:.0f} MB; at most "
+                f"its parts {start or 'besides sheets and texts'} unpack to {size:.0f} MB; at most "
                 f"{most.megabytes} MB are read"
             )
         elements = itertools.count(1)
@@ -179,7 +179,7 @@ def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: i
 
 
 def table_of(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
-    """Rows up to the last that holds something, repeated ones as often as they are.
+    """Return the rows up to the last that holds something; repeated ones are repeated.
 
     Raises
     ------
@@ -226,7 +226,7 @@ _OFFICE, _TABLE, _TEXT = (
 )
 _CELLS = (f"{_TABLE}table-cell", f"{_TABLE}covered-table-cell")
 _VALUES = {"date": "date-value", "time": "time-value", "boolean": "boolean-value"}
-_SPAN = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
+_DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
 
 
 def libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
@@ -279,8 +279,8 @@ def _value(cell: Element) -> str | None:
         return " ".join(map(_text, cell.findall(f"{_TEXT}p"))) or None
     if kind == "date" and "T" not in value:
         return f"{value}T00:00:00"
-    span = _SPAN.fullmatch(value) if kind == "time" else None
-    return value if span is None else ":".join(span.groups())
+    duration = _DURATION.fullmatch(value) if kind == "time" else None
+    return value if duration is None else ":".join(duration.groups())
 
 
 def _text(paragraph: Element) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.reading import Reading
+from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replacing
 from granular.shared.messages import quote, visible
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from granular.readers.meaning import Meaning
-    from granular.readers.opening import Format
+    from granular.readers.formats import Format
+    from granular.readers.interpretation import Interpretation
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
@@ -170,8 +170,8 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            The fields of `granular.readers.reading.Reading`: ``columns``, ``decimal``, ``skip``,
-            ``sheet``, ``flip``, ``between``.
+            The fields of `granular.readers.options.ReadOptions`: ``columns``, ``decimal``,
+            ``skip``, ``sheet``, ``flip``, ``between``.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class PistonRecord:
         cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
     ) -> PistonRecord:
         """Read a record from a file of text, whatever its name; see `from_file`."""
-        from granular.readers.opening import TEXT
+        from granular.readers.formats import TEXT
 
         return cls._read(Path(path), TEXT, units, said)
 
@@ -198,7 +198,7 @@ class PistonRecord:
         A unit stands behind a name, ``height [mm]``, or in the metadata of its field as ``units``
         (or ``unit``).
         """
-        from granular.readers.opening import PARQUET
+        from granular.readers.formats import PARQUET
 
         return cls._read(Path(path), PARQUET, units, said)
 
@@ -225,13 +225,13 @@ class PistonRecord:
         >>> len(record)
         2000
         """
-        from granular.readers.meaning import meaning_of
-        from granular.readers.sheet import sheet_of
+        from granular.readers.interpretation import interpret_sheet
+        from granular.readers.sheet import sheet_from_table
 
-        meaning = meaning_of(sheet_of(table), Reading(units=units or {}, **said))
+        meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **said))
         if meaning.notes:
             warnings.warn("; ".join(meaning.notes), RecordWarning, stacklevel=2)
-        return cls.of_meaning(meaning)
+        return cls.from_interpretation(meaning)
 
     @classmethod
     def _read(
@@ -241,11 +241,11 @@ class PistonRecord:
         units: Mapping[str, str] | None,
         said: dict[str, Any],
     ) -> PistonRecord:
-        from granular.readers.opening import read_meaning
+        from granular.readers.formats import interpret_file
 
-        meaning = read_meaning(path, Reading(units=units or {}, **said), form)
+        meaning = interpret_file(path, ReadOptions(units=units or {}, **said), form)
         try:
-            record = cls.of_meaning(meaning)
+            record = cls.from_interpretation(meaning)
         except RecordError as error:
             raise RecordError(f"{visible(path)}: {error}") from None
         if meaning.notes:
@@ -255,8 +255,8 @@ class PistonRecord:
         return record
 
     @classmethod
-    def of_meaning(cls, meaning: Meaning) -> PistonRecord:
-        """Record that columns were taken for; see `granular.readers.meaning`.
+    def from_interpretation(cls, meaning: Interpretation) -> PistonRecord:
+        """Record that columns were taken for; see `granular.readers.interpretation`.
 
         Raises
         ------

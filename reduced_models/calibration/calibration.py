@@ -42,7 +42,7 @@ from reduced_models.calibration.simulations import (
 from reduced_models.fitting.options import check_options
 from reduced_models.fitting.uncertainty import open_directions
 from reduced_models.laws.law import Law
-from reduced_models.records.sources import METHOD, RunOptions, check_run_options, prepare_directory
+from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
 
 SEEDS = 4
 """Random starts of the bed at every position."""
@@ -129,7 +129,7 @@ def calibrate(
     check_run_options(RunOptions({}, dt, method, None, progress))
     force = record.force is not None
     wanted = features(record, law, force=force)
-    target = prepare_directory(out)
+    target = make_directory(out)
     first = scene.arrangement.seed
     with workshop(executor) as pool:
         simulator = SceneSimulator(

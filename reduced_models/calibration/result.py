@@ -13,7 +13,7 @@ from granular.shared.files import write_json
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, GREY, figure
 from reduced_models.models.quality import Direction
-from reduced_models.records.sources import prepare_directory
+from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -209,7 +209,7 @@ class Calibration:
         StoreError
             If the directory cannot be made or written to.
         """
-        target = prepare_directory(out)
+        target = make_directory(out)
         assert target is not None
         write_json(target / "calibration.json", self.to_plain())
         self.scene.save(target / "scene.toml")

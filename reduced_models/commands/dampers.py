@@ -69,9 +69,9 @@ def calibrate(options: Any) -> None:
     from granular.run.record import PistonRecord
     from granular.scene.scene import Scene
     from reduced_models.calibration.calibration import calibrate as calibrate_scene
-    from reduced_models.records.sources import opened
+    from reduced_models.records.sources import open_source
 
-    source = opened(options.record, reading_from(options))
+    source = open_source(options.record, reading_from(options))
     if isinstance(source, Scene):
         raise InputError(
             f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file"
@@ -151,7 +151,7 @@ def design(options: Any) -> None:
 def _design_damper(options: Any) -> None:
     from reduced_models.designs.design import design as design_damper
     from reduced_models.designs.maps import damper_maps
-    from reduced_models.records.sources import prepare_directory
+    from reduced_models.records.sources import make_directory
 
     maps = None if options.study is None else damper_maps(Path(options.study))
     with _interrupted(options.out):
@@ -159,7 +159,7 @@ def _design_damper(options: Any) -> None:
             options.frequency,
             options.damping,
             maps=maps,
-            out=prepare_directory(options.out),
+            out=make_directory(options.out),
             progress=not options.quiet,
             **keywords(options, "grains", "mass", "small_share", "workers"),
         )
@@ -169,9 +169,9 @@ def _design_damper(options: Any) -> None:
 def _map_dampers(options: Any) -> None:
     """Show the maps, of the package's study or of one made anew."""
     from reduced_models.designs.page import maps_page
-    from reduced_models.records.sources import prepare_directory
+    from reduced_models.records.sources import make_directory
 
-    target = prepare_directory(options.out)
+    target = make_directory(options.out)
     assert target is not None
     maps = _study(options, target) if options.simulate else _packaged_maps(options, target)
     write_text(target / "study.csv", maps.study.to_csv(index=False))
@@ -189,12 +189,12 @@ def _map_dampers(options: Any) -> None:
 
 def _packaged_maps(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.maps import damper_maps
-    from reduced_models.records.sources import shown
+    from reduced_models.records.sources import show_path
 
     refuse(options, "the package's own maps, only with --simulate", "points")
     if (target / "cases").is_dir():
         raise InputError(
-            f"{shown(target)} holds a study of its own; add --simulate, or give another -o"
+            f"{show_path(target)} holds a study of its own; add --simulate, or give another -o"
         )
     return damper_maps()
 
@@ -220,8 +220,8 @@ def _interrupted(out: str | None) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if out is not None:
-            kept = f"finished simulations are kept in {out}; the same command goes on"
-            print(kept, file=sys.stderr)
+            saved = f"finished simulations are kept in {out}; the same command goes on"
+            print(saved, file=sys.stderr)
         raise
 
 

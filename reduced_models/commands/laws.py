@@ -86,11 +86,11 @@ def identify(options: Any) -> None:
     from granular.custom import import_user_code
     from granular.schema.units import si_value
     from reduced_models.identification.identification import identify as identify_source
-    from reduced_models.records.sources import opened
+    from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
     result = identify_source(
-        opened(options.source, reading_from(options)),
+        open_source(options.source, reading_from(options)),
         options.out,
         laws=None if options.laws is None else laws_from(options.laws),
         discovery=options.discover,
@@ -318,9 +318,9 @@ def compare(options: Any) -> None:
 def _compare_laws(options: Any) -> None:
     from reduced_models.identification.candidates import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
-    from reduced_models.records.sources import prepare_directory
+    from reduced_models.records.sources import make_directory
 
-    target = prepare_directory(options.out)
+    target = make_directory(options.out)
     table = compare_laws(
         records_from(options.sources, options),
         laws_from(options.laws or CANDIDATES),
@@ -350,12 +350,12 @@ def _compare_response(options: Any) -> None:
     page.save(path)
     peaks = () if law is None else law.peaks
     rows = [
-        {"force": one.force, "simulated": one.simulated, "law": one.law, "error": one.error,
-         "linear": one.linear, "linear_error": one.linear_error, "outside": one.outside or None}
-        for one in peaks
+        {"force": peak.force, "simulated": peak.simulated, "law": peak.law, "error": peak.error,
+         "linear": peak.linear, "linear_error": peak.linear_error, "outside": peak.outside or None}
+        for peak in peaks
     ]  # fmt: skip
     lines = [response.table, why] if law is None else [law.table]
-    lines += [f"warning: under {one.force:g} N {one.outside}" for one in peaks if one.outside]
+    lines += [f"warning: under {peak.force:g} N {peak.outside}" for peak in peaks if peak.outside]
     emit(
         {"peaks": rows, "missing": why or None, "report": str(path)},
         "\n".join([*lines, f"written to {path}"]),

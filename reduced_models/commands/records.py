@@ -13,7 +13,7 @@ from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
-    from granular.readers.reading import Reading
+    from granular.readers.options import ReadOptions
     from granular.run.record import PistonRecord
 
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
@@ -38,7 +38,7 @@ READING = group(
 )  # fmt: skip
 
 
-def reading_from(options: Any) -> Reading:
+def reading_from(options: Any) -> ReadOptions:
     """Return what the command line says of a file.
 
     Raises
@@ -46,7 +46,7 @@ def reading_from(options: Any) -> Reading:
     InputError
         If an option is no such.
     """
-    from granular.readers.reading import Reading
+    from granular.readers.options import ReadOptions
 
     between = None
     if options.between is not None:
@@ -59,7 +59,7 @@ def reading_from(options: Any) -> Reading:
             raise InputError(
                 f"--between {quote(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
             )
-    return Reading(
+    return ReadOptions(
         columns=_pairs("--columns", options.columns.split(",")),
         units=_pairs("--units", options.units.split(",")),
         decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
@@ -87,11 +87,11 @@ def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
 
 def records_from(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     """Return the records of sources, of which scenes are run."""
-    from reduced_models.records.sources import METHOD, RunOptions, opened, record_of
+    from reduced_models.records.sources import METHOD, RunOptions, load_record, open_source
 
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
     said = reading_from(options)
-    return [record_of(opened(source, said), None, run)[0] for source in sources]
+    return [load_record(open_source(source, said), None, run)[0] for source in sources]
 
 
 def show_result(result: Any, options: Any) -> None:
@@ -119,8 +119,8 @@ examples:
 )  # fmt: skip
 def look(options: Any) -> None:
     """Show what was understood, and keep it if asked."""
-    from granular.readers.reading import (
-        Reading,
+    from granular.readers.options import (
+        ReadOptions,
         is_description,
         read_description,
         write_description,
@@ -137,10 +137,10 @@ def look(options: Any) -> None:
     if options.write is not None:
         if is_description(path):
             path, described = read_description(path)
-            said = described.and_then(said)
+            said = described.merge(said)
         columns = {role: name for role, name in seen.meaning.source.items() if name}
-        understood = Reading(columns=columns, units=seen.meaning.units)
-        write_description(Path(options.write), path, understood.and_then(said))
+        understood = ReadOptions(columns=columns, units=seen.meaning.units)
+        write_description(Path(options.write), path, understood.merge(said))
     text = str(seen)
     if options.write is not None:
         text += f"\nwritten to {options.write}"

@@ -17,7 +17,7 @@ from reduced_models.designs.candidate import ASPECT, DIAMETER, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.page import add_legend, draw_map
 from reduced_models.designs.proposal import DesignTarget
-from reduced_models.records.sources import prepare_directory
+from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -282,7 +282,7 @@ class Design:
         StoreError
             If the directory cannot be made or written to.
         """
-        folder = prepare_directory(out)
+        folder = make_directory(out)
         assert folder is not None
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")

@@ -173,7 +173,7 @@ def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
     if law.inputs:
         return rest
     try:
-        seen = envelope(record).seen_damping
+        seen = envelope(record).peak_damping
     except GranularError:  # too few of them
         return rest
     return dataclasses.replace(rest, peaks=seen) if seen.contradicts(rest.damping_ratio) else rest

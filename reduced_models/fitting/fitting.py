@@ -51,7 +51,7 @@ from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_random_walk
 from reduced_models.models.model import ReducedModel
-from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, driving
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_drive
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -240,7 +240,7 @@ def fit(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
-    if driving(chosen.inputs) and input_interpolation is None and holdout > 0.0:
+    if has_drive(chosen.inputs) and input_interpolation is None and holdout > 0.0:
         result = _best_interpolation(result)
     if histories:
         result = with_histories(result, histories)

@@ -28,7 +28,7 @@ from reduced_models.least_squares.residuals import (
     put_on_grid,
 )
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import Grid, column, driving
+from reduced_models.records.inputs import Grid, column, has_drive
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
@@ -96,7 +96,7 @@ def fine_grids(problem: FitProblem) -> list[Grid]:
         If a record holds more periods than a fit can follow.
     """
     law = problem.law
-    wanted = law.resolution * (COARSE_STEPS if driving(law.inputs) else FINE_STEPS)
+    wanted = law.resolution * (COARSE_STEPS if has_drive(law.inputs) else FINE_STEPS)
     return [
         grid_over(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
         for data in problem.data
@@ -201,7 +201,7 @@ def _collocation_fit(
     if unknowns.map is None or unknowns.law.hidden or problem.own:
         return None
     given = unknowns.map
-    seen = leader.guess.seen_as(given.shift, given.scale)
+    seen = leader.guess.mapped(given.shift, given.scale)
     mapped = leader.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
     matched = matched_values(unknowns.law, seen, mapped, values, problem.bounds_of(leader))

@@ -218,7 +218,7 @@ def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: Hei
         plain, size = law, height_map.scale
     else:
         z, v, size, plain = motion.z, motion.velocity, 1.0, law.swing_form.law
-        inner = guess.seen_as(height_map.shift, height_map.scale)
+        inner = guess.mapped(height_map.shift, height_map.scale)
         starts = law.swing_form.start(motion.time, motion.smooth, inner, random, _STARTS)
     field = compiled_field(plain.equation, (), "numpy")
 

@@ -28,8 +28,8 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import (
     METHOD,
     RunOptions,
-    prepare_directory,
-    record_of,
+    load_record,
+    make_directory,
     run_notes,
 )
 
@@ -111,10 +111,10 @@ def identify(
     """
     _check_arguments(laws, mass)
     check_options(starts=starts)
-    target = prepare_directory(out)
+    target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, dt, method, threads, progress)
-    record, run = record_of(source, target, options)
+    record, run = load_record(source, target, options)
     mass = _moving_mass(mass, record, run)
     clock.lap("record" if run is None else "simulation")
 

@@ -22,7 +22,7 @@ from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
 from reduced_models.laws.equation import PROGRAMS, compiled_field
 from reduced_models.laws.law import Law
-from reduced_models.records.inputs import Interpolation, pieces
+from reduced_models.records.inputs import Interpolation, piecewise_cubics
 
 jnp = jax.numpy
 
@@ -322,7 +322,7 @@ def _driven_solution(
     how: Interpolation,
 ) -> Solution:
     """By diffrax's Dopri8 in equal parts of the time between samples, until two numbers agree."""
-    result = pieces(times, inputs, how)
+    result = piecewise_cubics(times, inputs, how)
     every = len(result.length) // (len(times) - 1)
     count = len(result.length)
     pad_to_vectors = padded_steps(count)

@@ -15,7 +15,7 @@ from reduced_models.records.inputs import (
     Grid,
     Interpolation,
     drive_on_grid,
-    driving,
+    has_drive,
 )
 
 
@@ -70,7 +70,7 @@ def grid_over(
     """
     duration = float(record.time[-1])
     wanted = grid_steps(duration, period, per_period)
-    if not (driving(names) and is_even(record.time)):
+    if not (has_drive(names) and is_even(record.time)):
         return Grid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
     fraction = wanted / (len(record) - 1)

@@ -26,7 +26,7 @@ from reduced_models.laws.linearization import (
     swing_of_equation,
 )
 from reduced_models.laws.printing import latex, rounded, rounded_equation, rounded_expression
-from reduced_models.records.envelope import SeenDamping
+from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import TIME, Interpolation, column
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class AtRest:
     intervals : mapping of str to (float, float)
     equivalent : EquivalentDamping or None
         None where the damping ratio is that of small swings.
-    peaks : SeenDamping or None
+    peaks : PeakDamping or None
         Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
         what is printed then.
     """
@@ -93,7 +93,7 @@ class AtRest:
     damping_ratio: float
     intervals: Mapping[str, tuple[float, float]]
     equivalent: EquivalentDamping | None = None
-    peaks: SeenDamping | None = None
+    peaks: PeakDamping | None = None
 
     def __str__(self) -> str:
         item, known = self.equivalent, dict(self.intervals)

@@ -26,7 +26,7 @@ from reduced_models.models.schema import (
     quality_from_plain,
     read_model,
 )
-from reduced_models.records.envelope import SeenDamping
+from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
 
 if TYPE_CHECKING:
@@ -380,7 +380,7 @@ class ReducedModel(FittedLaw):
 
 
 def _at_rest(plain: Mapping[str, Any]) -> AtRest:
-    kinds = {"equivalent": EquivalentDamping, "peaks": SeenDamping}
+    kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
     parts = {
         name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()
     }

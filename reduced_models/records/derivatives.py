@@ -145,8 +145,8 @@ def _local_polynomials(
     while window <= longest:
         left = height - fits(height, time, window)[0]
         # A local fit with window w keeps this fraction of the noise, that of its central weight.
-        kept = _central_weight(window)
-        if (left**2).mean() > limit * sigma**2 * (1.0 - kept):
+        saved = _central_weight(window)
+        if (left**2).mean() > limit * sigma**2 * (1.0 - saved):
             break
         chosen = window
         window = max(window + 2, int(window * 1.25) | 1)
@@ -164,8 +164,8 @@ def is_even(time: np.ndarray) -> bool:
 
 @functools.cache
 def _central_weight(window: int) -> float:
-    place = np.linspace(-1.0, 1.0, window)
-    basis, _ = np.linalg.qr(np.vander(place, _DEGREE + 1))
+    position = np.linspace(-1.0, 1.0, window)
+    basis, _ = np.linalg.qr(np.vander(position, _DEGREE + 1))
     return float((basis[window // 2] ** 2).sum())
 
 
@@ -186,12 +186,12 @@ def _uneven_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np
         here = np.arange(start, min(start + _BATCH, count))
         inside = first[here, None] + np.arange(window)
         away = time[inside] - time[here, None]
-        span = np.abs(away).max(axis=1)
-        powers = (away / span[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
+        duration = np.abs(away).max(axis=1)
+        powers = (away / duration[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
         basis, triangle = np.linalg.qr(powers)
         projected = np.einsum("nwp,nw->np", basis, height[inside])
-        found = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
-        out[:, here] = found[:, 0], found[:, 1] / span, 2.0 * found[:, 2] / span**2
+        result = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
+        out[:, here] = result[:, 0], result[:, 1] / duration, 2.0 * result[:, 2] / duration**2
     return out
 
 
@@ -242,30 +242,30 @@ def local_cubics(
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
-    places = np.clip(nodes, time[0] + half, time[-1] - half)
-    first, last = (np.searchsorted(time, places + side * half) for side in (-1.0, 1.0))
-    kept = (last - first >= _WINDOW_SAMPLES) & np.concatenate([[True], np.diff(places) > 0.0])
-    if kept.sum() < _LEAST_TIMES:  # too few samples a period: straight from the samples
+    positions = np.clip(nodes, time[0] + half, time[-1] - half)
+    first, last = (np.searchsorted(time, positions + side * half) for side in (-1.0, 1.0))
+    saved = (last - first >= _WINDOW_SAMPLES) & np.concatenate([[True], np.diff(positions) > 0.0])
+    if saved.sum() < _LEAST_TIMES:  # too few samples a period: straight from the samples
         speed = np.gradient(height, time)
         return np.stack([height, speed, np.gradient(speed, time), time])
-    level, slope, bend = np.empty((3, int(kept.sum())))
-    sizes = (last - first)[kept]
+    level, slope, bend = np.empty((3, int(saved.sum())))
+    sizes = (last - first)[saved]
     for size in np.unique(sizes):
         alike = np.flatnonzero(sizes == size)
         for here in np.array_split(alike, 1 + size * len(alike) // _WINDOWS_IN_MEMORY):
-            inside = first[kept][here, None] + np.arange(size)
-            shifted = (time[inside] - places[kept][here, None]) / half
+            inside = first[saved][here, None] + np.arange(size)
+            shifted = (time[inside] - positions[saved][here, None]) / half
             level[here], slope[here], bend[here] = _cubics(shifted, height[inside])
-    return np.stack([level, slope / half, 2.0 * bend / half**2, places[kept]])
+    return np.stack([level, slope / half, 2.0 * bend / half**2, positions[saved]])
 
 
-def _cubics(place: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _cubics(position: np.ndarray, height: np.ndarray) -> np.ndarray:
     """First three coefficients (3, m) of cubics in points (m, n) from -1 to 1, by least squares."""
     from numpy.polynomial.legendre import legvander
 
     # In Legendre's polynomials, which are nearly orthogonal there; a pseudo-inverse, since samples
     # may crowd in a part of the window.
-    basis = legvander(place, 3)
+    basis = legvander(position, 3)
     turned = basis.transpose(0, 2, 1)
     inverse = np.linalg.pinv(turned @ basis, _CROWDED, hermitian=True)
     a, b, c, d = (inverse @ (turned @ height[:, :, None]))[:, :, 0].T

@@ -25,7 +25,7 @@ LEAST_EXTREMES = 5
 
 
 @dataclasses.dataclass(frozen=True)
-class SeenDamping:
+class PeakDamping:
     """Damping ratios that a record's own peaks show.
 
     Attributes
@@ -74,15 +74,15 @@ class Envelope:
     frequency_noise: np.ndarray
 
     @property
-    def seen_damping(self) -> SeenDamping:
+    def peak_damping(self) -> PeakDamping:
         """Damping ratios by how the peaks fall, of the whole record and of its two halves."""
         half = len(self.amplitude) // 2
         # From one row to the next passes half a period.
         phase, size = math.pi * np.arange(len(self.amplitude)), np.log(self.amplitude)
         parts = (slice(None), slice(half + 1), slice(half, None))
-        whole, *halves = (-float(np.polyfit(phase[one], size[one], 1)[0]) for one in parts)
+        total, *halves = (-float(np.polyfit(phase[part], size[part], 1)[0]) for part in parts)
         noise = float(np.max(self.amplitude_noise / self.amplitude) / phase[-1])
-        return SeenDamping(whole, min(whole, *halves), max(whole, *halves), noise)
+        return PeakDamping(total, min(total, *halves), max(total, *halves), noise)
 
     @property
     def damping_ratio(self) -> np.ndarray:
@@ -145,18 +145,18 @@ def _extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     time, height = smooth.time, smooth.height
     noise = smooth.noise
     least = max(_NOISE_TIMES * noise.height, _LEAST_SHARE * float(np.ptp(height)))
-    found = [
+    result = [
         (k, sign) for sign in (1.0, -1.0) for k in find_peaks(sign * height, prominence=least)[0]
     ]
-    places: list[tuple[int, float]] = []
-    for place, sign in sorted(found):
-        if places and places[-1][1] == sign:
+    indices: list[tuple[int, float]] = []
+    for point, sign in sorted(result):
+        if indices and indices[-1][1] == sign:
             # Of two crests without a trough between them only the higher one is an extreme.
-            if sign * height[place] > sign * height[places[-1][0]]:
-                places[-1] = (place, sign)
+            if sign * height[point] > sign * height[indices[-1][0]]:
+                indices[-1] = (point, sign)
             continue
-        places.append((place, sign))
-    chosen = np.array([place for place, _ in places], dtype=int)
+        indices.append((point, sign))
+    chosen = np.array([position for position, _ in indices], dtype=int)
     velocity, bend = smooth.velocity[chosen], smooth.acceleration[chosen]
     shift = np.where(np.abs(bend) > 0.0, -velocity / np.where(bend == 0.0, 1.0, bend), 0.0)
     step = np.gradient(time)[chosen]

@@ -50,7 +50,7 @@ class FirstGuesses:
     crossings: int
     rivals: tuple[float, ...] = ()
 
-    def seen_as(self, shift: float, scale: float) -> FirstGuesses:
+    def mapped(self, shift: float, scale: float) -> FirstGuesses:
         """Return the same guesses for z = (height - shift)/scale."""
         return dataclasses.replace(
             self,
@@ -160,12 +160,12 @@ def _rivals(
     if len(passages) <= LEAST_CROSSINGS:
         return ()
     early = math.pi / float(np.diff(passages[: 2 * LEAST_CROSSINGS]).mean())
-    found: list[float] = []
+    result: list[float] = []
     for rival in (early, spectral_peak(time, swing)):
-        apart = [abs(math.log(rival / other)) for other in (frequency, *found)]
+        apart = [abs(math.log(rival / other)) for other in (frequency, *result)]
         if min(apart) > _APART and max(apart) < math.log(_FARTHEST):
-            found.append(rival)
-    return tuple(found)
+            result.append(rival)
+    return tuple(result)
 
 
 def spectral_peak(time: np.ndarray, swing: np.ndarray) -> float:

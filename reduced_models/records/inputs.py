@@ -55,16 +55,16 @@ def column(record: PistonRecord, name: str) -> np.ndarray:
     RecordError
         If the record has no such column.
     """
-    found = record.force if name == "force" else record.extra.get(name)
-    if found is None and name == TIME:
+    result = record.force if name == "force" else record.extra.get(name)
+    if result is None and name == TIME:
         return record.time - record.time[0]
-    if found is None:
+    if result is None:
         there = ", ".join(map(repr, column_names(record))) or "none"
         raise RecordError(
             f"the law has the input {quote(name)}, and the record no column of that name; found: "
             f"{there}; add the column or name another one"
         )
-    return found
+    return result
 
 
 def column_names(record: PistonRecord) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def column_names(record: PistonRecord) -> tuple[str, ...]:
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
-def driving(names: Sequence[str]) -> bool:
+def has_drive(names: Sequence[str]) -> bool:
     """Return whether there are inputs other than the time, which is known between samples too."""
     return any(name != TIME for name in names)
 
@@ -87,10 +87,10 @@ def drive_on_grid(
         # All of a step lies in the interval of its middle.
         middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
         held = drive_at(record.time, columns, middle, how)
-        found = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
-        for place in (k for k, name in enumerate(names) if name == TIME):
-            found[:, :, place] = nodes
-        return found
+        result = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
+        for index in (k for k, name in enumerate(names) if name == TIME):
+            result[:, :, index] = nodes
+        return result
     return drive_at(record.time, columns, nodes, how)
 
 
@@ -101,10 +101,10 @@ def drive_at(
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack([_between(time, each, inside, how) for each in columns], axis=-1)
+    return np.stack([_between(time, column, inside, how) for column in columns], axis=-1)
 
 
-class Pieces(NamedTuple):
+class PiecewiseCubics(NamedTuple):
     """Columns as cubics between the samples: a + b s + c s^2 + d s^3 behind each of them.
 
     Attributes
@@ -118,7 +118,9 @@ class Pieces(NamedTuple):
     cubics: np.ndarray
 
 
-def pieces(time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "spline") -> Pieces:
+def piecewise_cubics(
+    time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "spline"
+) -> PiecewiseCubics:
     """Columns (n,) between their samples; a band-limited one by a spline of finer samples."""
     from scipy.interpolate import CubicSpline
 
@@ -126,7 +128,7 @@ def pieces(time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "sp
     if how == "band-limited":
         fraction = np.arange(_FINER) / _FINER
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
-        columns = [_between(time, each, fine, how) for each in columns]
+        columns = [_between(time, column, fine, how) for column in columns]
         time, length = fine, np.diff(fine)
     cubics = np.zeros((len(length), 4, len(columns)))
     for k, values in enumerate(columns):
@@ -135,7 +137,7 @@ def pieces(time: np.ndarray, columns: list[np.ndarray], how: Interpolation = "sp
             cubics[:, 1, k] = np.diff(values) / length
         elif how != "previous":
             cubics[:, :, k] = CubicSpline(time, values).c[::-1].T
-    return Pieces(length, cubics)
+    return PiecewiseCubics(length, cubics)
 
 
 def _between(
@@ -144,8 +146,8 @@ def _between(
     if how == "linear":
         return np.interp(times, time, values)
     if how == "previous":
-        place = np.searchsorted(time, times, side="right") - 1
-        return np.asarray(values[np.clip(place, 0, len(time) - 1)])
+        index = np.searchsorted(time, times, side="right") - 1
+        return np.asarray(values[np.clip(index, 0, len(time) - 1)])
     if how == "band-limited" and is_even(time) and len(time) > _TAPS:
         return _band_limited(time, values, times)
     from scipy.interpolate import CubicSpline
@@ -161,13 +163,13 @@ def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np
     after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]
     pad_to_vectors = np.concatenate([before, values, after])
     flat = (times.ravel() - time[0]) / step + _TAPS
-    found = np.zeros(len(flat))
-    place = np.floor(flat).astype(np.int64)
+    result = np.zeros(len(flat))
+    index = np.floor(flat).astype(np.int64)
     for tap in range(1 - _TAPS, _TAPS + 1):
-        here = np.clip(place + tap, 0, len(pad_to_vectors) - 1)
-        away = flat - (place + tap)
+        here = np.clip(index + tap, 0, len(pad_to_vectors) - 1)
+        away = flat - (index + tap)
         inside = np.maximum(1.0 - (away / _TAPS) ** 2, 0.0)
-        found += (
+        result += (
             pad_to_vectors[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
         )
-    return found.reshape(times.shape)
+    return result.reshape(times.shape)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.meaning import Meaning
-from granular.readers.opening import read_meaning
-from granular.readers.reading import Reading
+from granular.readers.formats import interpret_file
+from granular.readers.interpretation import Interpretation
+from granular.readers.options import ReadOptions
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.messages import visible
@@ -37,7 +37,7 @@ class Look:
     Attributes
     ----------
     record : PistonRecord
-    meaning : Meaning
+    meaning : Interpretation
         Role of each column.
     rate : float
         Samples a second [1/s].
@@ -52,7 +52,7 @@ class Look:
     """
 
     record: PistonRecord
-    meaning: Meaning
+    meaning: Interpretation
     rate: float
     gaps: int
     noise: float
@@ -107,13 +107,13 @@ class Look:
         return "\n".join([*lines, "", *_draw_motion(record)])
 
 
-def look(path: str | Path, said: Reading | None = None) -> Look:
+def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     """Read a file and say what was understood of it.
 
     Parameters
     ----------
     path : str or Path
-    said : Reading, optional
+    options : ReadOptions, optional
         Facts about the file that are not to be guessed.
 
     Raises
@@ -121,13 +121,13 @@ def look(path: str | Path, said: Reading | None = None) -> Look:
     RecordError
         If it holds no record; the message says what to do.
     """
-    path, said = Path(path), said or Reading()
-    meaning = read_meaning(path, said)
+    path, options = Path(path), options or ReadOptions()
+    meaning = interpret_file(path, options)
     try:
-        record = PistonRecord.of_meaning(meaning)
+        record = PistonRecord.from_interpretation(meaning)
     except RecordError as error:
         raise RecordError(f"{visible(path)}: {error}") from None
-    if not has_times(path, said) and (start := release(record)):
+    if not has_times(path, options) and (start := release(record)):
         meaning = dataclasses.replace(meaning, notes=(*meaning.notes, words(record, start)))
         record = part_from(record, start)
     steps = np.diff(record.time)
@@ -148,8 +148,8 @@ def _level(height: np.ndarray) -> float | None:
         return None
     least = float(moved.min())
     few = (steps < 1.5 * least).mean() > QUANTISED
-    whole = np.abs(moved / least - np.round(moved / least)).max() < 0.1
-    return least if few and whole else None
+    total = np.abs(moved / least - np.round(moved / least)).max() < 0.1
+    return least if few and total else None
 
 
 def _useful(record: PistonRecord, noise: float) -> float:
@@ -161,23 +161,23 @@ def _useful(record: PistonRecord, noise: float) -> float:
 
 def _draw_motion(record: PistonRecord) -> list[str]:
     """Motion in characters, for a terminal."""
-    span = float(np.ptp(record.height)) or 1.0
-    place = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
-    columns = np.minimum((place * _WIDTH).astype(int), _WIDTH - 1)
-    rows = ((record.height - record.height.min()) / span * (_ROWS - 1)).round().astype(int)
+    duration = float(np.ptp(record.height)) or 1.0
+    position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
+    columns = np.minimum((position * _WIDTH).astype(int), _WIDTH - 1)
+    rows = ((record.height - record.height.min()) / duration * (_ROWS - 1)).round().astype(int)
     counts = np.zeros((_ROWS, _WIDTH), dtype=int)
     np.add.at(counts, (rows, columns), 1)
     return ["".join("*" if count else " " for count in row).rstrip() for row in counts[::-1]]
 
 
-def plot_look(found: Look) -> Figure:
+def plot_look(look: Look) -> Figure:
     """Motion over time, with where it is above its noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):
-        record = found.record
+        record = look.record
         axes.plot(record.time, record.height, color=COLOURS[0], linewidth=1)
-        axes.axvline(found.useful, color=GREY, linestyle=":")
+        axes.axvline(look.useful, color=GREY, linestyle=":")
         axes.set(xlabel="time [s]", ylabel=f"coordinate [{record.units['height']}]")
         axes.set_title("dotted: from there on the motion is within its noise", fontsize=9)
         return drawing

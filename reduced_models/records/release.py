@@ -82,11 +82,11 @@ def release(record: PistonRecord) -> int:
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
-    found = _release(time, record.height)
-    if found is None:
+    result = _release(time, record.height)
+    if result is None:
         return 0
-    start = int(np.searchsorted(time, found.moment))
-    early = int(np.searchsorted(time, found.moment - found.rise))
+    start = int(np.searchsorted(time, result.moment))
+    early = int(np.searchsorted(time, result.moment - result.rise))
     forces = {} if record.force is None else {"force": record.force}
     further = forces | dict(record.extra)
     if any(_drives(time, name, values, early) for name, values in further.items()):
@@ -114,17 +114,17 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     displacement = np.abs(
         np.convolve(pad_to_vectors, np.ones(together) / together, mode="valid") - level
     )
-    span = float(displacement.max())
-    if not span > 0.0:
+    duration = float(displacement.max())
+    if not duration > 0.0:
         return None
     steps = np.abs(np.diff(height))
-    rounding = float(steps[steps > 1e-9 * span].min(initial=span))
+    rounding = float(steps[steps > 1e-9 * duration].min(initial=duration))
     noise = math.hypot(noise_level(height, time), rounding / math.sqrt(12.0))
     left_noise = noise / math.sqrt(together)
-    low = max(_LOWEST, _SIGMAS * left_noise / span, 1.6 * rounding / span)
+    low = max(_LOWEST, _SIGMAS * left_noise / duration, 1.6 * rounding / duration)
     if low > _NOISIEST:
         return None
-    levels = span * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
+    levels = duration * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
     times = _crossings(time, displacement, levels)
     if times is None:
         return None
@@ -168,12 +168,12 @@ def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: flo
     """Return whether a height is straight within noise, where the motion has that curvature."""
     if len(time) < 4:
         return False
-    x = (time - time.mean()) / (span := float(np.ptp(time)))
+    x = (time - time.mean()) / (duration := float(np.ptp(time)))
     fitted = np.polyfit(x, height, 2)
     sigma = max(noise, float((height - np.polyval(fitted, x)).std()))
-    error = 3.0 * sigma * math.sqrt(180.0 / len(time)) / span**2
-    found = abs(fitted[0]) / span**2
-    return bool(error <= _SEEN * curvature and found <= max(error, _STRAIGHT * curvature))
+    error = 3.0 * sigma * math.sqrt(180.0 / len(time)) / duration**2
+    result = abs(fitted[0]) / duration**2
+    return bool(error <= _SEEN * curvature and result <= max(error, _STRAIGHT * curvature))
 
 
 def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
@@ -192,10 +192,10 @@ def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], e
 
 def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
     """Return whether a column is a drive, by its name, and acts well before the release."""
-    span = float(np.ptp(values))
-    if early == 0 or span == 0.0 or not any(word in name.lower() for word in _DRIVES):
+    duration = float(np.ptp(values))
+    if early == 0 or duration == 0.0 or not any(word in name.lower() for word in _DRIVES):
         return False
-    return float(np.ptp(values[:early])) > _ACTS * span > 5.0 * noise_level(values, time)
+    return float(np.ptp(values[:early])) > _ACTS * duration > 5.0 * noise_level(values, time)
 
 
 def _change(values: np.ndarray, early: int, start: int) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.readers.reading import Reading, is_description, read_description
+from granular.readers.options import ReadOptions, is_description, read_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quote, visible
@@ -30,7 +30,7 @@ class RunOptions(NamedTuple):
     progress: bool
 
 
-def record_of(
+def load_record(
     source: str | Path | Scene | Trajectory | PistonRecord, out: Path | None, options: RunOptions
 ) -> tuple[PistonRecord, Trajectory | None]:
     """Record, and the run it comes from.
@@ -41,26 +41,26 @@ def record_of(
         If the source cannot be read or run, or an option does not apply to it.
     """
     check_run_options(options)
-    found = opened(source) if isinstance(source, str | Path) else source
-    if isinstance(found, PistonRecord):  # needs nothing of what simulates
+    result = open_source(source) if isinstance(source, str | Path) else source
+    if isinstance(result, PistonRecord):  # needs nothing of what simulates
         _refuse_run_options(options)
-        return found, None
+        return result, None
     from granular.scene.scene import Scene
 
-    if isinstance(found, Scene):
-        run = _simulate(found, out, options)
+    if isinstance(result, Scene):
+        run = _simulate(result, out, options)
         return run.piston(), run
     _refuse_run_options(options)
-    missing = {"dt", "method", "steps"} - set(found.settings())
+    missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
-            f"the settings of the run in {found.path} lack {', '.join(sorted(missing))}; run the "
+            f"the settings of the run in {result.path} lack {', '.join(sorted(missing))}; run the "
             "scene again"
         )
-    return found.piston(), found
+    return result.piston(), result
 
 
-def prepare_directory(out: str | Path | None) -> Path | None:
+def make_directory(out: str | Path | None) -> Path | None:
     """Directory to write to, made where it is not there yet.
 
     Raises
@@ -74,17 +74,17 @@ def prepare_directory(out: str | Path | None) -> Path | None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise StoreError(f"{shown(path)} is a file; give a directory to write to") from None
+        raise StoreError(f"{show_path(path)} is a file; give a directory to write to") from None
     except OSError as error:
         raise StoreError(
-            f"{shown(path)} cannot be made: {error.strerror}; give another directory"
+            f"{show_path(path)} cannot be made: {error.strerror}; give another directory"
         ) from None
     if not os.access(path, os.W_OK):
-        raise StoreError(f"{shown(path)} cannot be written to; give another directory")
+        raise StoreError(f"{show_path(path)} cannot be written to; give another directory")
     return path
 
 
-def shown(path: Path, most: int = 80) -> str:
+def show_path(path: Path, most: int = 80) -> str:
     """Path for a message, cut where it is long."""
     return visible(path, most)
 
@@ -113,23 +113,25 @@ def read_record(
         Of what was guessed or done, the cut among it.
     """
     record = PistonRecord.from_file(path, units, **said)
-    return record if has_times(Path(path), Reading(**said)) else from_release(record)
+    return record if has_times(Path(path), ReadOptions(**said)) else from_release(record)
 
 
-def has_times(path: Path, said: Reading) -> bool:
+def has_times(path: Path, options: ReadOptions) -> bool:
     """Return whether the user states which part of a file is the record."""
     if is_description(path):
-        said = read_description(path)[1].and_then(said)
-    return said.between is not None
+        options = read_description(path)[1].merge(options)
+    return options.between is not None
 
 
-def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajectory | PistonRecord:
+def open_source(
+    source: str | Path, options: ReadOptions | None = None
+) -> Scene | Trajectory | PistonRecord:
     """Open a path or a scene's name; of a record's file return the motion in it.
 
     Parameters
     ----------
     source : str or Path
-    said : Reading, optional
+    options : ReadOptions, optional
         Facts about the file that are not to be guessed.
 
     Raises
@@ -137,15 +139,15 @@ def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajector
     InputError
         If it cannot be read, or is no file of a record though it is said how to read it.
     """
-    path, plain = Path(source), {} if said is None else said.to_plain()
+    path, plain = Path(source), {} if options is None else options.to_plain()
     try:
         is_record = path.is_file() and (path.suffix != ".toml" or is_description(path))
         if is_record or not (path.is_dir() or path.suffix in ("", ".toml")):
             return read_record(path, **plain)
         if plain:
             raise InputError(
-                f"{', '.join(plain)}: how the file of a record is read, and {shown(path)} is none; "
-                "leave it out"
+                f"{', '.join(plain)}: how the file of a record is read, and {show_path(path)} is "
+                "none; leave it out"
             )
         from granular.run.directory import is_run
         from granular.run.trajectory import load_trajectory
@@ -156,7 +158,7 @@ def opened(source: str | Path, said: Reading | None = None) -> Scene | Trajector
         return load_scene(source)
     except OSError as error:
         raise InputError(
-            f"{shown(path)} cannot be read: {error.strerror}; check the path"
+            f"{show_path(path)} cannot be read: {error.strerror}; check the path"
         ) from None
 
 

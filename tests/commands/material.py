@@ -14,7 +14,7 @@ from granular import damper, load_scene, simulate
 from .shown import ROOT, files
 
 
-def prepare_directory(here: Path) -> Path:
+def make_directory(here: Path) -> Path:
     """The folder, with all of them."""
     for name, text in files().items():
         (here / name).write_text(text, encoding="utf-8")
@@ -32,7 +32,7 @@ def prepare_directory(here: Path) -> Path:
 
 def prepared_for_blocks(here: Path) -> Path:
     """The folder, with what blocks of Python read besides: tables and a run."""
-    prepare_directory(here)
+    make_directory(here)
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
     plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in swing(1.0)]
     (here / "plain.csv").write_text("\n".join(["time,height", *plain, ""]))

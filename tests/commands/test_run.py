@@ -19,7 +19,7 @@ import pytest
 
 from granular import damper, mono_bed, simulate
 
-from .material import prepare_directory, rows
+from .material import make_directory, rows
 from .shown import ROOT, blocks, commands, of_help
 
 LONGEST = 1200.0
@@ -44,7 +44,7 @@ BROUGHT = re.compile(r"SNLS80mV\.csv")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the commands run."""
-    here = prepare_directory(tmp_path_factory.mktemp("work"))
+    here = make_directory(tmp_path_factory.mktemp("work"))
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
     for height in (20, 28):  # as another page's function does

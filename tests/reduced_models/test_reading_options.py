@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers.reading import Reading
+from granular.readers.options import ReadOptions
 from granular.shared.errors import InputError
 from reduced_models.__main__ import parser
 
@@ -174,7 +174,7 @@ def named_by_readers() -> set[str]:
 def test_options_that_errors_advise_are_there() -> None:
     named = named_by_readers()
     assert {"columns", "units", "flip"} <= named
-    fields = {field.name for field in dataclasses.fields(Reading)}
+    fields = {field.name for field in dataclasses.fields(ReadOptions)}
     assert named <= fields
     for name in COMMANDS:
         assert {f"--{field}" for field in fields} <= options(name), name

@@ -11,8 +11,8 @@ import pytest
 
 from granular import PistonRecord
 from granular.readers import workbook
-from granular.readers.opening import open_sheet
-from granular.readers.reading import Reading
+from granular.readers.formats import read_sheet
+from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError
 
 from .bombs import ods, ods_row, xlsx
@@ -38,7 +38,7 @@ def test_cells_of_libre_office(tmp_path: Path) -> None:
     ]
     ods(path, [ods_row(empty, 7), ods_row(head), *map(ods_row, rows), ods_row(rows[2], 2),
                ods_row(empty, 1_048_000)])  # fmt: skip
-    sheet = open_sheet(path, Reading())
+    sheet = read_sheet(path, ReadOptions())
     assert [column.name for column in sheet.columns] == ["clock", "height"]
     assert sheet.columns[0].values is not None
     assert sheet.columns[0].values.tolist() == [0.0, 1.0, 2.0, 2.0, 2.0]

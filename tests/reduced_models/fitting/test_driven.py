@@ -11,7 +11,7 @@ from granular import PistonRecord
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solution
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, drive_at, pieces
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, drive_at, piecewise_cubics
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
 TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}
@@ -34,7 +34,7 @@ def motion(how: Interpolation) -> np.ndarray:
 @pytest.mark.parametrize("how", INTERPOLATIONS)
 def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
     columns = [force()]
-    found = pieces(TIME, columns, how)
+    found = piecewise_cubics(TIME, columns, how)
     length, cubic = found.length[0], found.cubics[:, :, 0]
     middle = 0.5 * length
     values = cubic @ [1.0, middle, middle**2, middle**3]

@@ -84,7 +84,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
     """Whatever law it comes from: 3 % in the record, 10 % at rest by the law."""
     time = np.linspace(0.0, 3.0, 2000)
     swing = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
-    seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * swing)).seen_damping
+    seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * swing)).peak_damping
     assert seen.mean == pytest.approx(0.03, rel=0.02)
     for ratio, stands in ((0.1, False), (10.0, False), (-0.03, False), (0.028, True), (0.05, True)):
         intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}

@@ -12,7 +12,7 @@ from granular import PistonRecord
 from granular.commands.console import launch
 from reduced_models.__main__ import main
 from reduced_models.records.look import look
-from reduced_models.records.sources import opened
+from reduced_models.records.sources import open_source
 
 TIME = 0.01 * np.arange(400)
 HEIGHT = 59.0 + 3.0 * np.exp(-2.0 * TIME) * np.cos(21.0 * TIME)
@@ -62,7 +62,7 @@ def test_the_command_writes_a_description_that_repeats_it(
     assert told["columns"] == {"time": "t", "height": "dist"}
     assert told["samples"] == 151
     assert told["further_columns"] == ["load"]
-    record = opened(description)
+    record = open_source(description)
     assert isinstance(record, PistonRecord)
     assert np.allclose(record.height, -1e-3 * np.round(HEIGHT[50:201], 6), rtol=1e-14)
     assert launch(main, ["look", str(description), "--plot", str(tmp_path / "look.png")]) == 0

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from granular.readers.names import (
+from granular.readers.headers import (
     ACCELERATION,
     FORCE,
     HEIGHT,
     SYNONYMS,
     TIME,
     VELOCITY,
-    bare,
-    plain_unit,
+    normalize_name,
+    normalize_unit,
     role_of,
 )
-from granular.readers.reading import OWN, Reading
+from granular.readers.options import ROLES, ReadOptions
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
@@ -30,7 +30,7 @@ SI = {TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N"}
 _MOST_SHOWN = 20
 
 
-def columns_by_role(sheet: Sheet, reading: Reading, notes: list[str]) -> dict[str, Column]:
+def assign_roles(sheet: Sheet, reading: ReadOptions, notes: list[str]) -> dict[str, Column]:
     chosen = {role: _said(sheet, column) for role, column in reading.columns.items()}
     _choose_by_name(sheet, chosen, notes)
     if TIME not in chosen:
@@ -40,7 +40,7 @@ def columns_by_role(sheet: Sheet, reading: Reading, notes: list[str]) -> dict[st
     return chosen
 
 
-def time_of(sheet: Sheet) -> Column:
+def time_column(sheet: Sheet) -> Column:
     """Column of times.
 
     Raises
@@ -66,29 +66,34 @@ def _said(sheet: Sheet, wanted: str | int) -> Column:
     for column in sheet.columns:
         if column.name.lower() == wanted.strip().lower():
             return column
-    raise RecordError(unknown(wanted, [one.name for one in sheet.columns if one.name], "column"))
+    raise RecordError(
+        unknown(wanted, [column.name for column in sheet.columns if column.name], "column")
+    )
 
 
 def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
     taken = list(map(id, chosen.values()))
     called: dict[str, list[Column]] = {}
-    for one in sheet.columns:
-        if not one.channel:
-            called.setdefault(bare(one.name), []).append(one)
-    for role in (role for role in OWN if role not in chosen):
-        found = [
-            one for word in SYNONYMS[role] for one in called.get(word, []) if id(one) not in taken
+    for column in sheet.columns:
+        if not column.channel:
+            called.setdefault(normalize_name(column.name), []).append(column)
+    for role in (role for role in ROLES if role not in chosen):
+        result = [
+            item
+            for word in SYNONYMS[role]
+            for item in called.get(word, [])
+            if id(item) not in taken
         ]
         if role in (HEIGHT, VELOCITY):
-            found = [one for one in found if one.name.lower() == role or _fits(one, role)]
-        if not found:
+            result = [item for item in result if item.name.lower() == role or _fits(item, role)]
+        if not result:
             continue
-        chosen[role] = found[0]
-        taken.append(id(found[0]))
-        if len(found) > 1 and found[0].name.lower() != role:
-            others = ", ".join(quote(one.name) for one in found[1:_MOST_SHOWN])
+        chosen[role] = result[0]
+        taken.append(id(result[0]))
+        if len(result) > 1 and result[0].name.lower() != role:
+            others = ", ".join(quote(item.name) for item in result[1:_MOST_SHOWN])
             notes.append(
-                f"{role} is the column {quote(found[0].name)}, not {others} (columns: {role}=...)"
+                f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)"
             )
 
 
@@ -97,7 +102,7 @@ def _fits(column: Column, role: str) -> bool:
     if column.unit is None:
         return True
     try:
-        dimension = unit_size(plain_unit(column.unit))[1]
+        dimension = unit_size(normalize_unit(column.unit))[1]
     except SceneError:
         return True  # said when it is used
     return dimension in (unit_size(SI[role])[1], unit_size("rad" if role == HEIGHT else "1/s")[1])
@@ -106,19 +111,23 @@ def _fits(column: Column, role: str) -> bool:
 def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
     """Dates and times of day, else the first column that increases, where no name says more."""
     taken = list(map(id, chosen.values()))
-    free = [one for one in sheet.columns if id(one) not in taken and one.values is not None]
-    stamps = [one for one in free if one.clock]
-    timed = [one for one in free if one.unit and is_of(one.unit, "s") and _increases(one)]
-    nameless = [one for one in free if not one.name and _increases(one)]
-    found = (stamps or timed or nameless)[:1]
-    if not found:
+    free = [
+        column for column in sheet.columns if id(column) not in taken and column.values is not None
+    ]
+    stamps = [item for item in free if item.clock]
+    timed = [
+        item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)
+    ]
+    nameless = [item for item in free if not item.name and _increases(item)]
+    result = (stamps or timed or nameless)[:1]
+    if not result:
         raise RecordError(
             f"no column 'time'; found: {_names(sheet)}; name the columns in the first line, such "
             "as 'time [s], height [mm]', or say which is which (columns: time=NAME)"
         )
-    chosen[TIME] = found[0]
+    chosen[TIME] = result[0]
     if not stamps and not timed:
-        number = sheet.columns.index(found[0]) + 1
+        number = sheet.columns.index(result[0]) + 1
         notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
 
 
@@ -127,13 +136,13 @@ def _is_acceleration(column: Column) -> bool:
         return False
     if role_of(column.name) == ACCELERATION:
         return True
-    return column.unit is not None and is_of(column.unit, "m/s^2")
+    return column.unit is not None and has_dimension(column.unit, "m/s^2")
 
 
-def is_of(unit: str, wanted: str) -> bool:
+def has_dimension(unit: str, wanted: str) -> bool:
     """Return True for a unit with the dimension of another."""
     try:
-        return unit_size(plain_unit(unit))[1] == unit_size(wanted)[1]
+        return unit_size(normalize_unit(unit))[1] == unit_size(wanted)[1]
     except SceneError:
         return False
 
@@ -148,16 +157,20 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     """Only other column of numbers, or of those without names the next."""
     taken = list(map(id, chosen.values()))
     free = [
-        one
-        for one in sheet.columns
-        if id(one) not in taken and one.values is not None and np.isfinite(one.values).any()
+        column
+        for column in sheet.columns
+        if id(column) not in taken
+        and column.values is not None
+        and np.isfinite(column.values).any()
     ]
     _check_channels(free)
-    lengths = [one for one in free if _fits(one, HEIGHT) and role_of(one.name) in (None, HEIGHT)]
-    nameless = [one for one in lengths if not one.name]
-    found = lengths if len(lengths) == 1 else nameless[:1]
-    if not found:
-        accelerations = [one for one in free if _is_acceleration(one)]
+    lengths = [
+        item for item in free if _fits(item, HEIGHT) and role_of(item.name) in (None, HEIGHT)
+    ]
+    nameless = [length for length in lengths if not length.name]
+    result = lengths if len(lengths) == 1 else nameless[:1]
+    if not result:
+        accelerations = [item for item in free if _is_acceleration(item)]
         if accelerations and not lengths:
             raise RecordError(
                 f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
@@ -167,20 +180,20 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
             f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
             "as 'time [s], height [mm]', or say which is which (columns: height=NAME)"
         )
-    chosen[HEIGHT] = found[0]
-    if found[0].name:
+    chosen[HEIGHT] = result[0]
+    if result[0].name:
         notes.append(
-            f"height is the column {quote(found[0].name)}, the only other one of numbers "
+            f"height is the column {quote(result[0].name)}, the only other one of numbers "
             "(columns: height=..., and flip if it grows downwards)"
         )
     else:
-        number = sheet.columns.index(found[0]) + 1
+        number = sheet.columns.index(result[0]) + 1
         notes.append(f"height is column {number}, in m (columns: height=..., units: height=mm)")
 
 
 def _check_channels(columns: Sequence[Column]) -> None:
     """Refuse to guess which input of an instrument the height was connected to."""
-    names = [one.name for one in columns if one.channel]
+    names = [column.name for column in columns if column.channel]
     if names and len(names) == len(columns):
         raise RecordError(
             f"no column 'height', only channels: {', '.join(map(quote, names))}; say which it is "
@@ -189,5 +202,5 @@ def _check_channels(columns: Sequence[Column]) -> None:
 
 
 def _names(sheet: Sheet) -> str:
-    names = [one.name.lower() for one in sheet.columns if one.name]
+    names = [column.name.lower() for column in sheet.columns if column.name]
     return ", ".join(map(quote, names[:_MOST_SHOWN])) or "none with a name"

@@ -26,12 +26,12 @@ FILE = "file"
 """Key of the file that is described, as a path from the description."""
 _MAX_BYTES = 2**20
 """Of a description; a scene, which may be longer, is not read to see that it is none."""
-OWN = ("time", "height", "velocity", "force")
+ROLES = ("time", "height", "velocity", "force")
 """Columns of a record that have a meaning."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """Instructions on reading a file. What is not said is guessed.
 
     Attributes
@@ -71,8 +71,8 @@ class Reading:
             if not isinstance(getattr(self, name), Mapping):
                 raise RecordError(f"{name} = {quote(getattr(self, name))}; give names and values")
         for role, column in self.columns.items():
-            if role not in OWN:
-                raise RecordError(f"columns: {unknown(str(role), OWN, 'column of a record')}")
+            if role not in ROLES:
+                raise RecordError(f"columns: {unknown(str(role), ROLES, 'column of a record')}")
             if isinstance(column, bool) or not isinstance(column, str | int):
                 raise RecordError(f"columns: {role} = {quote(column)}; give a name or a number")
         for role, unit in self.units.items():
@@ -87,15 +87,15 @@ class Reading:
         if self.sheet is not None and not isinstance(self.sheet, str):
             raise RecordError(f"sheet = {quote(self.sheet)}; give a name")
         if self.between is not None:
-            object.__setattr__(self, "between", _span(self.between))
+            object.__setattr__(self, "between", _time_range(self.between))
 
-    def and_then(self, more: Reading) -> Reading:
-        """Return the same, and over it what is said in another."""
+    def merge(self, more: ReadOptions) -> ReadOptions:
+        """Return these options, overridden by those that are given in another."""
         plain, over = self.to_plain(), more.to_plain()
         both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
-        return reading_from_plain({**plain, **over, **both})
+        return options_from_plain({**plain, **over, **both})
 
-    def chosen(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
+    def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
         """Table of a file that ``sheet`` names; all where it names none.
 
         Raises
@@ -106,8 +106,8 @@ class Reading:
         if self.sheet is None:
             return tables
         if self.sheet not in tables:
-            found = ", ".join(map(quote, tables))
-            raise RecordError(f"no {kind} {quote(self.sheet)}; found: {found}")
+            names = ", ".join(map(quote, tables))
+            raise RecordError(f"no {kind} {quote(self.sheet)}; found: {names}")
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
@@ -120,26 +120,26 @@ class Reading:
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 
 
-def reading_from_plain(plain: Mapping[str, Any]) -> Reading:
-    """Return the reading from the plain data that `Reading.to_plain` made.
+def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
+    """Make options of the plain data of `ReadOptions.to_plain`.
 
     Raises
     ------
     RecordError
         If a key is unknown, or a value does not fit.
     """
-    known = tuple(field.name for field in dataclasses.fields(Reading))
+    known = tuple(field.name for field in dataclasses.fields(ReadOptions))
     for key in plain:
         if key not in known:
             raise RecordError(unknown(str(key), known, "key of a record"))
-    return Reading(**plain)
+    return ReadOptions(**plain)
 
 
-def _span(given: Any) -> tuple[float, float]:
+def _time_range(times: Any) -> tuple[float, float]:
     try:
-        start, stop = (float(one) for one in given)
+        start, stop = (float(time) for time in times)
     except (TypeError, ValueError):
-        raise RecordError(f"between = {quote(given)}; give two times, such as 0.5:6") from None
+        raise RecordError(f"between = {quote(times)}; give two times, such as 0.5:6") from None
     if not start < stop or math.isnan(start):
         raise RecordError(f"between = {start:g} to {stop:g} s; give the earlier time first")
     return start, stop
@@ -155,20 +155,20 @@ def is_description(path: Path) -> bool:
     return FILE in read_toml(path)
 
 
-def read_description(path: Path) -> tuple[Path, Reading]:
-    """File that a description names, and how it is to be read.
+def read_description(path: Path) -> tuple[Path, ReadOptions]:
+    """Return the file that a description names, and the options to read it with.
 
     Raises
     ------
     RecordError
-        If it names none, or a key or a value is none of a `Reading`.
+        If it names none, or a key or a value is none of a `ReadOptions`.
     """
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
         raise RecordError(f"{visible(path)}: file = {quote(name)}; give the name of a file")
     try:
-        return path.parent / name, reading_from_plain(plain)
+        return path.parent / name, options_from_plain(plain)
     except RecordError as error:
         raise RecordError(f"{visible(path)}: {error}") from None
 
@@ -194,7 +194,7 @@ def _is_elsewhere(path: Path, file: Path) -> bool:
         return False
 
 
-def write_description(path: Path, file: Path, reading: Reading) -> None:
+def write_description(path: Path, file: Path, options: ReadOptions) -> None:
     """Write a description, with the path from it to the file.
 
     Raises
@@ -209,5 +209,5 @@ def write_description(path: Path, file: Path, reading: Reading) -> None:
         name = Path(os.path.relpath(file.resolve(), where))
     except ValueError:  # on another drive
         name = file.resolve()
-    plain: dict[str, Any] = {FILE: name.as_posix(), **reading.to_plain()}
+    plain: dict[str, Any] = {FILE: name.as_posix(), **options.to_plain()}
     write_text(path, tomli_w.dumps(plain))

@@ -1,4 +1,4 @@
-"""Form of the lines of a table in text: separator, decimal sign, columns."""
+"""Dialect of the lines of a table in text: separator, decimal sign, columns."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from granular.readers.cells import LOST, is_number, is_stamp
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _LOOKED_AT = 200
-"""Lines at the beginning, in the middle and at the end, from which the form is told."""
+"""Lines at the beginning, in the middle and at the end that are inspected."""
 _ENOUGH, _FEWEST = 2**20, 12
-"""Signs of such lines behind which no more are looked at, but for the fewest."""
+"""Characters after which no further lines are inspected, and the least number of lines."""
 
 
 class Line(NamedTuple):
@@ -24,8 +24,8 @@ class Line(NamedTuple):
     text: str
 
 
-class Form(NamedTuple):
-    """Form in which the lines of a table are written.
+class Dialect(NamedTuple):
+    """Dialect in which the lines of a table are written.
 
     Attributes
     ----------
@@ -42,38 +42,38 @@ class Form(NamedTuple):
     numeric: tuple[int, ...]
 
 
-def form_of(lines: Sequence[Line], decimal: str | None) -> Form | None:
-    """Form that makes most lines rows of numbers."""
+def detect_dialect(lines: Sequence[Line], decimal: str | None) -> Dialect | None:
+    """Return the dialect in which most lines are rows of numbers; None if there is none."""
     sample = [lines[k].text for k in _sample_lines(lines)]
-    best: tuple[tuple[int, float, int], Form] | None = None
+    best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
-            found = _try(sample, separator, mark)
-            if found is not None and (best is None or found[0] > best[0]):
-                best = found
+            candidate = _try_dialect(sample, separator, mark)
+            if candidate is not None and (best is None or candidate[0] > best[0]):
+                best = candidate
     return None if best is None else best[1]
 
 
 def _sample_lines(lines: Sequence[Line]) -> list[int]:
-    """Places of the lines that are looked at; of very long lines these are fewer."""
+    """Return the indices of the lines to inspect; fewer if lines are very long."""
     middle = len(lines) // 2
-    places = (one for k in range(_LOOKED_AT) for one in (k, middle + k, len(lines) - 1 - k))
-    chosen: set[int] = set()
-    signs = 0
-    for place in places:
-        if 0 <= place < len(lines) and place not in chosen:
-            signs += len(lines[place].text)
-            if signs > _ENOUGH and len(chosen) >= _FEWEST:
+    numbers = (number for k in range(_LOOKED_AT) for number in (k, middle + k, len(lines) - 1 - k))
+    sampled: set[int] = set()
+    characters = 0
+    for number in numbers:
+        if 0 <= number < len(lines) and number not in sampled:
+            characters += len(lines[number].text)
+            if characters > _ENOUGH and len(sampled) >= _FEWEST:
                 break
-            chosen.add(place)
-    return sorted(chosen)
+            sampled.add(number)
+    return sorted(sampled)
 
 
-def _try(
+def _try_dialect(
     sample: Sequence[str], separator: str, decimal: str
-) -> tuple[tuple[int, float, int], Form] | None:
+) -> tuple[tuple[int, float, int], Dialect] | None:
     """Count the lines that a form explains, the fraction of numbers in them, and columns."""
-    rows = [fields_of(line, separator) for line in sample]
+    rows = [split_fields(line, separator) for line in sample]
     if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
@@ -82,7 +82,7 @@ def _try(
     )
     if not widths:
         return None
-    raw = max(widths, key=lambda one: (widths[one], one))
+    raw = max(widths, key=lambda width: (widths[width], width))
     same = [k for k, row in enumerate(rows) if len(row) == raw and numeric[k]]
     width = raw  # without what stands behind a separator at the end of all lines: nothing
     while not any(rows[k][width - 1] for k in same):
@@ -97,17 +97,17 @@ def _try(
     if len(core) < 2:
         return None
     fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
-    return (widths[raw], fraction, len(core)), Form(separator, decimal, width, core)
+    return (widths[raw], fraction, len(core)), Dialect(separator, decimal, width, core)
 
 
 _WITH_COMMA = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
 _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
-def are_decimals(lines: Sequence[Line], form: Form, decimal: str | None) -> bool | None:
-    """Return True where every second separating comma is a decimal one; None: it may be.
+def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None) -> bool | None:
+    """Return True if every second comma is a decimal one, None if that is uncertain.
 
-    No whole number begins with a zero, as decimals may; and decimals are as many in each line, or
+    No integer begins with a zero, as decimals may; and decimals are as many in each line, or
     end with none.
     """
     rows = [lines[k].text.strip().split(",") for k in _sample_lines(lines)]
@@ -122,16 +122,16 @@ def are_decimals(lines: Sequence[Line], form: Form, decimal: str | None) -> bool
     as_many = all(len(set(map(len, column))) == 1 for column in behind)
     if not (as_many or not any(cell.endswith("0") for cell in digits)):
         return False
-    whole = [match[1] for match in pairs if match is not None]
-    return (any(map(_is_padded, digits)) and not any(map(_is_padded, whole))) or None
+    integers = [match[1] for match in pairs if match is not None]
+    return (any(map(_is_padded, digits)) and not any(map(_is_padded, integers))) or None
 
 
 def _is_padded(digits: str) -> bool:
     return len(digits) > 1 and digits[0] == "0"
 
 
-def with_points(lines: Sequence[Line]) -> list[Line]:
-    """Lines whose first comma, and every second from there, is that of decimals, with points."""
+def replace_decimal_commas(lines: Sequence[Line]) -> list[Line]:
+    """Replace the first comma of each line, and every second one after it, by a point."""
     return [Line(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
@@ -139,42 +139,40 @@ def _with_point(cell: str) -> bool:
     return "." in cell and is_number(cell, ".") and not is_stamp(cell)
 
 
-def fields_of(line: str, separator: str) -> list[str]:
-    """Fields of a line; one that is empty behind the last separator is none."""
+def split_fields(line: str, separator: str) -> list[str]:
+    """Split a line into its fields."""
     if separator == " ":
-        found = line.split()
-    else:
-        found = [cell.strip() for cell in _quote_fields(line, separator) or line.split(separator)]
-    return found
+        return line.split()
+    return [cell.strip() for cell in _quoted(line, separator) or line.split(separator)]
 
 
-def _quote_fields(line: str, separator: str) -> list[str] | None:
-    """Fields of a line with quotes; None where there are none, or nothing that fits in them."""
+def _quoted(line: str, separator: str) -> list[str] | None:
+    """Split a line with quotes; None if it has none, or cannot be split by them."""
     if '"' not in line:
         return None
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    except csv.Error:  # such as a cell of more than 131072 signs, which is no number either
+    except csv.Error:  # such as a cell of more than 131072 characters, which is no number either
         return None
 
 
 _WORD = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]")
 
 
-def words_of(line: str, separator: str) -> list[str]:
-    """Fields of a header; between spaces, a unit in brackets belongs to its name."""
-    return _WORD.findall(line) if separator == " " else fields_of(line, separator)
+def split_header(line: str, separator: str) -> list[str]:
+    """Split a header into its fields; between spaces, a unit in brackets belongs to its name."""
+    return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
-def is_row(fields: Sequence[str], form: Form) -> bool:
+def is_row(fields: Sequence[str], form: Dialect) -> bool:
     """Return True for a line of the table: as many fields, of which some are numbers."""
-    if not form.width <= len(trim_fields(fields, form.width)) <= form.width:
+    if not form.width <= len(trim(fields, form.width)) <= form.width:
         return False
     return any(is_number(fields[k], form.decimal) for k in form.numeric)
 
 
-def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
-    """Without empty fields beyond the width."""
+def trim(fields: Sequence[str], width: int) -> Sequence[str]:
+    """Return the fields without empty ones beyond the width."""
     end = len(fields)
     while end > width and not fields[end - 1]:
         end -= 1

@@ -11,14 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from granular.readers.column_roles import has_dimension, time_column
 from granular.readers.delimited import read_delimited
+from granular.readers.headers import ACCELERATION, FORCE, TIME, normalize_unit, role_of
 from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
+from granular.readers.interpretation import (
+    Interpretation,
+    check_values,
+    interpret_sheet,
+    spread_ticks,
+)
 from granular.readers.matlab import read_matlab
-from granular.readers.meaning import Meaning, checked, meaning_of, spread
-from granular.readers.names import ACCELERATION, FORCE, TIME, plain_unit, role_of
+from granular.readers.options import ReadOptions, describing, is_description, read_description
 from granular.readers.parquet import read_parquet
-from granular.readers.reading import Reading, describing, is_description, read_description
-from granular.readers.roles import is_of, time_of
 from granular.readers.sheet import Column, Sheet
 from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
 from granular.readers.workbook import read_workbook, refuse_old
@@ -47,17 +52,17 @@ _MAX_SHOWN = 20
 class Format(NamedTuple):
     """A format of files: the reader of its bytes, and how many it takes at most."""
 
-    read: Callable[[bytes, Reading], Sheet]
+    read: Callable[[bytes, ReadOptions], Sheet]
     most: int = MAX_BYTES
 
 
-def read_meaning(path: Path, said: Reading, form: Format | None = None) -> Meaning:
+def interpret_file(path: Path, options: ReadOptions, form: Format | None = None) -> Interpretation:
     """Columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
     ----------
     path : Path
-    said : Reading
+    options : ReadOptions
         Goes before what a description says.
     form : Format, optional
         Without, by the ending of the file's name.
@@ -68,19 +73,19 @@ def read_meaning(path: Path, said: Reading, form: Format | None = None) -> Meani
         If it cannot be read as such; the message names the file.
     """
     if not is_description(path):
-        return _meaning(path, said, form)
+        return _meaning(path, options, form)
     file, described = read_description(path)
     with describing(path, file):
-        return _meaning(file, described.and_then(said), None)
+        return _meaning(file, described.merge(options), None)
 
 
-def _meaning(path: Path, said: Reading, form: Format | None) -> Meaning:
-    sheet = open_sheet(path, said, form)
+def _meaning(path: Path, options: ReadOptions, form: Format | None) -> Interpretation:
+    sheet = read_sheet(path, options, form)
     with _naming(path):
-        return meaning_of(sheet, said)
+        return interpret_sheet(sheet, options)
 
 
-def open_sheet(path: Path, said: Reading, form: Format | None = None) -> Sheet:
+def read_sheet(path: Path, options: ReadOptions, form: Format | None = None) -> Sheet:
     """Sheet of a file; its name's ending tells a format that is no text.
 
     Raises
@@ -91,7 +96,7 @@ def open_sheet(path: Path, said: Reading, form: Format | None = None) -> Sheet:
     read, most = form or BINARY.get(path.suffix.lower(), TEXT)
     content = _read_bytes(path, most)
     with _naming(path):
-        return read(content, said)
+        return read(content, options)
 
 
 @contextlib.contextmanager
@@ -116,7 +121,7 @@ def _read_bytes(path: Path, most: int) -> bytes:
 # Text ------------------------------------------------------------------------------------------
 
 
-def read_text(content: bytes, said: Reading) -> Sheet:
+def read_text(content: bytes, options: ReadOptions) -> Sheet:
     """Sheet of a file of text, in any of the encodings that instruments write.
 
     Raises
@@ -125,19 +130,19 @@ def read_text(content: bytes, said: Reading) -> Sheet:
         If it is no text, or holds no table.
     """
     refuse_old(content)
-    text, encoding = _decode(content)
+    text, encoding = _decoded(content)
     if is_labview(text):
-        sheet = read_labview(text, said)
+        sheet = read_labview(text, options)
     elif is_rigol(text):
         sheet = read_rigol(text)
     else:
-        sheet = read_delimited(text, said.decimal, said.skip)
+        sheet = read_delimited(text, options.decimal, options.skip)
     if encoding not in ("utf-8", "utf-8-sig"):
         sheet.form += f", in {encoding}"
     return sheet
 
 
-def _decode(content: bytes) -> tuple[str, str]:
+def _decoded(content: bytes) -> tuple[str, str]:
     """Text of some bytes, and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
@@ -186,7 +191,7 @@ BINARY = {
 
 
 def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times [s] and numbers of a file, read as a laboratory record is.
+    """Read times [s] and numbers of a file in the form of a laboratory record.
 
     Parameters
     ----------
@@ -203,40 +208,40 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
     RecordError
         If it cannot be read as such; the message names the file, and the line.
     """
-    sheet = open_sheet(path, Reading())
+    sheet = read_sheet(path, ReadOptions())
     with _naming(path):
-        time = time_of(sheet)
+        time = time_column(sheet)
         other = _other(sheet, time, unit)
         name = visible(other.name) or f"column {sheet.columns.index(other) + 1}"
-        times = checked(sheet, TIME, time) * _size(TIME, time, "s")
-        values = checked(sheet, name, other) * _size(name, other, unit)
+        times = check_values(sheet, TIME, time) * _size(TIME, time, "s")
+        values = check_values(sheet, name, other) * _size(name, other, unit)
     here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
     if not here.all():
-        first = sheet.place(int(np.argmin(here)))
+        first = sheet.describe_row(int(np.argmin(here)))
         notes.append(f"{(~here).sum()} of {len(here)} samples are lost and left out: {first} first")
-    times = spread(times[here], notes)
+    times = spread_ticks(times[here], notes)
     if notes:
         warnings.warn(f"{visible(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
     return times, values[here]
 
 
 def _other(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Only column beside the time, of that unit, or of that name; without names the next."""
-    others = [one for one in sheet.columns if one is not time]
+    """Return the only column besides the time, of that unit or name; without names the next."""
+    others = [column for column in sheet.columns if column is not time]
     choices: Sequence[list[Column]] = (
         others,
-        [one for one in others if one.unit is not None and is_of(one.unit, unit)],
-        [one for one in others if role_of(one.name) == _ROLES.get(unit, "")],
-        [] if any(one.name for one in others) else others[:1],
+        [column for column in others if column.unit and has_dimension(column.unit, unit)],
+        [column for column in others if role_of(column.name) == _ROLES.get(unit, "")],
+        [] if any(column.name for column in others) else others[:1],
     )
-    found = next((some for some in choices if len(some) == 1), None)
-    if found is None:
-        names = ", ".join(quote(one.name) for one in others[:_MAX_SHOWN])
+    chosen = next((columns for columns in choices if len(columns) == 1), None)
+    if chosen is None:
+        names = ", ".join(quote(column.name) for column in others[:_MAX_SHOWN])
         raise RecordError(
-            f"holds {len(others)} columns beside the time ({names}); leave one, or write its unit "
+            f"holds {len(others)} columns besides the time ({names}); leave one, or write its unit "
             f"behind its name, such as 'value [{unit}]'"
         )
-    return found[0]
+    return chosen[0]
 
 
 def _size(name: str, column: Column, wanted: str) -> float:
@@ -244,7 +249,7 @@ def _size(name: str, column: Column, wanted: str) -> float:
     if column.unit is None or column.clock:
         return 1.0
     try:
-        size, dimension = unit_size(plain_unit(column.unit))
+        size, dimension = unit_size(normalize_unit(column.unit))
     except SceneError as error:
         raise RecordError(f"{name}: {error}") from None
     if dimension not in (unit_size(wanted)[1], unit_size("1")[1]):

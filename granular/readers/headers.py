@@ -63,7 +63,7 @@ _IN = re.compile(r"(.*)\bin\s+([^\s_,:]+)")
 _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
-def plain_unit(unit: str) -> str:
+def normalize_unit(unit: str) -> str:
     """Return the unit as `granular.schema.units` writes it, where it is known; else as it is."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
@@ -71,10 +71,10 @@ def plain_unit(unit: str) -> str:
 
 def is_unit(text: str) -> bool:
     """Return True for a cell that is a unit and nothing else, also in brackets."""
-    return plain_unit(text) in KNOWN
+    return normalize_unit(text) in KNOWN
 
 
-def name_and_unit(cell: str) -> tuple[str, str | None]:
+def parse_header(cell: str) -> tuple[str, str | None]:
     """Name and unit of a column from its header.
 
     ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
@@ -91,21 +91,21 @@ def name_and_unit(cell: str) -> tuple[str, str | None]:
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         name = match[1].strip()
-        return name or (TIME if plain_unit(match[2]) in _TIMES else ""), match[2]
+        return name or (TIME if normalize_unit(match[2]) in _TIMES else ""), match[2]
     match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None and is_unit(match[2]) and role_of(match[1]) is not None:
         return match[1], match[2]
-    if plain_unit(cell) in _TIMES and len(cell) > 1:
+    if normalize_unit(cell) in _TIMES and len(cell) > 1:
         return TIME, cell
     return cell, None
 
 
-def bare(name: str) -> str:
+def normalize_name(name: str) -> str:
     """Name in lower case, without a run's number; one space for signs that are no letters."""
     return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
 
 
 def role_of(name: str) -> str | None:
     """Role of a column of that name, by its synonyms."""
-    words = bare(name)
+    words = normalize_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

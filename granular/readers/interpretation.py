@@ -1,4 +1,4 @@
-"""Meaning of the columns of a sheet: a time, a coordinate, and what goes with it."""
+"""Interpretation of the columns of a sheet: a time, a coordinate, and what goes with it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.readers.names import (
+from granular.readers.column_roles import SI, assign_roles
+from granular.readers.headers import (
     HEIGHT,
     TIME,
     VELOCITY,
-    plain_unit,
+    normalize_unit,
 )
-from granular.readers.reading import Reading
-from granular.readers.roles import SI, columns_by_role
+from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
@@ -27,7 +27,7 @@ TICK = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
-class Meaning:
+class Interpretation:
     """Columns in SI, and how they came about.
 
     Attributes
@@ -57,8 +57,8 @@ class Meaning:
     left_out: tuple[str, ...]
 
 
-def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
-    """Meaning of a sheet, from the user's words and else from its names and units.
+def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
+    """Interpretation of a sheet, from the user's words and else from its names and units.
 
     Raises
     ------
@@ -66,61 +66,61 @@ def meaning_of(sheet: Sheet, reading: Reading) -> Meaning:
         If there is no time or no coordinate, a unit does not fit, or a value is no number.
     """
     notes = list(sheet.notes)
-    chosen = columns_by_role(sheet, reading, notes)
+    chosen = assign_roles(sheet, reading, notes)
     _check_doubles(sheet, chosen, reading)
     units = _units(sheet, chosen, reading)
     angle = _is_angle(units.get(HEIGHT))
-    values = {role: checked(sheet, role, column) for role, column in chosen.items()}
+    values = {role: check_values(sheet, role, column) for role, column in chosen.items()}
     own = {role: numbers * _size(role, units.get(role), angle) for role, numbers in values.items()}
     if reading.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY) if role in own}
     others, left_out = _others(sheet, chosen)
     own, others = _without_gaps(sheet, own, others, notes, left_out)
-    own[TIME] = spread(own[TIME], notes)
+    own[TIME] = spread_ticks(own[TIME], notes)
     every = own | others
     if reading.between is not None:
         start, stop = reading.between
         inside = (own[TIME] >= start) & (own[TIME] <= stop)
         every = {name: numbers[inside] for name, numbers in every.items()}
-    return Meaning(
+    return Interpretation(
         every, {role: column.name for role, column in chosen.items()},
         {role: units.get(role) or SI[role] for role in chosen}, angle, sheet.form, tuple(notes),
         tuple(left_out),
     )  # fmt: skip
 
 
-def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading) -> None:
+def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> None:
     """Refuse to choose between columns of one name, unless the user says a number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
         name = column.name.lower()
-        places = [k for k, one in enumerate(names, start=1) if one == name]
-        if name and len(places) > 1 and not str(reading.columns.get(role, "")).isdigit():
-            listed = ", ".join(map(str, places[:-1])) + f" and {places[-1]}"
+        indices = [k for k, item in enumerate(names, start=1) if item == name]
+        if name and len(indices) > 1 and not str(reading.columns.get(role, "")).isdigit():
+            listed = ", ".join(map(str, indices[:-1])) + f" and {indices[-1]}"
             raise RecordError(
                 f"the column {quote(name)} is there twice, in columns {listed}; names "
-                f"must differ, or say which it is (columns: {role}={places[-1]})"
+                f"must differ, or say which it is (columns: {role}={indices[-1]})"
             )
 
 
 # Units -----------------------------------------------------------------------------------------
 
 
-def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: Reading) -> dict[str, str]:
+def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> dict[str, str]:
     """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
-    known = {*(one.name.lower() for one in sheet.columns if one.name), *chosen}
+    known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
     for name in said:
         if name not in known:
             raise RecordError(unknown(name, sorted(known), "column"))
-    found = {}
+    result = {}
     for role, column in chosen.items():
         unit = said.get(role, said.get(column.name.lower(), column.unit))
         if column.clock and role == TIME:
             unit = "s"
         if unit is not None:
-            found[role] = plain_unit(unit)
-    return found
+            result[role] = normalize_unit(unit)
+    return result
 
 
 def _is_angle(unit: str | None) -> bool:
@@ -150,7 +150,7 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
 # Values ----------------------------------------------------------------------------------------
 
 
-def checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
+def check_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
     """Numbers of a column, NaN where a sample is lost.
 
     Raises
@@ -163,21 +163,22 @@ def checked(sheet: Sheet, role: str, column: Column) -> np.ndarray:
             raise RecordError(f"{role} holds no numbers; write it as numbers")
         row, cell = column.wrong
         raise RecordError(
-            f"{role} of {sheet.place(row)} is {quote(cell)}, not a number; correct or drop it"
+            f"{role} of {sheet.describe_row(row)} is {quote(cell)}, not a number; correct "
+            "or drop it"
         )
     infinite = np.isinf(column.values)
     if infinite.any():
         row = int(np.argmax(infinite))
         raise RecordError(
-            f"{role} of {sheet.place(row)} is {column.values[row]:g}; values must be finite: drop "
-            "such samples"
+            f"{role} of {sheet.describe_row(row)} is {column.values[row]:g}; values must be "
+            "finite: drop such samples"
         )
     return column.values
 
 
 def _others(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.ndarray], list[str]]:
     taken = list(map(id, chosen.values()))
-    names = [one.name.lower() for one in sheet.columns]
+    names = [column.name.lower() for column in sheet.columns]
     counts = collections.Counter(names)
     others: dict[str, np.ndarray] = {}
     left_out = []
@@ -202,23 +203,23 @@ def _without_gaps(
     here = np.isfinite(own[TIME]) & np.isfinite(own[HEIGHT])
     lost = int((~here).sum())
     if lost:
-        first = sheet.place(int(np.argmin(here)))
+        first = sheet.describe_row(int(np.argmin(here)))
         others_too = " and others" if lost > 1 else ""
         notes.append(
             f"{lost} of {len(here)} samples have no time or height and are left out: {first}"
             f"{others_too}"
         )
-    kept: dict[str, dict[str, np.ndarray]] = {"own": {}, "others": {}}
+    saved: dict[str, dict[str, np.ndarray]] = {"own": {}, "others": {}}
     for kind, columns in (("own", own), ("others", others)):
         for name, values in columns.items():
             left = values[here] if lost else values
             if np.isfinite(left).all():
-                kept[kind][name] = left
+                saved[kind][name] = left
             else:
                 left_out.append(name)
                 if kind == "own":
                     notes.append(f"{name} has gaps and is left out")
-    return kept["own"], kept["others"]
+    return saved["own"], saved["others"]
 
 
 def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
@@ -228,7 +229,7 @@ def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
     return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
 
 
-def spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
+def spread_ticks(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
     """Return the times that a clock has rounded to its tick, spread evenly between its ticks.
 
     Equal neighbours are samples of one tick: each run of them is spread up to the next tick.
@@ -243,11 +244,11 @@ def spread(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
         return time
     # The last run has no tick behind it: it is as dense as the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
-    places = np.arange(len(time), dtype=float)
+    indices = np.arange(len(time), dtype=float)
     end = ticks[-1] + (len(time) - firsts[-1]) / rate
     assert isinstance(notes, list)
     notes.append(
         f"times are rounded to {np.median(np.diff(ticks)):.3g} s: samples of one tick are spread "
         "evenly up to the next"
     )
-    return np.asarray(np.interp(places, [*firsts, len(time)], [*ticks, end]))
+    return np.asarray(np.interp(indices, [*firsts, len(time)], [*ticks, end]))
