@@ -36,9 +36,9 @@ def compression(seed: int, speed: float = SPEED) -> list[dict[str, Any]]:
 def _compressed(seed: int, speed: float, every: int) -> dict[str, Any]:
     scene = mono_bed(368, speed=speed, seed=seed).replace(**{"pairs.far_every": every})
     simulate(scene, t_end=0.01, progress=False)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     run = simulate(scene, progress=False)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     return {
         "seed": seed, "speed": speed, "far every": every, "seconds": seconds,
         "simulated": run.stages[-1].end, "steps": run.settings()["steps"],

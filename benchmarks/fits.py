@@ -100,9 +100,9 @@ def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
     for seed in range(1 + rounds):
         noise = np.random.default_rng(seed).normal(0.0, NOISE * clean.std(), samples)
         record = PistonRecord(times, clean + noise)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         model = fit(record, law)
-        seconds.append(time.perf_counter() - begun)
+        seconds.append(time.perf_counter() - started)
         errors.append([model.parameters[name] / truth.parameters[name] - 1.0
                        for name in shape.parameters])  # fmt: skip
         converged.append(model.quality.converged / model.quality.starts)

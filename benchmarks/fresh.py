@@ -47,9 +47,9 @@ def starts() -> list[dict[str, Any]]:
 
 
 def _seconds(words: Sequence[str], environment: Mapping[str, str]) -> float:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     finished([sys.executable, *words], environment)
-    return time.perf_counter() - begun
+    return time.perf_counter() - started
 
 
 def _peak() -> int:

@@ -81,15 +81,15 @@ def _drift(bed: Bed, h: float) -> None:
 
 
 @_by_hand
-def _kick(bed: Bed, span: float) -> None:
+def _kick(bed: Bed, total_duration: float) -> None:
     for i in range(bed.grains):
-        bed.vx[i] += span * bed.fx[i]
-        bed.vy[i] += span * bed.fy[i]
+        bed.vx[i] += total_duration * bed.fx[i]
+        bed.vy[i] += total_duration * bed.fy[i]
 
 
 @_by_hand
-def _kick_with_drag(bed: Bed, rate: float, span: float) -> None:
-    decay, gain, a, b, c = drag.flow(rate, span)
+def _kick_with_drag(bed: Bed, rate: float, total_duration: float) -> None:
+    decay, gain, a, b, c = drag.flow(rate, total_duration)
     for i in range(bed.grains):
         ax, ay, vx, vy = bed.fx[i], bed.fy[i], bed.vx[i], bed.vy[i]
         bed.vx[i] = decay * vx + gain * ax

@@ -137,10 +137,10 @@ def own_starts(rounds: int = 5) -> list[dict[str, Any]]:
         least = dict.fromkeys(words, float("inf"))
         for k in range(rounds + 1):
             for name, more in words.items():
-                begun = time.perf_counter()
+                started = time.perf_counter()
                 finished([sys.executable, "-m", "granular", "run", *more, *_SHORT], store)
                 if k > 0:  # the first compiles
-                    least[name] = min(least[name], time.perf_counter() - begun)
+                    least[name] = min(least[name], time.perf_counter() - started)
     return [
         {"spring": name, "start": seconds, "later": seconds - least["none"]}
         for name, seconds in least.items()

@@ -56,6 +56,6 @@ def packed_size() -> int:
 
 
 def _seconds(statement: str) -> float:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     finished([sys.executable, "-c", statement])
-    return time.perf_counter() - begun
+    return time.perf_counter() - started

@@ -48,12 +48,12 @@ def study_times(cases: int) -> list[dict[str, Any]]:
         "arrangement.seed": list(range(1, cases // 4 + 1)),
     }
     simulate(scene, t_end=0.01, threads=1, progress=False)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     simulate(scene.replace(**{"piston.mass": 1.8}), threads=1, progress=False)
-    alone = time.perf_counter() - begun
-    begun = time.perf_counter()
+    alone = time.perf_counter() - started
+    started = time.perf_counter()
     found = sweep(scene, grid=grid, measure=rest_height, progress=False)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     cores = os.cpu_count() or 1
     return [
         {"cases": len(found.cases), "grains": GRAINS, "cores": cores, "seconds": seconds,

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 
 
 def _seconds(call: Callable[[], object], repeats: int) -> float:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     for _ in range(repeats):
         call()
-    return (time.perf_counter() - begun) / repeats
+    return (time.perf_counter() - started) / repeats
 
 
 def least_seconds(

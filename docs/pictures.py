@@ -79,7 +79,7 @@ def draw_fall() -> None:
     run = damper_run()
     drop, swing = run.piston("drop").from_zero(), run.piston("release").from_zero()
     seen = swing.between(0.0, 4.0)
-    model = fit(seen, law="polynomial-spring", holdout=0.0)
+    model = fit(seen, law="polynomial-spring", test_fraction=0.0)
     predicted = model.simulate(swing.time)
     with figure(1, 2, width=9.0, height=3.0) as (drawing, (left, right)):
         left.plot(drop.time, drop.height / DIAMETER, color=COLOURS[0])

@@ -156,7 +156,7 @@ plt.show()
 # %%
 training = [runs[lift].piston() for lift in TRAINING]
 judged = runs[JUDGED].piston()
-table = compare(training, laws, held_out=[judged])
+table = compare(training, laws, test_records=[judged])
 print(table)
 
 # %% [markdown]

@@ -208,7 +208,7 @@ dampings = {}
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")
     for how in ("linear", "profile") if QUICK else ("linear", "profile", "bootstrap"):
-        model = fit(noisy, law="linear", intervals=how, holdout=0.0)
+        model = fit(noisy, law="linear", intervals=how, test_fraction=0.0)
         dampings[how] = model.intervals["lam"]
         low, high = dampings[how]
         print(f"{how:9} lam = {model.parameters['lam']:.3f} [{low:.3g}, {high:.3g}] 1/s")

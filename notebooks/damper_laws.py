@@ -75,7 +75,7 @@ def main(folder: Path) -> None:
     judged = found[f"lift {JUDGED} D"]
     training = [found[f"lift {lift} D"] for lift in TRAINING]
     laws = [*LAWS, *discovered(training)]
-    table = compare(training, laws, held_out=[judged, found["drop"]])
+    table = compare(training, laws, test_records=[judged, found["drop"]])
     print(f"record 1: lift {JUDGED} D; record 2: drop from 20 D\n{table}\n")
     errors = amplitude_errors(table, judged)
     ranked = sorted(errors.items(), key=lambda pair: pair[1])

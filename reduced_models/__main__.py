@@ -16,7 +16,7 @@ PROGRAM = Program(
     """\
 from a lab record to its equation, judged on what it has not seen:
   %(prog)s identify lab.csv -o out
-  %(prog)s compare lift-1.csv lift-2.csv --law all --held-out lift-3.csv
+  %(prog)s compare lift-1.csv lift-2.csv --law all --test-records lift-3.csv
   %(prog)s simulate out/model.json --until 3 -o motion.csv""",
     (
         identify, look, fit, discover, compare, calibrate, design, fall, simulate, export_model,

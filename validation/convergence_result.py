@@ -178,7 +178,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
 """Greatest distance of a slope from the declared order, by orders up to which it holds."""
 
-WHOLE = 0.99
+FULL = 0.99
 """Decades of steps that a slope is to span, for orders up to six; numbers of steps are whole."""
 
 OUTSIDE_REACH = 1e-12
@@ -246,7 +246,7 @@ def convergence_holds(convergence_result: ConvergenceResult) -> bool:
         return True  # errors of order eight are rounding before they have fallen for half a decade
     clear = (
         convergence_result.exact
-        or convergence_result.decades >= WHOLE
+        or convergence_result.decades >= FULL
         or convergence_result.order > HIGH_ORDER
     )
     if (

@@ -68,7 +68,7 @@ _HELD: dict[str, Any] = {
 
 SUMS = ("direct", "cut-off", "mesh")
 
-WHOLE, NOTHING = "all effects", "no effect"
+FULL, NOTHING = "all effects", "no effect"
 
 AGREE = 0.2
 """Fraction of the greater one by which the two prices of an effect may differ to be called one."""
@@ -106,11 +106,11 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     rows = []
     for name in names:
         first = _difference(value.get(f"{name} alone"), value[NOTHING])
-        last = _difference(value[WHOLE], value.get(f"without {name}"))
+        last = _difference(value[FULL], value.get(f"without {name}"))
         rows.append({"effect": name, "first": first[0], "first_doubt": first[1],
                      "last": last[0], "last_doubt": last[1]})  # fmt: skip
     return {
-        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(value[WHOLE])),
+        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(value[FULL])),
         "nothing": float(np.median(value[NOTHING])), "effects": rows,
         "sums": {name: float(np.median(value[name])) for name in SUMS if name in value},
     }  # fmt: skip
@@ -121,7 +121,7 @@ def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
     none = {f"effects.{name}": None for name in names}
     wanted: dict[str, Callable[[], Scene]] = {
         NOTHING: lambda: scene.replace(**none),
-        WHOLE: lambda: scene,
+        FULL: lambda: scene,
         **{
             f"{name} alone": partial(
                 _replace_effect, scene, {key: None for key in none if key != f"effects.{name}"}

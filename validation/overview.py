@@ -55,7 +55,7 @@ MANY_STARTS, FEW_STARTS = 8, 3
 OTHERS = ("blanes-moan-4",)
 """Methods beside Verlet's, in steps as long as their fraction of the time allows."""
 
-SHARE = 0.25
+FRACTION = 0.25
 """Fraction of the time for each other method."""
 
 SINGLE = 0.3
@@ -133,7 +133,7 @@ def plan_runs(
     ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
     for name in OTHERS:
         calls = METHODS[name].force_calls
-        runs = seconds * SHARE / (starts * took * calls)
+        runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[entries]) if random else finest(scene)

@@ -24,7 +24,7 @@ PATH = Path(__file__).parent / "published.toml"
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
 """Keys that say what the other values of a section belong to."""
 
-_PLACE = re.compile(r"(.*)\[(\d+)\]")
+_INDEX = re.compile(r"(.*)\[(\d+)\]")
 
 
 @cache
@@ -47,7 +47,7 @@ def published_value(key: str) -> Any:
     >>> published_value("damper.rest_height")
     10.53
     """
-    match = _PLACE.fullmatch(key)
+    match = _INDEX.fullmatch(key)
     name, position = (match[1], int(match[2])) if match else (key, None)
     result: Any = values()
     try:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 POINTS, SINE = 25, 20.0
 """Frequencies of sines, and how long each acts [s], if not given."""
 
-LENGTH, SHARE, WATCHED = 0.02, 0.1, 10.0
+LENGTH, FRACTION, WATCHED = 0.02, 0.1, 10.0
 """Length of an impulse [s], fraction of its peak at which the machine counts as settled, and how
 long it is observed [s], if not given."""
 
@@ -132,7 +132,7 @@ def _strike(options: Any) -> None:
         raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
     result = run_impulse(
         scene_of(options), options.force[0],
-        fraction=SHARE if options.fraction is None else options.fraction,
+        fraction=FRACTION if options.fraction is None else options.fraction,
         length=LENGTH if options.length is None else options.length,
         duration=WATCHED if options.duration is None else options.duration,
         dt=time_step(options.dt), out=options.out, progress=not options.quiet,

@@ -123,7 +123,7 @@ def _classes(laws: types.BaseTuple) -> list[type]:
 
 
 def _places(hook: str, classes: Any, backward: bool = False) -> list[int]:
-    indices = [place for place, kind in enumerate(classes) if hasattr(kind, hook)]
+    indices = [index for index, kind in enumerate(classes) if hasattr(kind, hook)]
     return indices[::-1] if backward else indices
 
 
@@ -144,15 +144,15 @@ class _Call(NamedTuple):
     kernel: Any
     sig: Signature
     sources: Sequence[int | tuple[int, int]]
-    place: int | None
+    number: int | None
 
 
 def _call(
     context: Any, kernel: Kernel, given: Sequence[Any], sources: Sequence[int | tuple[int, int]],
-    index: int | None = None,
+    number: int | None = None,
 ) -> _Call:  # fmt: skip
     known = context.resolve_value_type(kernel)
-    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, index)
+    return _Call(known, known.get_call_type(context, tuple(given), {}), sources, number)
 
 
 def _hook_call(
@@ -210,8 +210,8 @@ def _write_call(
             )
         else:
             arguments.append((values[source], given[source]))
-    if call.place is not None:
-        arguments.insert(2, (context.get_constant(types.int64, call.place), types.int64))
+    if call.number is not None:
+        arguments.insert(2, (context.get_constant(types.int64, call.number), types.int64))
     cast = [
         context.cast(builder, value, have, want)
         for (value, have), want in zip(arguments, call.sig.args, strict=True)

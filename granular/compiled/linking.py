@@ -48,7 +48,7 @@ class LinkedLibrary(JITCodeLibrary):
             self._reload_init.update(library._reload_init)
         self._finalized = True
 
-    def own_module(self) -> Any:
+    def kernel_module(self) -> Any:
         self._ensure_finalized()
         return self._final_module
 
@@ -82,7 +82,7 @@ class EntryLibrary(JITCodeLibrary):
 
 def _module(library: Any) -> Any:
     if isinstance(library, LinkedLibrary):
-        return library.own_module()
+        return library.kernel_module()
     return library._get_module_for_linking()
 
 

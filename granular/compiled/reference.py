@@ -28,7 +28,7 @@ class Reference(types.Type):
     """Address of a named tuple; its name is short, since it is a part of names of kernels."""
 
     def __init__(self, total: Any) -> None:
-        self.whole = total
+        self.integer = total
         digest = hashlib.sha256(str(total).encode()).hexdigest()[:12]
         super().__init__(name=f"{total.instance_class.__name__}.{digest}")
 
@@ -38,10 +38,10 @@ class Reference(types.Type):
 
     def field(self, name: str) -> tuple[int, Any] | None:
         """Place of a field, and what reading it gives."""
-        if name not in self.whole.fields:
+        if name not in self.integer.fields:
             return None
-        number = self.whole.fields.index(name)
-        return number, _refer(self.whole.types[number])
+        number = self.integer.fields.index(name)
+        return number, _refer(self.integer.types[number])
 
 
 def _refer(kind: Any) -> Any:
@@ -55,7 +55,7 @@ def _is_named_tuple(kind: Any) -> bool:
 @register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Reference) -> None:
-        data_type = manager.lookup(kind.whole).get_data_type()
+        data_type = manager.lookup(kind.integer).get_data_type()
         super().__init__(manager, kind, data_type.as_pointer())
 
 

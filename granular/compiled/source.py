@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent.parent
-ROOMS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
+FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
 """The folders of the package with the kernels and all that kernels take from other files."""
 
 _DECORATORS = {"compiled", "entry", "intrinsic"}
@@ -16,7 +16,7 @@ _DECORATORS = {"compiled", "entry", "intrinsic"}
 
 def kernel_files() -> dict[str, bytes]:
     """Content of every file in the rooms, by its place in the package."""
-    paths = sorted(path for workspace in ROOMS for path in (PACKAGE / workspace).rglob("*.py"))
+    paths = sorted(path for workspace in FOLDERS for path in (PACKAGE / workspace).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 

@@ -31,7 +31,7 @@ from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.vector import lane_sum
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, quantity, whole
+from granular.schema.sections import FieldError, integer, quantity
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -63,7 +63,7 @@ class Bath(Effect):
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)
-    seed: int = whole(default=1)
+    seed: int = integer(default=1)
 
     def decay_rate(self, scales: Scales) -> float:
         """Rate in natural units."""
@@ -109,7 +109,7 @@ class BathLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def glide(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
+    def drift(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
         """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift."""
         state, constants = bed.state, bed.constants
         left = math.exp(-law.rate * dt)

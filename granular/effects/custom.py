@@ -85,7 +85,7 @@ from granular.effects.custom_law import CustomLaw, CustomWallLaw
 from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.registry import WALL_LAWS, register
 from granular.schema.scales import Scales
-from granular.schema.sections import Quantity, Section, Whole, unknown
+from granular.schema.sections import Integer, Quantity, Section, unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.user_file import UserFile, contents
@@ -328,7 +328,7 @@ def define(
         written.__name__, (base,), content | {"definition": definition, "written": written} | more
     )
     for field in dataclasses.fields(made):
-        if not isinstance(field.metadata.get("kind"), Quantity | Whole):
+        if not isinstance(field.metadata.get("kind"), Quantity | Integer):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
     return made
 

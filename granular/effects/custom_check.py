@@ -19,7 +19,7 @@ from granular.shared.messages import one_line
 CLOSE = 1e-5
 """Relative difference between a derivative and what a function says."""
 _STEP = 1e-4
-_PLACES, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
+_POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
 
@@ -31,7 +31,7 @@ def check(definition: Definition, p: Any, setting: EffectContext) -> None:
     mass, moment = setting.grains.mass_ratios(), setting.grains.moment_ratios()
     grains = [
         Grain(x * width, y * width, float(mass[k % ends]), float(moment[k % ends]))
-        for k, (x, y) in enumerate(_PLACES)
+        for k, (x, y) in enumerate(_POINTS)
     ]
     if "force" in functions:
         for grain, time in itertools.product(grains, _TIMES):

@@ -168,7 +168,7 @@ def _make_flow(definition: Definition) -> Loop:
     if flow is None:
         return lambda kind, law, entry, dt, state, constants: None
 
-    def slow(
+    def damping_slope(
         kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants
     ) -> None:
         p, lost = values_of(*law.values), 0.0
@@ -180,7 +180,7 @@ def _make_flow(definition: Definition) -> Loop:
             lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
         state.ledger[entry] += lost
 
-    return slow
+    return damping_slope
 
 
 @compiled

@@ -98,7 +98,7 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(
+    def damping_slope(
         law: DragLaw, workspace: LastFlow, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""

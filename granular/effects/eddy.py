@@ -19,7 +19,7 @@ from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.kernel_data.constants import moments_of, value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.schema.scales import Scales
-from granular.schema.sections import quantity, whole
+from granular.schema.sections import integer, quantity
 
 
 class Eddy(Effect):
@@ -47,7 +47,7 @@ class Eddy(Effect):
     conductivity: float = quantity("S/m", least=0.0)
     thickness: float = quantity("m", above=0.0)
     distance: float = quantity("m", above=0.0)
-    plates: int = whole(default=1, least=1, most=2)
+    plates: int = integer(default=1, least=1, most=2)
 
     def coefficient(self, scales: Scales) -> float:
         """Drag coefficient [kg/s] of a grain of the first species."""
@@ -94,7 +94,9 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def slow(law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
+    def damping_slope(
+        law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed
+    ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, moments_of(constants), 0.0

@@ -29,7 +29,7 @@ As a force it would cost the second order. What it takes is entered in
 ``kick(..., dt, bed, opening) -> int``
     Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
     together with them; the last effect that has one gives it, and must take along what others do.
-``slow(..., slopes, dt, bed) -> int``
+``damping_slope(..., slopes, dt, bed) -> int``
     The same as a force, for Runge-Kutta methods.
 
 A **frame** acts on everything, the piston too. `granular.effects.shaking` is one. (A host moves
@@ -37,12 +37,12 @@ grains and piston by their forces, so the loop itself moves it: `granular.engine
 
 ``lift(..., time) -> float``
     Upward acceleration of all that has a mass.
-``glide(..., dt, bed) -> int``
+``drift(..., dt, bed) -> int``
     Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
     a heat bath wants it; for Störmer-Verlet's coefficients alone.
 
 ``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
-over as ``workspace``; its field ``kept``, if it has one, is part of the run's state.
+over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
 
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
 written: a class with the functions of one of them, decorated with
@@ -122,7 +122,7 @@ class Effect(Section):
     damps : bool
         Whether it takes energy wherever grains move.
     drifts : bool
-        Whether it has a ``glide``.
+        Whether it has a ``drift``.
     periodic : bool
         Whether it is the same at a grain and at all images of it, and meets the nearest images of
         other grains: it can act in a periodic cell.

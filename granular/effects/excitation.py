@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.compiled import compiled
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, numbers, quantity, text, whole
+from granular.schema.sections import FieldError, Section, choice, integer, numbers, quantity, text
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
 
@@ -77,7 +77,7 @@ class Excitation(Section):
     to: float | None = quantity("Hz", above=0.0, default=None, optional=True)
     start: float = quantity("s", default=0.0, least=0.0)
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
-    seed: int = whole(default=1)
+    seed: int = integer(default=1)
     times: tuple[float, ...] = numbers("s", default=(), least=0.0)
     values: tuple[float, ...] = numbers("1", default=())
     file: str | None = text(default=None, optional=True)

@@ -167,8 +167,8 @@ class _Derived(Mapping[str, Callable[..., Any]]):
 
         symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
         given = {
-            name: sympy.Symbol(f"parameter{place}", real=True)
-            for place, name in enumerate(self.parameters)
+            name: sympy.Symbol(f"parameter{index}", real=True)
+            for index, name in enumerate(self.parameters)
         }
         tree = expression(parse(self.energy), symbols | given)
         forms = self.kind.derived(tree, symbols)

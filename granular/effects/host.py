@@ -21,7 +21,7 @@ from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, many, one, quantity, whole
+from granular.schema.sections import FieldError, Section, choice, integer, many, one, quantity
 
 RESOLVED = 4.0
 """How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
@@ -89,7 +89,7 @@ class Host(Effect):
     bodies: tuple[Body, ...] = many(Body)
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
     excitation: Excitation | None = one(Excitation, default=None, optional=True)
-    excited: int | None = whole(default=None, optional=True)
+    excited: int | None = integer(default=None, optional=True)
 
     @property
     def is_flow(self) -> bool:
@@ -235,7 +235,7 @@ class HostWorkspace(NamedTuple):
 
     Attributes
     ----------
-    kept : float64 (2, n)
+    persistent : float64 (2, n)
         Displacements over the base, and velocities; of the frame as the last, which is not that of
         the body where this carries the piston.
     present : float64 (2,)
@@ -248,7 +248,7 @@ class HostWorkspace(NamedTuple):
     ledger : float64 (k,)
     """
 
-    kept: np.ndarray
+    persistent: np.ndarray
     present: np.ndarray
     forces: np.ndarray
     changes: np.ndarray
@@ -294,7 +294,7 @@ class HostLaw(NamedTuple):
         """Workspace for the motion of the host."""
         bodies = max(len(self.chain.masses), 1)
         return HostWorkspace(
-            kept=np.zeros((2, bodies)),
+            persistent=np.zeros((2, bodies)),
             present=np.zeros(2),
             forces=np.zeros(bodies),
             changes=np.zeros(bodies),
@@ -315,13 +315,13 @@ class HostLaw(NamedTuple):
         chain, last = law.chain, law.chain.masses.size - 1
         total, below = 0.0, 0.0
         for k in range(last + 1):
-            x, speed = workspace.kept[0, k], workspace.kept[1, k]
+            x, speed = workspace.persistent[0, k], workspace.persistent[1, k]
             total += 0.5 * chain.stiffness[k] * (x - below) * (x - below)
             if k < last:
                 total += 0.5 * chain.masses[k] * speed * speed
             below = x
         if law.mount != FIXED:
-            frame, piston = workspace.kept[1, last], state.piston[SPEED]
+            frame, piston = workspace.persistent[1, last], state.piston[SPEED]
             momentum = bed_momentum(bed)
             total += 0.5 * (law.frame_mass + law.bed_mass) * frame * frame + frame * momentum
             total += law.piston_mass * frame * (0.5 * frame + piston)
@@ -332,7 +332,7 @@ class HostLaw(NamedTuple):
 @compiled(inline=True)
 def last_speed(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of the last body over the base."""
-    speed = workspace.kept[1, law.chain.masses.size - 1]
+    speed = workspace.persistent[1, law.chain.masses.size - 1]
     return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
 
 

@@ -30,7 +30,7 @@ class Side(NamedTuple):
         The distance from the wall is sign * (place - offset).
     """
 
-    place: Array
+    position: Array
     along: Array
     offset: float
     sign: float
@@ -60,7 +60,7 @@ def distance_forces(
     """Add the forces away from the wall; how many grains are behind it."""
     outside = 0
     for i in range(count):
-        w = side.sign * (side.place[i] - side.offset)
+        w = side.sign * (side.position[i] - side.offset)
         normal[i] = _force(law, w)
         if moments is not None:
             normal[i] *= moments[i]
@@ -73,6 +73,6 @@ def distance_forces(
 def distance_energies(law: Any, count: int, side: Side, stiffness: Array, energies: Array) -> None:
     """Energies at the wall, for grains of moment 1; adds its stiffness over the grain's mass."""
     for i in range(count):
-        w = side.sign * (side.place[i] - side.offset)
+        w = side.sign * (side.position[i] - side.offset)
         energies[i] = _energy(law, w)
         stiffness[i] += _stiffness(law, w)

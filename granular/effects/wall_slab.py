@@ -103,7 +103,7 @@ class SlabWall(NamedTuple):
         """Add the forces away from the slabs; those along them are left in ``tangential``."""
         outside = 0
         for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
+            w = side.sign * (side.position[i] - side.offset)
             normal[i] = 0.0
             tangential[i] = 0.0
             for k in range(law.starts.size):
@@ -133,7 +133,7 @@ class SlabWall(NamedTuple):
     def measure(law: SlabWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
         """As of `granular.effects.wall_side.distance_energies`."""
         for i in range(count):
-            w = side.sign * (side.place[i] - side.offset)
+            w = side.sign * (side.position[i] - side.offset)
             energies[i] = 0.0
             for k in range(law.starts.size):
                 a, b = side.along[i] - law.starts[k], law.ends[k] - side.along[i]

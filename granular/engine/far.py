@@ -82,7 +82,7 @@ def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -
     if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
         return 0
     if has_changed(met, state.x, state.y, constants.grains, far.still):
-        return _find_course(far.course, far, bed, time)
+        return _find_course(far.trajectory, far, bed, time)
     far.moment[CHANGING] = 0.0
     return 0
 
@@ -124,7 +124,7 @@ def add_far_field(far: FarForces | None, state: State, count: int, time: float) 
     if far is not None:
         _add(far.held, far, state.load, state, count)
         if far.moment[CHANGING] > 0.0:
-            _add_course(far.course, state.load, time - far.moment[TIME], state, count)
+            _add_course(far.trajectory, state.load, time - far.moment[TIME], state, count)
 
 
 @compiled

@@ -13,12 +13,12 @@ from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
-from granular.pairs.verlet_list import Listing, list_sum
+from granular.pairs.verlet_list import VerletSettings, list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: Listing | None, bed: Bed,
+    cut: CutOff | None, listing: VerletSettings | None, bed: Bed,
     stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
     state, constants = bed.state, bed.constants

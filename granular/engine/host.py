@@ -74,9 +74,9 @@ def drift_host(
     if law is not None and workspace is not None:
         last = law.chain.masses.size - 1
         for k in range(last):
-            workspace.kept[0, k] += dt * workspace.kept[1, k]
+            workspace.persistent[0, k] += dt * workspace.persistent[1, k]
         if last >= 0:
-            workspace.kept[0, last] += dt * last_speed(law, workspace, state)
+            workspace.persistent[0, last] += dt * last_speed(law, workspace, state)
 
 
 @compiled
@@ -87,11 +87,11 @@ def record_host(
     if law is not None and workspace is not None:
         last, at = law.chain.masses.size - 1, 0
         if last >= 0:
-            values[at] = workspace.kept[0, last]
+            values[at] = workspace.persistent[0, last]
             values[at + 1] = last_speed(law, workspace, state)
             at += 2
         for k in range(last):
-            values[at] = workspace.kept[0, k]
+            values[at] = workspace.persistent[0, k]
             at += 1
         if law.driven:
             values[at] = excitation_at(law.drive, time)
@@ -103,9 +103,9 @@ def _momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: floa
     last = law.chain.masses.size - 1
     total = grains + law.piston_mass * speed
     for k in range(last):
-        total += law.chain.masses[k] * workspace.kept[1, k]
+        total += law.chain.masses[k] * workspace.persistent[1, k]
     if law.mount != FIXED:
-        total += (law.frame_mass + law.bed_mass + law.piston_mass) * workspace.kept[1, last]
+        total += (law.frame_mass + law.bed_mass + law.piston_mass) * workspace.persistent[1, last]
     return total
 
 
@@ -115,7 +115,7 @@ def _power(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     last = law.chain.masses.size - 1
     total = 0.0
     for k in range(last):
-        total += law.chain.fraction[k] * workspace.kept[1, k]
+        total += law.chain.fraction[k] * workspace.persistent[1, k]
     if last >= 0:
         total += law.chain.fraction[last] * last_speed(law, workspace, state)
     return total
@@ -138,7 +138,7 @@ def _kick_in_frame(
 
 
 @compiled
-def _share(first: float, second: float) -> float:
+def _secant_factor(first: float, second: float) -> float:
     """Factor of the second correction that makes the third vanish (secant rule)."""
     if first == second:
         return 1.0
@@ -197,7 +197,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
     power, total = _power(law, workspace, state), _momentum(law, workspace, grains, speed)
-    frame = workspace.kept[1, max(last, 0)]
+    frame = workspace.persistent[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
     dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
@@ -218,7 +218,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             first = missing
             push += missing
         else:
-            push += missing * _share(first, missing)
+            push += missing * _secant_factor(first, missing)
         _take_back(workspace, bed, speed)
     if law.mount != FIXED:
         taken = bed_momentum(bed) - grains
@@ -230,8 +230,8 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         if dashpots:
             _enter_dashpots(law, workspace, dt, state)
         for k in range(last + 1):
-            workspace.kept[1, k] += workspace.changes[k]
-        state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.kept[1, last])
+            workspace.persistent[1, k] += workspace.changes[k]
+        state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.persistent[1, last])
     power += _power(law, workspace, state)
     total += _momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
@@ -269,7 +269,7 @@ def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> No
         state.ledger[law.entry] += dt * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
     for k in range(count - 1):
-        workspace.kept[1, k] += workspace.changes[k]
+        workspace.persistent[1, k] += workspace.changes[k]
     state.piston[SPEED] += workspace.changes[count - 1]
 
 
@@ -280,7 +280,7 @@ def _speed(law: HostLaw, workspace: HostWorkspace, state: State, k: int) -> floa
         return 0.0
     if k == law.chain.masses.size - 1:
         return last_speed(law, workspace, state)
-    return workspace.kept[1, k]
+    return workspace.persistent[1, k]
 
 
 @compiled
@@ -290,8 +290,8 @@ def _chain_forces(chain: Chain, workspace: HostWorkspace, force: float) -> float
     tension, result = 0.0, 0.0
     for back in range(count):
         k = count - 1 - back
-        below = workspace.kept[0, k - 1] if k > 0 else 0.0
-        own = chain.stiffness[k] * (workspace.kept[0, k] - below)
+        below = workspace.persistent[0, k - 1] if k > 0 else 0.0
+        own = chain.stiffness[k] * (workspace.persistent[0, k] - below)
         workspace.forces[k] = tension - own + chain.fraction[k] * force
         tension = own
     if count > 0:
@@ -312,8 +312,8 @@ def _kick_bodies(
         own, above = chain.damping[k], chain.damping[k + 1]
         if not dashpots:
             own, above = 0.0, 0.0
-        speed, below = workspace.kept[1, k], workspace.kept[1, k - 1] if k > 0 else 0.0
-        drag = above * (workspace.kept[1, k + 1] - speed) - own * (speed - below)
+        speed, below = workspace.persistent[1, k], workspace.persistent[1, k - 1] if k > 0 else 0.0
+        drag = above * (workspace.persistent[1, k + 1] - speed) - own * (speed - below)
         gain = dt * (workspace.forces[k] - chain.masses[k] * base + drag)
         if k == last - 1:
             gain += half * above * change
@@ -331,8 +331,10 @@ def _kick_bodies(
     if last < 0 or not dashpots:
         return 0.0
     workspace.changes[last] = change
-    below = workspace.kept[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
-    return -chain.damping[last] * (workspace.kept[1, last] + 0.5 * change - below)
+    below = (
+        workspace.persistent[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
+    )
+    return -chain.damping[last] * (workspace.persistent[1, last] + 0.5 * change - below)
 
 
 @compiled
@@ -340,6 +342,6 @@ def _enter_dashpots(law: HostLaw, workspace: HostWorkspace, dt: float, state: St
     """Enter what the dashpots take at the mean velocities of a kick."""
     below = 0.0
     for k in range(law.chain.masses.size):
-        mean = workspace.kept[1, k] + 0.5 * workspace.changes[k]
+        mean = workspace.persistent[1, k] + 0.5 * workspace.changes[k]
         state.ledger[law.entry] += dt * law.chain.damping[k] * (mean - below) * (mean - below)
         below = mean

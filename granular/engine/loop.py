@@ -42,11 +42,11 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.motion import Motion
 
-RUNNING, OUTSIDE, RESTING, STIFF, REACHED, DEPARTED = range(6)
+RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
 has grown too long; the force on the piston is reached; a grain has left through a gap."""
 
-BEGUN, LOWEST, HIGHEST = range(3)
+STARTED, LOWEST, HIGHEST = range(3)
 """Entries of a watch's band."""
 
 STIFFEST, LATEST, TURNED = range(3)
@@ -136,10 +136,10 @@ def _resting(watch: StopCriteria, tick: int, row: Array) -> bool:
     watch.band[LOWEST] = min(watch.band[LOWEST], height)
     watch.band[HIGHEST] = max(watch.band[HIGHEST], height)
     if watch.band[HIGHEST] - watch.band[LOWEST] > watch.rest or row[columns.FASTEST] > watch.rest:
-        watch.band[BEGUN] = tick
+        watch.band[STARTED] = tick
         watch.band[LOWEST] = height
         watch.band[HIGHEST] = height
-    return tick - watch.band[BEGUN] >= watch.window
+    return tick - watch.band[STARTED] >= watch.window
 
 
 class Window(NamedTuple):
@@ -313,7 +313,7 @@ def _advance(
         if state.wall_forces[TOP] >= motion.limit:
             return REACHED, done - window.first, saved
         if _anyone_below(state.y, constants.grains, constants.exit):
-            return DEPARTED, done - window.first, saved
+            return REMOVED, done - window.first, saved
         if row[columns.STIFFEST] * pace.h > watch.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved

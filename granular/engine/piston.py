@@ -32,7 +32,7 @@ enter_work = sum_over("work", "dt bed time")
 
 
 @compiled(inline=True)
-def _held_back(workspace: HostWorkspace | None, constants: Constants) -> float:
+def _inertial_force(workspace: HostWorkspace | None, constants: Constants) -> float:
     """Inertial force that a free piston lacks where a host accelerates the cell [F*]."""
     if workspace is None:
         return 0.0
@@ -160,7 +160,7 @@ def kick_piston(
         outer = outer_force(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
-        ) - _held_back(state.host, constants)
+        ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
         _free_kick(constants.resistance, force, dt, constants.piston_mass, state, opening)
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])

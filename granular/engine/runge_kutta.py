@@ -24,7 +24,7 @@ from granular.kernel_data.state import (
 )
 from granular.protocol.motion import Motion, outer_force, path
 
-_slow = sum_over("slow", "slopes dt bed")
+_slow = sum_over("damping_slope", "slopes dt bed")
 
 
 @compiled

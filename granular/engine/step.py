@@ -85,7 +85,7 @@ def _drift_freely(dt: float, bed: Bed) -> int:
     return 0
 
 
-_glide = last_with("glide", "dt bed", _drift_freely)
+_drift_all = last_with("drift", "dt bed", _drift_freely)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
@@ -130,7 +130,7 @@ def make_step(
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
-                _glide(constants.acting.laws, state.workspaces, dt, bed)
+                _drift_all(constants.acting.laws, state.workspaces, dt, bed)
                 drift_piston(dt, bed, motion, stage, start)
                 drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1

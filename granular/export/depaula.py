@@ -77,7 +77,7 @@ def depaula_cadence(run: Trajectory) -> DepaulaCadence:
     height = None if run.scene.piston is None else run.scene.piston.height
     for stage, done in zip(run.scene.protocol, run.stages, strict=False):
         if isinstance(stage, Move) and height is not None and stage.to < height:
-            unit = stage.span(height) or unit
+            unit = stage.total_duration(height) or unit
             break
         height = done.height
     return DepaulaCadence(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)

@@ -48,12 +48,12 @@ class Leg(NamedTuple):
     kind: str
     path: PistonPath | None
     done: float
-    span: float
+    total_duration: float
 
     @property
     def left(self) -> float:
         """Rest of the stage [s]."""
-        return max(0.0, self.span - self.done)
+        return max(0.0, self.total_duration - self.done)
 
 
 def check_stage(stage: Stage) -> None:
@@ -84,7 +84,7 @@ def leg(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
     """
     check_stage(stage)
     kind = type(stage).__name__.lower()
-    duration = stage.span(0.0 if height is None else height)
+    duration = stage.total_duration(0.0 if height is None else height)
     if duration is None:
         raise InputError(
             f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS"

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from granular.compiled import Array, compiled
 from granular.pairs.far_field import FarField
 from granular.pairs.stripes import CutOff
-from granular.pairs.verlet_list import Listing
+from granular.pairs.verlet_list import VerletSettings
 
 
 class Acting(NamedTuple):
@@ -43,7 +43,7 @@ class Acting(NamedTuple):
     walls: tuple[Any, ...]
     weight: Array | None
     cut: CutOff | None
-    listing: Listing | None
+    listing: VerletSettings | None
     far: FarField | None
     nearest: Array | None
 

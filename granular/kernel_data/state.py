@@ -126,5 +126,5 @@ class Bed(NamedTuple):
     constants: Constants
 
 
-KEPT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
+PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
 """Fields that a checkpoint holds; the others are scratch."""

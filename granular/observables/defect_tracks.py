@@ -89,7 +89,7 @@ class DefectEvent(NamedTuple):
     frame: int
     position: np.ndarray
     ended: tuple[int, ...]
-    begun: tuple[int, ...]
+    started: tuple[int, ...]
     missing: np.ndarray
 
 
@@ -233,16 +233,16 @@ def find_events(
     return events
 
 
-Moment = tuple[int, np.ndarray, int, int]
+TrackEnd = tuple[int, np.ndarray, int, int]
 
 
-def _meet(first: Moment, other: Moment, spacing: float) -> bool:
+def _meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
     near = float(np.linalg.norm(first[1] - other[1])) < MEETING * spacing
     return near and abs(first[0] - other[0]) <= SAME_TIME and first[2] != other[2]
 
 
 def _event(
-    together: list[Moment], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
+    together: list[TrackEnd], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> DefectEvent:
     ended = tuple(position for _, _, position, sign in together if sign < 0)
     started = tuple(position for _, _, position, sign in together if sign > 0)
@@ -441,6 +441,6 @@ def _pairs(values: Any) -> np.ndarray:
 def _event_kinds(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
     kinds = [""] * count
     for event in events:
-        for position in event.begun if started else event.ended:
+        for position in event.started if started else event.ended:
             kinds[position] = event.kind
     return kinds

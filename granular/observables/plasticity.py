@@ -254,7 +254,7 @@ def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
     for point in event.ended:
         track = tracks[point]
         total += swept_area(track.burgers, event.position - track.positions[-1])
-    for point in event.begun:
+    for point in event.started:
         track = tracks[point]
         total += swept_area(track.burgers, track.positions[0] - event.position)
     return total

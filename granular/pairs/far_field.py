@@ -114,7 +114,7 @@ class FarForces(NamedTuple):
     held: np.ndarray | None
     load: np.ndarray | None
     met: np.ndarray | None
-    course: np.ndarray | None
+    trajectory: np.ndarray | None
     ahead: int
     still: float
     moment: np.ndarray
@@ -138,7 +138,7 @@ def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForc
         held=None if field.every is None else np.zeros((2, size)),
         load=np.zeros(size) if loaded else None,
         met=None if field.rubbing is None else np.full((2, size), np.nan),
-        course=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
+        trajectory=np.zeros((3, size)) if field.rubbing is not None and field.rubbing > 1 else None,
         ahead=field.rubbing or 0,
         still=STILL_EXACT if mesh is None else STILL,
         moment=np.zeros(3),

@@ -184,7 +184,7 @@ class Mesh(NamedTuple):
     strides: np.ndarray
     margin: int
     windows: np.ndarray
-    shares: np.ndarray
+    fractions: np.ndarray
     reached: np.ndarray
     rows: np.ndarray
     around: np.ndarray | None
@@ -217,7 +217,7 @@ def mesh_workspace(width: float, height: float, radius: float, spacing: float, g
         strides=np.array(strides),
         margin=margin,
         windows=np.zeros((levels, 4), dtype=np.int64),
-        shares=np.zeros((parts, begins[1])),
+        fractions=np.zeros((parts, begins[1])),
         reached=np.zeros((parts, 2), dtype=np.int64),
         rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
         around=None,

@@ -159,7 +159,7 @@ def image_tables(width: float, height: float, radius: float, spacing: float) -> 
 BELOW, ABOVE = 1, 2
 """Copied lines that a spline reaches."""
 
-SHARES = (0.75, 0.5, 0.125)
+FRACTIONS = (0.75, 0.5, 0.125)
 """Fraction of a cubic B-spline in the one twice as wide, by the points of the fine mesh between."""
 
 
@@ -237,7 +237,7 @@ def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[fl
 def restrict_around(mesh: Mesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    total, half, rest = SHARES
+    total, half, rest = FRACTIONS
     lines, start, stride = (
         mesh.windows[level - 1, UP],
         first_point(mesh, level - 1),
@@ -265,7 +265,7 @@ def restrict_around(mesh: Mesh, level: int) -> None:
 def prolong_around(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    total, half, rest = SHARES
+    total, half, rest = FRACTIONS
     copy_round(mesh, potential, level)
     coarse, stride = first_point(mesh, level) - margin, mesh.strides[level]
     fine, fine_stride = first_point(mesh, level - 1), mesh.strides[level - 1]
@@ -310,7 +310,7 @@ def mesh_around_workspace(width: float, height: float, radius: float, spacing: f
         strides=np.array(strides),
         margin=margin,
         windows=np.array([(0, 0, across, up) for across, up in points], dtype=np.int64),
-        shares=np.zeros((0, 0)),
+        fractions=np.zeros((0, 0)),
         reached=np.zeros((0, 2), dtype=np.int64),
         rows=np.zeros((PARTS, (most + 2 * reach + BESIDE) * TERMS * WIDTH)),
         around=np.array([points[0][0] / width, points[0][1] / height]),

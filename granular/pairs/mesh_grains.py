@@ -28,17 +28,17 @@ def _reach_lines(mesh: Mesh, y: Array, order: Array, first: int, end: int, part:
         reached[0] = math.floor(low * fineness) - 1 - mesh.windows[0, LOW]
         reached[1] = math.floor(high * fineness) + 3 - mesh.windows[0, LOW]
     stride = mesh.strides[0]
-    mesh.shares[part, reached[0] * stride : reached[1] * stride] = 0.0
+    mesh.fractions[part, reached[0] * stride : reached[1] * stride] = 0.0
 
 
 @compiled
 def _spread_part(
     mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
 ) -> None:
-    parts = len(mesh.shares)
+    parts = len(mesh.fractions)
     first, end = part * grains // parts, (part + 1) * grains // parts
     _reach_lines(mesh, y, order, first, end, part)
-    window, fraction, stride = mesh.windows[0], mesh.shares[part], mesh.strides[0]
+    window, fraction, stride = mesh.windows[0], mesh.fractions[part], mesh.strides[0]
     fineness = 1.0 / mesh.spacing
     corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * stride
     many = (end - first + _STRANDS - 1) // _STRANDS
@@ -60,9 +60,9 @@ def _join_part(mesh: Mesh, part: int) -> None:
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         total = mesh.source[line * stride : (line + 1) * stride]
         total[:] = 0.0
-        for other in range(len(mesh.shares)):
+        for other in range(len(mesh.fractions)):
             if mesh.reached[other, 0] <= line < mesh.reached[other, 1]:
-                more = mesh.shares[other, line * stride : (line + 1) * stride]
+                more = mesh.fractions[other, line * stride : (line + 1) * stride]
                 for index in range(total.size):
                     total[index] += more[index]
 
@@ -71,7 +71,7 @@ def _join_part(mesh: Mesh, part: int) -> None:
 def _spread_threaded(
     mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
 ) -> None:
-    for part in numba.prange(len(mesh.shares)):
+    for part in numba.prange(len(mesh.fractions)):
         _spread_part(mesh, x, y, amounts, order, grains, part)
 
 
@@ -102,7 +102,7 @@ def _spread(
     if around is not None:
         spread_around(mesh, around, x, y, amounts, order, grains)
     elif threaded is None:
-        for part in range(len(mesh.shares)):
+        for part in range(len(mesh.fractions)):
             _spread_part(mesh, x, y, amounts, order, grains, part)
         for part in range(PARTS):
             _join_part(mesh, part)

@@ -10,7 +10,7 @@ from granular.pairs.convolution import convolve
 from granular.pairs.lanes import WIDTH
 from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
 from granular.pairs.mesh_around import (
-    SHARES,
+    FRACTIONS,
     copy_round,
     first_point,
     prolong_around,
@@ -33,10 +33,10 @@ def _restrict(mesh: Mesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
-    total, half, rest = SHARES
+    total, half, rest = FRACTIONS
     first = np.uintp(2 * coarse[LEFT] - fine[LEFT] + margin)
     lines, start, stride = fine[UP], mesh.begins[level - 1], mesh.strides[level - 1]
-    outside, own_start, custom_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
+    outside, first_column, custom_stride = mesh.begins[-1], mesh.begins[level], mesh.strides[level]
     lowest, across = 2 * coarse[LOW] - fine[LOW], coarse[ACROSS]
     for up in range(coarse[UP]):
         at_line = lowest + 2 * up
@@ -49,7 +49,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
             p = np.uintp(point)
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
             row[p] = total * source[middle + p] + half * near + rest * far
-        begin = np.uintp(own_start + up * custom_stride)
+        begin = np.uintp(first_column + up * custom_stride)
         for point in range(custom_stride):
             source[begin + np.uintp(point)] = 0.0
         begin += np.uintp(margin)
@@ -64,7 +64,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
-    total, half, rest = SHARES
+    total, half, rest = FRACTIONS
     odd = fine[LEFT] % 2
     first = np.uintp(fine[LEFT] // 2 - coarse[LEFT] + margin)
     lines, start, stride = coarse[UP], mesh.begins[level], mesh.strides[level]

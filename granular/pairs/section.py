@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from granular.pairs.verlet_list import RADIUS, SKIN, Listing
-from granular.schema.sections import FieldError, Section, choice, quantity, whole
+from granular.pairs.verlet_list import RADIUS, SKIN, VerletSettings
+from granular.schema.sections import FieldError, Section, choice, integer, quantity
 
-ROOM = 0.39
+MESH_REACH = 0.39
 """Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in
 one of five stripes and its two neighbours alone, with something left for the lists' skin."""
 
@@ -65,7 +65,7 @@ class Pairs(Section):
     cut_off: float | None = quantity("m", above=0.0, default=None, optional=True)
     skin: float | None = quantity("m", above=0.0, default=None, optional=True)
     tolerance: float = quantity("1", default=TOLERANCE, least=1e-6, most=3e-3)
-    far_every: int | None = whole(least=1, default=None, optional=True)
+    far_every: int | None = integer(least=1, default=None, optional=True)
 
     def validate(self) -> None:
         with_radius = ("cut-off", "mesh", "verlet-list", "direct")
@@ -95,7 +95,11 @@ class Pairs(Section):
         if self.method != "auto":
             return self.method
         if workspace is not None:
-            return "mesh" if self._of_mesh() <= ROOM * workspace and grains >= LEAST else "direct"
+            return (
+                "mesh"
+                if self._of_mesh() <= MESH_REACH * workspace and grains >= LEAST
+                else "direct"
+            )
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
     def radius(
@@ -126,7 +130,7 @@ class Pairs(Section):
                 "'mesh'", "far_every",
             )  # fmt: skip
         radius = self.radius(method, diameter, workspace)
-        most = (0.5 if method == "direct" else ROOM) * workspace
+        most = (0.5 if method == "direct" else MESH_REACH) * workspace
         if radius is not None and radius > most * (1.0 + 1e-12):
             needed = method == "mesh" and self.cut_off is None
             other = "a greater tolerance" if needed else "a shorter cut_off"
@@ -142,10 +146,10 @@ class Pairs(Section):
                 "method",
             )
 
-    def listing(self, diameter: float) -> Listing:
+    def listing(self, diameter: float) -> VerletSettings:
         """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
-        return Listing(self._radius(diameter, RADIUS), skin)
+        return VerletSettings(self._radius(diameter, RADIUS), skin)
 
     def _of_mesh(self) -> float:
         return SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)

@@ -29,7 +29,7 @@ LISTED, GRAINS, BUILDS = range(3)
 grains, and how often one was made."""
 
 
-class Listing(NamedTuple):
+class VerletSettings(NamedTuple):
     """Radius and skin of the list [D]."""
 
     radius: float
@@ -62,7 +62,9 @@ def verlet_list_workspace(size: int, radius: float) -> VerletList:
 
 
 @compiled
-def _make_ready(listed: VerletList, listing: Listing, x: Array, y: Array, grains: int) -> None:
+def _make_ready(
+    listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
+) -> None:
     stale = listed.memory[GRAINS] != grains
     for i in range(grains):
         dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
@@ -82,8 +84,8 @@ def _make_ready(listed: VerletList, listing: Listing, x: Array, y: Array, grains
 
 @compiled
 def list_sum(
-    listed: VerletList, listing: Listing, grains: int, x: Array, y: Array, fx: Array, fy: Array,
-    moments: Array | None, stiffness: Array | None, extremes: Array | None,
+    listed: VerletList, listing: VerletSettings, grains: int, x: Array, y: Array, fx: Array,
+    fy: Array, moments: Array | None, stiffness: Array | None, extremes: Array | None,
     load: Array | None, weight: Array | None,
 ) -> None:  # fmt: skip
     """Return the forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.

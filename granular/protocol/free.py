@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.motion import SPLINE, Motion
-from granular.protocol.stage import Course, Timed
+from granular.protocol.stage import FormulaStage, Timed
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, quantity, text
 
@@ -60,7 +60,7 @@ class Push(Timed):
         )
 
 
-class Force(Course):
+class Force(FormulaStage):
     """A force on the free piston, upwards, such as ``f*exp(-t/s)``.
 
     Attributes
@@ -83,11 +83,11 @@ class Force(Course):
     def needs_mass(self) -> bool:
         return True
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        times, values = self.course(self.duration, None)
+        times, values = self.trajectory(self.duration, None)
         values[0] /= scales.force
         values[1] *= scales.time / scales.force
         return Motion(

@@ -51,7 +51,7 @@ class Motion(NamedTuple):
     start: float = 0.0
     speed: float = 0.0
     reach: float = 0.0
-    span: float = 1.0
+    total_duration: float = 1.0
     steepness: float = 1.0
     omega: float = 0.0
     push: float = 0.0
@@ -90,8 +90,8 @@ def _descent(motion: Motion, time: float) -> tuple[float, float]:
     """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
     total = math.expm1(k)
-    part = math.expm1(k * time / motion.span)
-    speed = -motion.reach * k / motion.span * (part + 1.0) / total
+    part = math.expm1(k * time / motion.total_duration)
+    speed = -motion.reach * k / motion.total_duration * (part + 1.0) / total
     return motion.start - motion.reach * part / total, speed
 
 
@@ -133,7 +133,7 @@ def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
     ) / h
 
 
-def tabulate_motion(motion: Motion) -> Motion:
+def is_tabulated(motion: Motion) -> Motion:
     """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
@@ -154,7 +154,7 @@ def greatest_speed(
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
     if motion.kind == DESCENT:
         k = motion.steepness
-        return motion.reach * k / motion.span * (1.0 + 1.0 / math.expm1(k))
+        return motion.reach * k / motion.total_duration * (1.0 + 1.0 / math.expm1(k))
     if motion.kind == SINE:
         return motion.reach * motion.omega
     if motion.kind == TABLE:
@@ -175,7 +175,7 @@ def _rows(motion: Motion) -> tuple[Array, Array]:
 def drive_frequency(motion: Motion) -> float:
     """Angular frequency that the drive has, or the rate at which it changes [1/tau]."""
     if motion.kind == DESCENT:
-        return motion.steepness / motion.span
+        return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
         return 1.0 / float(np.diff(_rows(motion)[0]).min())
     if motion.kind == SPLINE:

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.formulas.dimensions import LENGTH, TIME, Dimension
 from granular.protocol.motion import DESCENT, SINE, SPLINE, TABLE, Motion
-from granular.protocol.stage import Course, Stage, Timed
+from granular.protocol.stage import FormulaStage, Stage, Timed
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, numbers, quantity, text
 
@@ -55,14 +55,14 @@ class Move(Stage):
     def limits_force(self) -> bool:
         return self.until_force is not None
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
         return abs(self.to - height) / self.speed
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        duration = self.span(height)
+        duration = self.total_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
@@ -94,7 +94,7 @@ class Descend(Stage):
     duration: float = quantity("s", above=0.0)
     steepness: float = quantity("1", default=5.0, above=0.0)
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
@@ -102,7 +102,7 @@ class Descend(Stage):
             kind=DESCENT,
             start=height / scales.length,
             reach=(height - self.to) / scales.length,
-            span=self.duration / scales.time,
+            total_duration=self.duration / scales.time,
             steepness=self.steepness,
         )
 
@@ -133,10 +133,10 @@ class Follow(Stage):
             raise FieldError("must increase from 0, with at least two values", "times")
 
     @property
-    def tabulate_motion(self) -> bool:
+    def is_tabulated(self) -> bool:
         return True
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return self.times[-1]
 
     def motion(self, height: float, scales: Scales) -> Motion:
@@ -179,7 +179,7 @@ class Oscillate(Stage):
                 "duration",
             )
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
@@ -205,14 +205,14 @@ class Lift(Stage):
     def jump(self, height: float) -> float:
         return self.by
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
         return Motion(start=height / scales.length)
 
 
-class Path(Course):
+class Path(FormulaStage):
     """A height as a formula, such as ``h0 - a*(1 - cos(w*t))/2``.
 
     Attributes
@@ -231,11 +231,11 @@ class Path(Course):
     height: str = text()
     duration: float = quantity("s", above=0.0)
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         return self.duration
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        times, values = self.course(self.duration, height)
+        times, values = self.trajectory(self.duration, height)
         if abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
                 f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let the "

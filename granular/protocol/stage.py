@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import Motion, tabulate_motion
+from granular.protocol.motion import Motion, is_tabulated
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, quantity, text
@@ -35,7 +35,7 @@ class Stage(Section):
         return True
 
     @property
-    def tabulate_motion(self) -> bool:
+    def is_tabulated(self) -> bool:
         """True if its motion is a table or a spline."""
         return False
 
@@ -52,7 +52,7 @@ class Stage(Section):
         """Jump of the piston [m] upwards at the stage's start, from a height [m]."""
         return 0.0
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         """Longest duration [s] from the piston height [m]; None is without end."""
         raise NotImplementedError
 
@@ -95,7 +95,7 @@ class Timed(Stage):
                 "duration",
             )
 
-    def span(self, height: float) -> float | None:
+    def total_duration(self, height: float) -> float | None:
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
@@ -104,7 +104,7 @@ class Timed(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return tabulate_motion(motion) if any(stage.tabulate_motion for stage in protocol) else motion
+    return is_tabulated(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
 
 CLOSE = 1e-11
@@ -112,14 +112,14 @@ CLOSE = 1e-11
 LEAST_KNOTS, MOST_KNOTS = 64, 2**17
 
 
-class Course(Parametric, Stage):
+class FormulaStage(Parametric, Stage):
     """A stage with a formula of time."""
 
     @property
-    def tabulate_motion(self) -> bool:
+    def is_tabulated(self) -> bool:
         return True
 
-    def course(self, duration: float, height: float | None) -> tuple[np.ndarray, np.ndarray]:
+    def trajectory(self, duration: float, height: float | None) -> tuple[np.ndarray, np.ndarray]:
         """Knots (k,) [s], and the values and slopes there (2, k) in SI, from t = 0 to the end."""
         given = [self.parameter(name)[0] for name, _ in self.values]
         names_given = tuple(name for name, _ in self.values)

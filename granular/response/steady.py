@@ -15,7 +15,7 @@ from granular.shared.messages import quote
 if TYPE_CHECKING:
     import xarray
 
-SHARE = 0.4
+FRACTION = 0.4
 """Of the time that a sine acts, the last part, in which the swing is taken for steady."""
 LEAST_PERIODS = 4
 
@@ -33,7 +33,7 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
 
 def whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
     """Last whole periods of the last part of a time [s]; at least `LEAST_PERIODS` of them."""
-    count = max(math.floor(SHARE * (end - start) * frequency), LEAST_PERIODS)
+    count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
 
 

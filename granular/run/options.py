@@ -181,7 +181,7 @@ def _durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.jump(height)
-        duration = stage.span(height)
+        duration = stage.total_duration(height)
         last = stage is scene.protocol[-1] and isinstance(stage, Timed)
         if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
             yield stage, duration
@@ -207,7 +207,9 @@ def check_end(scene: Scene, t_end: float | None) -> None:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
-        if stage.span(height) is None and (t_end is None or index < len(scene.protocol) - 1):
+        if stage.total_duration(height) is None and (
+            t_end is None or index < len(scene.protocol) - 1
+        ):
             raise InputError(
                 f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
                 "where it is the last"

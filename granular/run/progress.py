@@ -157,10 +157,10 @@ def steps_ahead(run: Run) -> float:
     piston has now.
     """
     progress, last = run.progress, run.scene.protocol[-1]
-    if run.finished or not progress.begun:
+    if run.finished or not progress.started:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
-    durations = [stage.span(progress.height) or 0.0 for stage in later]
+    durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.total + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # such a stage is lengthened up to it

@@ -13,12 +13,12 @@ from granular.engine.failures import restless, unbalanced_energy_error
 from granular.engine.far import hold_far_field
 from granular.engine.ledger import Ledger
 from granular.engine.loop import (
-    DEPARTED,
     HIGHEST,
     LATEST,
     LOWEST,
     OUTSIDE,
     REACHED,
+    REMOVED,
     RESTING,
     STIFF,
     STIFFEST,
@@ -81,7 +81,7 @@ class Run(RunState):
         self.set_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
-        progress.begun = True
+        progress.started = True
         # Where nothing jumped, the last record of the stage before is the first one of this.
         if by or not progress.results:
             self._keep(row[None])
@@ -120,7 +120,7 @@ class Run(RunState):
             If the run cannot be trusted any more.
         """
         progress = self.progress
-        if not progress.begun:
+        if not progress.started:
             self.begin_stage()
             if self.at_end:
                 return
@@ -168,7 +168,7 @@ class Run(RunState):
                 self._keep(last[None])
             reason = "rest" if status == RESTING else "force"
             self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
-        elif status == DEPARTED:
+        elif status == REMOVED:
             self._let_go()
         elif status == STIFF:
             self.set_steps(self.seen[LATEST])
@@ -219,7 +219,7 @@ class Run(RunState):
 
         A snapshot to resume from is taken before this.
         """
-        if self.finished or not self.progress.begun:
+        if self.finished or not self.progress.started:
             return self.progress.start
         left = self.t_end - self.time
         if left > self.least_time():
@@ -237,7 +237,7 @@ class Run(RunState):
             state, scales = self.state, self.system.scales
             fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
             raise restless(
-                stage.name, stage.span(0.0) or 0.0,
+                stage.name, stage.total_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
                 self.stop_criteria().rest * scales.length, self.steps, self.time * scales.time,
             )  # fmt: skip
@@ -254,7 +254,7 @@ class Run(RunState):
         progress.results.append(self._result(reason, end, height, spread))
         progress.start = end
         progress.stage += 1
-        progress.begun = False
+        progress.started = False
         progress.ticks = 0
         progress.pace = None
         self.state.clock[TIME] = 0.0
@@ -272,7 +272,7 @@ class Run(RunState):
 
     def results(self, until: float) -> list[dict[str, Any]]:
         """Finished stages, and the present one, cut at the time ``until`` [tau]."""
-        if not self.progress.begun:
+        if not self.progress.started:
             return list(self.progress.results)
         cut = self._result("cut", until, float(self.state.piston[HEIGHT]), 0.0)
         return [*self.progress.results, cut]

@@ -85,7 +85,7 @@ class Progress:
 
     stage: int = 0
     ticks: int = 0
-    begun: bool = False
+    started: bool = False
     start: float = 0.0
     last: float = 0.0
     height: float = 0.0
@@ -134,7 +134,7 @@ class RunState:
     def total(self) -> float:
         """Length of the present stage [tau]; infinite where only ``t_end`` ends it."""
         stage = self.stage
-        duration = stage.span(self.progress.height)
+        duration = stage.total_duration(self.progress.height)
         last = self.progress.stage == len(self.scene.protocol) - 1
         timed = isinstance(stage, Timed) and stage.until is None
         if duration is None or (last and timed and math.isfinite(self.t_end)):
@@ -165,7 +165,7 @@ class RunState:
         progress = self.progress
         if self.finished:
             return True
-        if not progress.begun:
+        if not progress.started:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
         before_end = self.ticks_to(self.total) > 0 or self.rest_of_stage() > 0.0
         return before_end and self.ticks_to_end() <= 0

@@ -147,7 +147,7 @@ class _Job:
         self, run: Run, store: Store | None, settings: dict[str, Any], compiling: CompileTimer
     ) -> None:
         self.run, self.store, self.settings, self.compiling = run, store, settings, compiling
-        self.begun = self.last_commit = time.perf_counter()
+        self.started = self.last_commit = time.perf_counter()
         self.kept = self._snapshot()
 
     def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
@@ -185,7 +185,7 @@ class _Job:
         return snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
 
     def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
-        compiled, passed = self.compiling.seconds, time.perf_counter() - self.begun
+        compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
         figures = self.run.figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
         return {"figures": figures, "complete": complete, "stages": self.run.results(until)}
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.engine.ledger import Ledger
 from granular.engine.outflow import grain_constants
-from granular.kernel_data.state import KEPT, State
+from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
 from granular.protocol.stage import Timed, stage_motion
@@ -53,7 +53,7 @@ def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
     for values in grain_constants(run.constants):
         values[:] = values[state.label[: len(values)]]
     run.constants = run.constants._replace(grains=memory["grains"])
-    if run.progress.begun:
+    if run.progress.started:
         height, scales = run.progress.height, run.system.scales
         run.motion = stage_motion(run.scene.protocol, run.stage, height, scales)
     # What is not kept follows from the positions; what is kept has the bits of the pass that
@@ -79,7 +79,7 @@ def _check_end(run: RunState) -> None:
             f"the protocol of this run has ended, at {run.time * seconds:g} s; "
             f"t_end = {run.t_end * seconds:g} s needs a new run"
         )
-    if not run.finished and run.progress.begun and run.rest_of_stage(0) < 0.0:
+    if not run.finished and run.progress.started and run.rest_of_stage(0) < 0.0:
         raise StoreError(
             f"the run has gone on to {run.time * seconds:g} s, behind the end of stage "
             f"{run.stage.name!r}; give a t_end from there on"
@@ -88,11 +88,11 @@ def _check_end(run: RunState) -> None:
 
 def _kept(state: State) -> dict[str, np.ndarray]:
     """Arrays that a state cannot be made again from, by their names in a checkpoint."""
-    names = [*KEPT, "rounding"] if state.rounding is not None else KEPT
+    names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
     for index, workspace in enumerate(state.workspaces):
-        if hasattr(workspace, "kept"):
-            saved[f"room_{index}"] = workspace.kept
+        if hasattr(workspace, "persistent"):
+            saved[f"room_{index}"] = workspace.persistent
     far = state.far_forces
     if far is not None and far.held is not None:
         saved["far_held"] = far.held

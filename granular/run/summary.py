@@ -12,7 +12,7 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.schema.wording import words_of
 
-_TOLD = 1.0
+_SHOWN = 1.0
 """Seconds of compiling from which on a run tells of them."""
 
 
@@ -55,7 +55,7 @@ def scene_text(scene: Scene) -> str:
     scene bed
     """
     scales = Scales.of(scene.grains)
-    counts, fractions = scene.grains.counts(), scene.grains.shares()
+    counts, fractions = scene.grains.counts(), scene.grains.fractions()
     lines = [f"scene {scene.name}"]
     for specy, count, fraction in zip(scene.grains.species, counts, fractions, strict=True):
         mixed = "" if len(counts) == 1 else f", a fraction of {fraction:.4g}"
@@ -120,7 +120,7 @@ def run_text(run: Trajectory) -> str:
             f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}"
         )
     compiled = run.settings().get("compile_seconds", 0.0)
-    beside = f" and {compiled:.2g} s of compiling" if compiled >= _TOLD else ""
+    beside = f" and {compiled:.2g} s of compiling" if compiled >= _SHOWN else ""
     lines.append(
         f"{figures['steps']} steps ({run.method.name}, dt {figures['dt']}) in "
         f"{figures['seconds']:.3g} s{beside}; ledger closed to {figures['ledger_residual']:.1e} of "

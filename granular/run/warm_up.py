@@ -42,12 +42,12 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
 
 
 def _compile(scene: Scene) -> None:
-    from granular.protocol.motion import Motion, path, tabulate_motion
+    from granular.protocol.motion import Motion, is_tabulated, path
     from granular.run.evaluation import evaluate
     from granular.run.simulation import simulate
 
     simulate(scene, t_end=_INSTANT, progress=False)
     positions, velocities = scene.initial_motion()
     evaluate(scene, positions, velocities)
-    driven = any(stage.tabulate_motion for stage in scene.protocol)
-    path(tabulate_motion(Motion()) if driven else Motion(), 0.0)
+    driven = any(stage.is_tabulated for stage in scene.protocol)
+    path(is_tabulated(Motion()) if driven else Motion(), 0.0)

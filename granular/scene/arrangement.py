@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from granular.schema.parts import Cell, Grains, Piston
-from granular.schema.sections import FieldError, Section, points, quantity, whole
+from granular.schema.sections import FieldError, Section, integer, points, quantity
 from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
@@ -37,7 +37,7 @@ class Arrangement(Section):
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
     jitter: float = quantity("1", default=0.1, least=0.0, below=0.5)
     speed: float = quantity("m/s", default=0.0, least=0.0)
-    seed: int = whole(default=1)
+    seed: int = integer(default=1)
     positions: tuple[tuple[float, float], ...] | None = points("m", default=None)
     velocities: tuple[tuple[float, float], ...] | None = points("m/s", default=None)
 

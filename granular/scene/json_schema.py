@@ -19,6 +19,7 @@ from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
 from granular.schema.parameters import Parametric, Values
 from granular.schema.sections import (
+    Integer,
     Kind,
     Many,
     Numbers,
@@ -28,7 +29,6 @@ from granular.schema.sections import (
     Quantity,
     Section,
     Text,
-    Whole,
 )
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -141,7 +141,7 @@ def _(kind: Quantity) -> Schema:
 
 
 @_kind.register
-def _(kind: Whole) -> Schema:
+def _(kind: Integer) -> Schema:
     return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.schema.sections import FieldError, Section, choice, many, quantity, text, whole
+from granular.schema.sections import FieldError, Section, choice, integer, many, quantity, text
 
 
 class Species(Section):
@@ -63,13 +63,13 @@ class Grains(Section):
         makes other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
     """
 
-    count: int = whole(most=10**8)
+    count: int = integer(most=10**8)
     species: tuple[Species, ...] = many(Species, least=1)
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)
     remanence: float = quantity("T", default=1.3, above=0.0)
     spread: float = quantity("1", default=0.0, least=0.0, most=0.3)
-    seed: int = whole(default=1)
+    seed: int = integer(default=1)
     mixing: str = choice("interspersed", "every-kth", default="interspersed")
 
     def validate(self) -> None:
@@ -95,7 +95,7 @@ class Grains(Section):
         """Return the number of grains of each species."""
         return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
 
-    def shares(self) -> tuple[float, ...]:
+    def fractions(self) -> tuple[float, ...]:
         """Fraction of each species that the mixing rule really makes."""
         return tuple(number / max(self.count, 1) for number in self.counts())
 

@@ -111,12 +111,12 @@ class Quantity(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Whole(Kind):
+class Integer(Kind):
     least: int = 0
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        number = _whole(value)
+        number = _integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be a whole number")
         if number < self.least:
@@ -126,7 +126,7 @@ class Whole(Kind):
         return number
 
 
-def _whole(value: object) -> int | None:
+def _integer(value: object) -> int | None:
     """Integer, to its last digit; None where the text is none."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
@@ -301,14 +301,14 @@ def quantity(
     return declare(kind, default)
 
 
-def whole(
+def integer(
     *,
     default: Any = dataclasses.MISSING,
     least: int = 0,
     most: int = 2**63 - 1,
     optional: bool = False,
 ) -> Any:
-    return declare(Whole(optional, least=least, most=most), default)
+    return declare(Integer(optional, least=least, most=most), default)
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
@@ -347,7 +347,7 @@ def many(section: type[Section], *, least: int = 0) -> Any:
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
-    field_specifiers=(declare, quantity, whole, choice, text, points, numbers, one, many),
+    field_specifiers=(declare, quantity, integer, choice, text, points, numbers, one, many),
 )
 class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""

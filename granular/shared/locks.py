@@ -34,7 +34,7 @@ def lock_file(path: Path, wait: bool) -> Iterator[bool]:
     if not HAS_LOCKS:
         yield True
         return
-    held = _taken(path, wait)
+    held = _try_lock(path, wait)
     if held is None:
         yield False
         return
@@ -60,7 +60,7 @@ def hold(opened: int, wait: bool) -> None:
     fcntl.flock(opened, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _taken(path: Path, wait: bool) -> int | None:
+def _try_lock(path: Path, wait: bool) -> int | None:
     while True:
         held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:

@@ -73,7 +73,7 @@ def features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False)
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = fit(record, law, holdout=0.0, starts=STARTS, confidence=_ONE_SIGMA)
+        model = fit(record, law, test_fraction=0.0, starts=STARTS, confidence=_ONE_SIGMA)
     if model.quality.relative > _POOR:
         raise RecordError(
             f"the law {model.law.name!r} leaves {100.0 * model.quality.relative:.3g} % of the "

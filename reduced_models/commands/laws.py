@@ -45,8 +45,8 @@ INPUT = option(
     "--input", dest="drive", metavar="COLUMN",
     help="column of the records that drives the motion: all laws have it as their input",
 )  # fmt: skip
-HOLDOUT = option(
-    "--holdout", type=in_unit("1"), default=0.3, metavar="S",
+TEST_FRACTION = option(
+    "--test-fraction", type=in_unit("1"), default=0.3, metavar="S",
     help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
 )  # fmt: skip
 STARTS = option(
@@ -117,7 +117,7 @@ def identify(options: Any) -> None:
         "--bound", dest="bounds", action="append", default=[], metavar="NAME=LOW:HIGH",
         help="least and greatest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
     ),
-    HOLDOUT, STARTS,
+    TEST_FRACTION, STARTS,
     option(
         "--intervals", default="linear", metavar="HOW",
         help="linear (default), bootstrap (resampled records) or profile (right also where "
@@ -146,7 +146,7 @@ def fit(options: Any) -> None:
         records_from(options.sources, options),
         options.law,
         bounds=bounds_from(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
-        **keywords(options, "own", "holdout", "starts", "intervals", "drift"),
+        **keywords(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
@@ -285,13 +285,13 @@ def _height_map(text: str) -> HeightMap:
 
 
 @command(
-    "compare", "judge laws by their hold-out errors",
+    "compare", "judge laws by their test errors",
     SOURCES, LAWS,
     option(
-        "--held-out", action="append", default=[], metavar="SOURCE",
+        "--test-records", action="append", default=[], metavar="SOURCE",
         help="record that no fit sees (repeatable)",
     ),
-    HOLDOUT, STARTS,
+    TEST_FRACTION, STARTS,
     option("-o", "--out", metavar="DIR", help="directory for report and models"),
     option(
         "--response", metavar="DIR",
@@ -301,7 +301,7 @@ def _height_map(text: str) -> HeightMap:
     READING, OUTPUT,
     examples="""\
 examples:
-  %(prog)s a.csv b.csv --law all --held-out c.csv -o out
+  %(prog)s a.csv b.csv --law all --test-records c.csv -o out
   %(prog)s --response out/machine        # after 'response machine ... -o out/machine'""",
 )  # fmt: skip
 def compare(options: Any) -> None:
@@ -310,7 +310,7 @@ def compare(options: Any) -> None:
         require(options, sources="SOURCE")
         _compare_laws(options)
     else:
-        written = {"sources": "SOURCE", "laws": "--law", "held_out": "--held-out"}
+        written = {"sources": "SOURCE", "laws": "--law", "test_records": "--test-records"}
         refuse(options, "--response", "out", **written)
         _compare_response(options)
 
@@ -324,8 +324,8 @@ def _compare_laws(options: Any) -> None:
     table = compare_laws(
         records_from(options.sources, options),
         laws_from(options.laws or CANDIDATES),
-        options.holdout,
-        records_from(options.held_out, options),
+        options.test_fraction,
+        records_from(options.test_records, options),
         starts=options.starts,
     )
     text = str(table)

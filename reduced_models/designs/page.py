@@ -54,7 +54,7 @@ ENDS: dict[str, tuple[int, Any, tuple[int, int], tuple[str, str]]] = {
     "rest_height": (1, np.argmax, (0, 2), ("center", "bottom")),
 }
 """Where a line has its label: axis, which end along it, offset in points, and alignment."""
-COUNTS, SHARES = (92, 184, 368), (0.0, 0.5)
+COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 """Beds that the page of maps shows."""
 
 
@@ -90,7 +90,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
             for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
         ],
     )
-    for fraction in SHARES:
+    for fraction in FRACTIONS:
         words = "equal grains" if fraction == 0.0 else f"{100.0 * fraction:g} % small grains"
         page.figure(
             plot_maps(maps, fraction),

@@ -84,7 +84,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-Places = Callable[[float, float], np.ndarray | None]
+Coordinates = Callable[[float, float], np.ndarray | None]
 """Two numbers from -1 to 1 -> a place in the box; None outside it."""
 
 
@@ -132,21 +132,21 @@ def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -
     return damper if damper is None or target.mass is None else damper._replace(mass=target.mass)
 
 
-def _places(target: DesignTarget) -> Places:
+def _places(target: DesignTarget) -> Coordinates:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
     fraction = _unit(target.small_share, LOWEST[3], HIGHEST[3])
     if target.mass is not None:
-        return _places_of_mass(target.mass, fraction)
+        return _coordinates_of_mass(target.mass, fraction)
     assert target.grains is not None
-    return _places_of_grains(target.grains, fraction)
+    return _coordinates_of_grains(target.grains, fraction)
 
 
-def _places_of_grains(count: float, fraction: float) -> Places:
+def _coordinates_of_grains(count: float, fraction: float) -> Coordinates:
     grains = _unit(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
     return lambda mass, drag: np.array([mass, grains, drag, fraction])
 
 
-def _places_of_mass(mass: float, fraction: float) -> Places:
+def _coordinates_of_mass(mass: float, fraction: float) -> Coordinates:
     def places(grains: float, drag: float) -> np.ndarray | None:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
@@ -161,7 +161,7 @@ def _unit(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solve(maps: DamperMaps, positions: Places, aim: tuple[float, float]) -> Candidate | None:
+def _solve(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -> Candidate | None:
     """Damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 

@@ -125,7 +125,7 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
     motion = run.piston("release").from_zero()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = fit(motion, law=LAW, holdout=0.0, starts=STARTS)
+        model = fit(motion, law=LAW, test_fraction=0.0, starts=STARTS)
     settings = run.settings()
     resting = model.at_rest
     return {

@@ -182,7 +182,7 @@ class Evidence(NamedTuple):
         Structures that the others choose, the most frequent first.
     """
 
-    prices: dict[str, float]
+    costs: dict[str, float]
     fraction: float
     rivals: tuple[str, ...]
 
@@ -215,7 +215,7 @@ def evidence(
         terms = None if candidate.terms is None else tuple(in_order(candidate.terms))
         if terms and terms not in structures:
             structures.append(terms)
-    fractions = _shares(judge, structures, seed)
+    fractions = _selection_fractions(judge, structures, seed)
     order = np.argsort(-fractions[1:], kind="stable") + 1
     # With a further term the structure holds as well: that is no other one.
     rivals = tuple(
@@ -234,7 +234,9 @@ def _empty(judge: Judge) -> float:
     return judge.criterion(float(target @ target), 0)
 
 
-def _shares(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) -> np.ndarray:
+def _selection_fractions(
+    judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int
+) -> np.ndarray:
     """Fraction of the resamples of the white integrals in which each structure is best."""
     union = in_order({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}

@@ -203,7 +203,7 @@ def discover(
         height_map,
         proposed.inclusion,
         tuple(note for note in notes if note),
-        {} if sure is None else sure.prices,
+        {} if sure is None else sure.costs,
     )
 
 

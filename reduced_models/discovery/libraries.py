@@ -270,21 +270,23 @@ def propose_library(
     usual = _usual(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
-        own_map, own_weak = usual_map, weak
+        height_map_here, weak_form_here = usual_map, weak
         if name == PHYSICAL or (name == "driven" and column is None):
             continue
         if name in _OF_THE_HEIGHT and not plain:
             if name == "contact" or (name == "trigonometric" and not records[0].angle):
                 continue
-            own_map = HeightMap()
-            own_weak = weak_form(
-                *(motion_of(record, own_map, derivative, column) for record in records)
+            height_map_here = HeightMap()
+            weak_form_here = weak_form(
+                *(motion_of(record, height_map_here, derivative, column) for record in records)
             )
-        if name == "rational" and not all((motion.z > 0.0).all() for motion in own_weak.motions):
+        if name == "rational" and not all(
+            (motion.z > 0.0).all() for motion in weak_form_here.motions
+        ):
             continue
         terms = library_terms(name, (), 3, column)
-        if not any(fault(motion, term) for motion in own_weak.motions for term in terms):
-            proposals.append(Proposal(name, terms, own_map, own_weak, ""))
+        if not any(fault(motion, term) for motion in weak_form_here.motions for term in terms):
+            proposals.append(Proposal(name, terms, height_map_here, weak_form_here, ""))
     return _chosen(proposals)
 
 

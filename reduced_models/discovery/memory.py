@@ -54,7 +54,7 @@ _FAR = 10.0
 _FINER = 9
 """Values of each scale on the finer grids."""
 _ROUNDS = 2
-_KEPT = 20
+_RETAINED = 20
 """Sums of each hidden state that are candidates."""
 
 
@@ -226,7 +226,7 @@ def _candidates(judged: _StateScores) -> list[CandidateEquation]:
         for candidate in judged.ranked
         if judged.memory is None or any(term.driven for term in candidate.terms)
     ]
-    return sorted(candidates, key=lambda candidate: candidate.criterion)[:_KEPT]
+    return sorted(candidates, key=lambda candidate: candidate.criterion)[:_RETAINED]
 
 
 def _search_candidates(

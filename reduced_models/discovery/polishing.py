@@ -74,7 +74,7 @@ def polish_candidate(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
-            models = fit(records, law, map=height_map, starts=STARTS, holdout=0.0, seed=seed)
+            models = fit(records, law, map=height_map, starts=STARTS, test_fraction=0.0, seed=seed)
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     import sympy

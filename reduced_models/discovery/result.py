@@ -103,7 +103,7 @@ class Discovery:
     map: HeightMap
     inclusion: Mapping[str, float] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    prices: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def best(self) -> CandidateEquation:
@@ -145,7 +145,7 @@ class Discovery:
         )
         if fractions:
             lines.append(f"  needed in this fraction of resampled records: {fractions}")
-        costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.prices.items())
+        costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.costs.items())
         if costs:
             lines.append(f"  the criterion rises by so much without each term: {costs}")
         lines += [f"  note: {note}" for note in self.notes]
@@ -159,7 +159,7 @@ class Discovery:
             "map": dataclasses.asdict(self.map),
             "inclusion": dict(self.inclusion),
             "notes": list(self.notes),
-            "prices": dict(self.prices),
+            "prices": dict(self.costs),
             "candidates": [
                 {
                     "equation": candidate.text,

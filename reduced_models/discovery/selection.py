@@ -13,7 +13,7 @@ from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
 
 MOST_TERMS = 8
-_KEPT = 3  # subsets of a size
+_RETAINED = 3  # subsets of a size
 _ROUNDS = 3  # of the covariance, which depends on the coefficients
 _MOST_SUBSETS = 400_000
 
@@ -164,7 +164,7 @@ def _rank(
         moments = moment[group]
         solved = np.linalg.solve(grams, moments[:, :, None])[:, :, 0]
         gains = (solved * moments).sum(axis=1)
-        for k in np.argsort(-gains, kind="stable")[:_KEPT]:
+        for k in np.argsort(-gains, kind="stable")[:_RETAINED]:
             chosen = group[k]
             # From the residuals themselves: the difference of two large sums keeps no digits.
             left = target - columns[:, chosen] @ solved[k]

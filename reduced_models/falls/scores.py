@@ -238,7 +238,7 @@ def _row(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
             model = fit(
-                record, law, holdout=0.0, starts=starts, start=_start(law, scene),
+                record, law, test_fraction=0.0, starts=starts, start=_start(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
                 map="fitted",
             )  # fmt: skip

@@ -221,7 +221,7 @@ def _omega(rest: float, gravity: float) -> float:
 
 def _means(scene: Scene) -> tuple[float, float]:
     """Mean moment and mass of the grains, over those of the first species."""
-    fraction = np.array(scene.grains.shares())
+    fraction = np.array(scene.grains.fractions())
     return (
         float(fraction @ scene.grains.moment_ratios()),
         float(fraction @ scene.grains.mass_ratios()),

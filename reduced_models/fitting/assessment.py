@@ -46,7 +46,7 @@ NORMAL_MEDIAN = 0.6745
 """Median of the modulus of a standard normal number."""
 SMALL = 1e-5
 """Residuals below this fraction of the swing are rounding, and the solver's."""
-SHARE = 0.5
+FRACTION = 0.5
 """Fraction of the residuals' power that makes them swing with the motion."""
 DRIFT = 4.0
 """Slow power of the residuals, over that of white noise, that makes a drift."""
@@ -241,17 +241,17 @@ def _quality(result: SearchResult, k: int) -> Quality:
     is_tested = len(record) - samples >= 2
     error, resting = None, None
     if is_tested:
-        error, resting = _holdout_errors(grid, result.trained[here], samples)
+        error, resting = _test_errors(grid, result.trained[here], samples)
     return Quality(
         residual=residual,
         relative=residual / swing,
-        holdout=error,
-        holdout_from=problem.data[k].stop if is_tested else None,
+        test_error=error,
+        test_from=problem.data[k].stop if is_tested else None,
         starts=problem.starts,
         converged=result.converged,
         samples=len(record),
         solver_error=result.solver_errors[k],
-        holdout_at_rest=resting,
+        test_error_at_rest=resting,
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
         collocation=result.collocation,
@@ -259,7 +259,7 @@ def _quality(result: SearchResult, k: int) -> Quality:
     )
 
 
-def _holdout_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> tuple[float, float]:
+def _test_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> tuple[float, float]:
     """Errors over the held-out stretch, of the roll-out and of a piston that stays at rest.
 
     Neither has seen that stretch; both count in the rms swing of the record.
@@ -281,11 +281,11 @@ def structure_words(quality: Quality, interval: float) -> str:
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
         f"follow each other over {round(quality.correlation)} samples"
     )
-    if abs(quality.lag) > LAG * interval and quality.swinging > SHARE:
+    if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
     if _drifting(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
-    if quality.swinging > SHARE:
+    if quality.swinging > FRACTION:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
     drift = f", or {_LET_DRIFT} if the record's zero may drift" if quality.drift > DRIFT else ""
     return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
@@ -342,7 +342,7 @@ def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, .
             f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "
             "says little of any law; average more samples or measure a larger motion"
         )
-    if quality.holdout == math.inf:
+    if quality.test_error == math.inf:
         notes.append(
             "fitted to its training stretch only, the law diverges in the held-out stretch"
         )

@@ -20,7 +20,7 @@ _SLOW, _FAST = 0.3, 1.7  # of the swing's frequency: between them residuals swin
 MOST_WEIGHTS = 40
 _PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
-_SHARE = 20  # samples for each weight, at least
+_FRACTION = 20  # samples for each weight, at least
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
 
 
@@ -143,7 +143,7 @@ def autoregression(residuals: np.ndarray) -> Autoregression:
     forward, backward = residuals[1:].copy(), residuals[:-1].copy()
     weights, variance = np.empty(0), power
     best, least = Autoregression(weights, variance), count * math.log(power)
-    for order in range(1, min(MOST_WEIGHTS, count // _SHARE) + 1):
+    for order in range(1, min(MOST_WEIGHTS, count // _FRACTION) + 1):
         size = float((forward**2).sum() + (backward**2).sum())
         if size <= 0.0:
             break

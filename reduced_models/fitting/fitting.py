@@ -24,8 +24,8 @@ from granular.shared.messages import quote
 from reduced_models.fitting.assessment import models_of
 from reduced_models.fitting.history import checked_histories, is_history, with_histories
 from reduced_models.fitting.options import (
-    HOLDOUT,
     STARTS,
+    TEST_FRACTION,
     Bounds,
     Fixed,
     Initial,
@@ -95,7 +95,7 @@ def fit(
     *,
     map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
     starts: int = STARTS,
-    holdout: float = HOLDOUT,
+    test_fraction: float = TEST_FRACTION,
     confidence: float = 0.95,
     seed: int = 0,
     own: Sequence[str] = (),
@@ -126,7 +126,7 @@ def fit(
         unless the record is described as well with z = height (Bayesian information criterion).
     starts : int
         Random starts.
-    holdout : float
+    test_fraction : float
         Fraction of each record, at its end, that is held out: first guesses, the choice of the map
         and a first model do without it, and that model is judged on it. The model that is given
         back is then fitted to all of the record. 0 for none.
@@ -202,7 +202,7 @@ def fit(
     (0.288, 0.0367)
     """
     records = records_of(record)
-    check_options(starts, holdout, confidence, map, intervals, loss, input_interpolation)
+    check_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = law_of(law, records[0], declared)
     check_names(chosen, declared)
@@ -217,7 +217,7 @@ def fit(
     problem = FitProblem(
         law=chosen,
         data=tuple(
-            training_data(record, holdout, *how, loss, fixed)
+            training_data(record, test_fraction, *how, loss, fixed)
             for record, how, fixed in zip(records, given, value, strict=True)
         ),
         map=map,
@@ -240,7 +240,7 @@ def fit(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
-    if has_drive(chosen.inputs) and input_interpolation is None and holdout > 0.0:
+    if has_drive(chosen.inputs) and input_interpolation is None and test_fraction > 0.0:
         result = _best_interpolation(result)
     if histories:
         result = with_histories(result, histories)

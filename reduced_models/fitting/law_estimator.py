@@ -16,7 +16,7 @@ from granular.run.record import PistonRecord
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from reduced_models.fitting.fitting import fit
-from reduced_models.fitting.options import HOLDOUT, STARTS
+from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 
@@ -33,7 +33,7 @@ class LawEstimator:
         As for `fit`.
     starts : int
         Random starts.
-    holdout : float
+    test_fraction : float
         As for `fit`; 0 in a search, which holds out by itself.
 
     Attributes
@@ -51,11 +51,11 @@ class LawEstimator:
         self,
         law: str | Law = "van-der-pol-like",
         starts: int = STARTS,
-        holdout: float = HOLDOUT,
+        test_fraction: float = TEST_FRACTION,
     ) -> None:
         self.law = law
         self.starts = starts
-        self.holdout = holdout
+        self.test_fraction = test_fraction
 
     def __repr__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
@@ -63,7 +63,7 @@ class LawEstimator:
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the arguments that the estimator was made with."""
-        return {"law": self.law, "starts": self.starts, "holdout": self.holdout}
+        return {"law": self.law, "starts": self.starts, "test_fraction": self.test_fraction}
 
     def set_params(self, **parameters: Any) -> Self:
         """Change what it was made with.
@@ -93,7 +93,7 @@ class LawEstimator:
             raise InputError(f"{len(times)} times for {len(heights)} heights; give one for each")
         order = np.argsort(times, kind="stable")
         record = PistonRecord(times[order], heights[order])
-        self.model_ = fit(record, self.law, starts=self.starts, holdout=self.holdout)
+        self.model_ = fit(record, self.law, starts=self.starts, test_fraction=self.test_fraction)
         self.n_features_in_ = 1
         self._start = float(record.time[0])
         return self

@@ -18,7 +18,7 @@ from reduced_models.least_squares.residuals import LOSSES
 from reduced_models.records.inputs import INTERPOLATIONS
 
 STARTS = 16
-HOLDOUT = 0.3
+TEST_FRACTION = 0.3
 MOST_STARTS = 10_000
 """Ten times a thousand, with which a short record takes minutes."""
 
@@ -29,7 +29,7 @@ Initial = Literal["free", "rest"] | Mapping[str, float | str]
 
 def check_options(
     starts: int = STARTS,
-    holdout: float = HOLDOUT,
+    test_fraction: float = TEST_FRACTION,
     confidence: float = 0.95,
     height_map: object = "auto",
     intervals: str = "linear",
@@ -39,8 +39,8 @@ def check_options(
     """Raise `InputError` unless the options of `fit` are in their ranges."""
     if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
         raise InputError(f"starts = {quote(starts)}; give a whole number from 1 to {MOST_STARTS}")
-    if not 0.0 <= holdout <= 0.9:
-        raise InputError(f"holdout = {quote(holdout)}; give a fraction from 0 to 0.9")
+    if not 0.0 <= test_fraction <= 0.9:
+        raise InputError(f"test_fraction = {quote(test_fraction)}; give a fraction from 0 to 0.9")
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence = {quote(confidence)}; give a fraction between 0 and 1")
     if not isinstance(height_map, HeightMap) and height_map not in ("auto", "fitted"):

@@ -130,7 +130,7 @@ class FitProblem:
 
 def training_data(
     record: PistonRecord,
-    holdout: float,
+    test_fraction: float,
     weights: np.ndarray | None = None,
     noise: float | None = None,
     loss: LossName = "linear",
@@ -144,7 +144,7 @@ def training_data(
         If the training stretch is too short, or does not move.
     """
     total = record.from_zero()
-    stop = float(total.time[-1]) * (1.0 - holdout)
+    stop = float(total.time[-1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is told by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
     training = total.first(count)
@@ -215,14 +215,14 @@ def weights_of(
     several = len(records) > 1
     both: list[tuple[np.ndarray | None, float | None]] = []
     for k, record in enumerate(records):
-        own_weights = _of_record("weights", weights, k, record, several=several)
-        own_noise = _of_record("noise", noise, k, record, several=several)
-        if own_noise is None or own_noise.ndim == 0:
-            level = None if own_noise is None else float(own_noise)
-            both.append((own_weights, level))
+        weights_of_record = _of_record("weights", weights, k, record, several=several)
+        noise_of_record = _of_record("noise", noise, k, record, several=several)
+        if noise_of_record is None or noise_of_record.ndim == 0:
+            level = None if noise_of_record is None else float(noise_of_record)
+            both.append((weights_of_record, level))
         else:
-            level = float(1.0 / np.sqrt((own_noise**-2.0).mean()))
-            both.append((level / own_noise, level))
+            level = float(1.0 / np.sqrt((noise_of_record**-2.0).mean()))
+            both.append((level / noise_of_record, level))
     return both
 
 

@@ -40,7 +40,7 @@ _NEAR = 0.1  # spread of the logarithm of start values that are given
 
 # Of a law with hidden states:
 _SWINGS, _NODES_A_SWING = 6.0, 32
-_ROUNDS, _HIDDEN_DRAWS, _KEPT = 8, 4096, 48
+_ROUNDS, _HIDDEN_DRAWS, _RETAINED = 8, 4096, 48
 _TRIALS = 40
 _STEP = 1e-6  # of the logarithms, for slopes
 _FAR = 1e6
@@ -199,7 +199,7 @@ def _hidden_starts(
     for _ in range(_ROUNDS):
         drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
-        best = drawn[order[:_KEPT]]
+        best = drawn[order[:_RETAINED]]
     output, cost = search(
         _normal(best, misfits), np.zeros_like(best),
         Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,

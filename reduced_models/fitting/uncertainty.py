@@ -21,7 +21,7 @@ Interval = tuple[float, float]
 
 OPEN = 0.25
 """A direction is undetermined if the data leave the logarithm along it this uncertain."""
-SHARES = (0.5, 0.1)
+FRACTIONS = (0.5, 0.1)
 """Amplitudes, over the greatest swing of the record, that equivalent damping is of."""
 FAR = 0.5
 """Fraction of a damping ratio by which that of small swings may miss the one at a tenth."""
@@ -209,7 +209,7 @@ def _at_rest(
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
         return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
-    sizes = np.array(SHARES) * max(abs(edge - figures[0]) for edge in edges)
+    sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
     seen = _seen_damping(unknowns, theta[:, None], figures[:, None], sizes)
     equivalent = np.isfinite(seen).all() and _unseen(figures[2], seen[1, 0])
     if not (equivalent or math.isfinite(figures[2])):
@@ -264,7 +264,7 @@ def _seen_damping(
         (figures[0] - shift) / scale, 2.0 * math.pi / figures[1],
     )  # fmt: skip
     wide, narrow = result.resistance(amplitude)
-    friction = (SHARES[0] * narrow - SHARES[1] * wide) / (SHARES[0] - SHARES[1])
+    friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
     return np.vstack([result.damping_ratio, friction])
 
 

@@ -176,7 +176,7 @@ def _refit(
                 model.law,
                 map="fitted" if model.map.fitted else model.map,
                 starts=model.quality.starts,
-                holdout=0.0,
+                test_fraction=0.0,
             )
     except GranularError as error:
         return Failure(what, str(error))
@@ -264,7 +264,7 @@ def _record_of(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Fa
 def _forced_end(run: Trajectory) -> float | None:
     """End of a run whose last stage has no end of its own."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
-    if run.scene.protocol[-1].span(height) is not None:
+    if run.scene.protocol[-1].total_duration(height) is not None:
         return None
     return float(run.dataset["time"].values[-1])
 

@@ -18,7 +18,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import times
 from reduced_models.fitting.fitting import fit, law_of
-from reduced_models.fitting.options import HOLDOUT, STARTS, check_options
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import records_of
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
@@ -42,8 +42,8 @@ _NO_BETTER = 0.9
 def compare(
     record: PistonRecord | Sequence[PistonRecord],
     laws: str | Law | ReducedModel | Sequence[str | Law | ReducedModel],
-    holdout: float = HOLDOUT,
-    held_out: Sequence[PistonRecord] = (),
+    test_fraction: float = TEST_FRACTION,
+    test_records: Sequence[PistonRecord] = (),
     *,
     own: Sequence[str] = (),
     starts: int = STARTS,
@@ -57,9 +57,9 @@ def compare(
     laws : str, Law or ReducedModel, or a sequence of them
         Names, equations, laws, or models whose structure is fitted again, from their parameters;
         also what `discover` gives, for its model.
-    holdout : float
+    test_fraction : float
         Fraction of each record, at its end, that is held out.
-    held_out : sequence of PistonRecord
+    test_records : sequence of PistonRecord
         Whole records that no fit sees; each is predicted from an initial state that its first
         period tells.
     own : sequence of str
@@ -86,33 +86,33 @@ def compare(
     'linear'
     """
     records = records_of(record)
-    check_options(starts, holdout)
+    check_options(starts, test_fraction)
     laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
     if not laws:
         raise InputError("laws is empty; name at least one")
-    if own and held_out:
+    if own and test_records:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
     chosen = [_entry(law, records[0]) for law in laws]
-    rows = [_row(entry, records, holdout, held_out, own, starts) for entry in chosen]
+    rows = [_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     return _rank(rows, sound)
 
 
-def judge_on(table: Comparison, held_out: Sequence[PistonRecord]) -> Comparison:
+def judge_on(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
     that diverges there.
     """
-    rows = [_further(row, held_out) for row in table.rows if not row.failure]
+    rows = [_further(row, test_records) for row in table.rows if not row.failure]
     return _rank([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
-def _further(row: Row, held_out: Sequence[PistonRecord]) -> Row:
+def _further(row: Row, test_records: Sequence[PistonRecord]) -> Row:
     judged = list(row.records)
-    for record in held_out:
+    for record in test_records:
         try:
             judged.append(roll_out(row.models[0], record))
         except InputError:
@@ -151,8 +151,8 @@ def _entry(law: Any, record: PistonRecord) -> _Entry:
 def _row(
     entry: _Entry,
     records: Sequence[PistonRecord],
-    holdout: float,
-    held_out: Sequence[PistonRecord],
+    test_fraction: float,
+    test_records: Sequence[PistonRecord],
     own: Sequence[str],
     starts: int,
 ) -> Row:
@@ -162,12 +162,14 @@ def _row(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
-            models = fit(records, law, holdout=holdout, own=private, starts=starts, **how)
-        judged = tuple(roll_out(models[0], value) for value in held_out)
+            models = fit(
+                records, law, test_fraction=test_fraction, own=private, starts=starts, **how
+            )
+        judged = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
         return Row(law.name, failure=str(cause))
     stretches = tuple(
-        model.quality.holdout for model in models if model.quality.holdout is not None
+        model.quality.test_error for model in models if model.quality.test_error is not None
     )
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
@@ -227,9 +229,9 @@ def _swing(model: ReducedModel) -> float:
 
 def _at_rest(row: Row) -> float:
     errors = [
-        model.quality.holdout_at_rest
+        model.quality.test_error_at_rest
         for model in row.models
-        if model.quality.holdout_at_rest is not None
+        if model.quality.test_error_at_rest is not None
     ]
     errors += [record.at_rest for record in row.records]
     return pool(errors) if errors else 1.0

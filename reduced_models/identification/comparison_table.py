@@ -92,7 +92,7 @@ class Comparison:
     noise : float
         White noise of the records, in rms swings.
     at_rest : float
-        Hold-out error of the baseline, a piston that stays at rest.
+        Test error of the baseline, a piston that stays at rest.
     """
 
     rows: tuple[Row, ...]
@@ -123,7 +123,7 @@ class Comparison:
         """Names of the columns of `cells`."""
         held = len(self.rows[0].records)
         return (
-            "law", "parameters", "hold-out error", *(f"record {k + 1}" for k in range(held)),
+            "law", "parameters", "test error", *(f"record {k + 1}" for k in range(held)),
             "AIC", "BIC", "diverged",
         )  # fmt: skip
 
@@ -191,7 +191,7 @@ class Comparison:
         rows = [
             {
                 "law": row.name, "parameters": row.parameters, "error": row.error,
-                "hold-out error": pool(row.stretches) if row.stretches else math.nan,
+                "test error": pool(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }

@@ -20,7 +20,7 @@ from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.response import HarmonicCycle
 
-SHARES = (1.0, 0.5, 0.25, 0.1)
+FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """Amplitudes that are looked at, over the greatest one of the record."""
 DAMPING_RATIO = "damping ratio"
 _MOST_DIGITS = 8
@@ -247,7 +247,7 @@ def cycles_at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[Harmo
         return []
     farthest = float(np.abs(heights - model.at_rest.height).max())
     cycles = []
-    for fraction in SHARES:
+    for fraction in FRACTIONS:
         try:
             cycle = model.cycle(fraction * farthest)
         except GranularError:

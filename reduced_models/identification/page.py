@@ -230,15 +230,15 @@ def _quality_text(model: ReducedModel) -> str:
         f"the rms swing, over {quality.samples} samples. {quality.converged} of "
         f"{quality.starts} random starts led to this fit."
     )
-    if quality.holdout is not None:
+    if quality.test_error is not None:
         words += (
-            f" Fitted to the first {quality.holdout_from:.3g} s only, it predicts the rest to "
-            f"{100 * quality.holdout:.3g} % of the rms swing."
+            f" Fitted to the first {quality.test_from:.3g} s only, it predicts the rest to "
+            f"{100 * quality.test_error:.3g} % of the rms swing."
         )
-    if quality.holdout_at_rest is not None:
+    if quality.test_error_at_rest is not None:
         words += (
             f" A piston that stays at the level of rest would score "
-            f"{100 * quality.holdout_at_rest:.3g} % there; "
+            f"{100 * quality.test_error_at_rest:.3g} % there; "
             "only a smaller error speaks for the law."
         )
     return words

@@ -70,7 +70,7 @@ def _left_over(record: PistonRecord) -> _Axis:
 
 def _add_curves(
     page: Page, caption: str, record: PistonRecord, curves: Iterable[tuple[str, np.ndarray, Any]],
-    *, label: str = "record", difference: _Axis, held_out_from: float | None = None,
+    *, label: str = "record", difference: _Axis, test_from: float | None = None,
     height: float = 6.2, legend: bool = True,
 ) -> None:  # fmt: skip
     """Add a record with curves over it, and below what each of them misses.
@@ -95,9 +95,9 @@ def _add_curves(
             )
             top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
             bottom.plot(t, missed, linewidth=1.2, **look)
-        if held_out_from is not None:
+        if test_from is not None:
             for axes in (top, bottom):
-                axes.axvspan(held_out_from, time[-1], color=GREY, alpha=0.15, linewidth=0.0)
+                axes.axvspan(test_from, time[-1], color=GREY, alpha=0.15, linewidth=0.0)
         top.set_ylabel(shown.label)
         bottom.set_ylabel(difference.label)
         bottom.set_xlabel("time [s]")
@@ -118,7 +118,7 @@ def add_record(page: Page, record: PistonRecord, best: ReducedModel) -> None:
         record,
         [(best.law.name, best.follow(record).height, {})],
         difference=_left_over(record),
-        held_out_from=best.quality.holdout_from,
+        test_from=best.quality.test_from,
         height=6.0,
         legend=False,
     )
@@ -138,7 +138,7 @@ def add_fits(
             for k, model in enumerate(models)
         ],
         difference=_left_over(record),
-        held_out_from=best.quality.holdout_from,
+        test_from=best.quality.test_from,
         height=6.0 + 0.15 * len(models),
     )
 

@@ -26,7 +26,7 @@ from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 
-_PLACES = 32  # of a quarter period, for the means
+_POINTS = 32  # of a quarter period, for the means
 _ALONG = 101  # heights of a swing at which the damping is looked at
 
 
@@ -187,7 +187,7 @@ def _drift(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
     from scipy.special import ellipk
 
     _, m = _rate_and_parameter(amplitude, oscillator)
-    indices = (np.arange(_PLACES) + 0.5) / _PLACES
+    indices = (np.arange(_POINTS) + 0.5) / _POINTS
     s, c, d = _functions(ellipk(m)[:, None] * indices, m[:, None])
     damping = oscillator.decay + oscillator.bend * (amplitude[:, None] * c) ** 2
     return np.asarray(-2.0 * amplitude * (damping * (s * d) ** 2).mean(axis=1))

@@ -16,7 +16,7 @@ import numpy as np
 from reduced_models.laws.equation import COMPILED, compiled_field
 from reduced_models.laws.law import Law
 
-_PLACES = 12
+_POINTS = 12
 _CLOSE = 1e-9
 _TURN = 2.0 * math.pi
 _OPEN = (-math.inf, math.inf)
@@ -49,8 +49,8 @@ def _symmetries(
 ) -> Symmetries:
     field = compiled_field(equation, inputs, "numpy")
     random = np.random.default_rng(0)
-    state = random.uniform(0.3, 1.2, (2 + hidden + len(inputs), _PLACES))
-    values = random.uniform(0.3, 1.2, (len(parameters), _PLACES))
+    state = random.uniform(0.3, 1.2, (2 + hidden + len(inputs), _POINTS))
+    values = random.uniform(0.3, 1.2, (len(parameters), _POINTS))
 
     def same(change: Callable[[np.ndarray], np.ndarray]) -> bool:
         with np.errstate(all="ignore"):

@@ -50,10 +50,10 @@ def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
         cost, gradient = np.zeros(count), np.zeros((count, size))
         matrix = np.zeros((count, size, size))
         for own, here in zip(normals, entries, strict=True):
-            own_cost, own_gradient, own_matrix = own(theta[:, here])
-            cost += np.asarray(own_cost)
-            gradient[:, here] += np.asarray(own_gradient)
-            matrix[:, here[:, None], here] += np.asarray(own_matrix)
+            cost_of_record, gradient_of_record, matrix_of_record = own(theta[:, here])
+            cost += np.asarray(cost_of_record)
+            gradient[:, here] += np.asarray(gradient_of_record)
+            matrix[:, here[:, None], here] += np.asarray(matrix_of_record)
         return cost, gradient, matrix
 
     return normal

@@ -26,7 +26,7 @@ HELPS = 0.9
 _COARSE = np.linspace(0.6, 1.3, 15)
 """Frequencies over the host's that a candidate is tried at."""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
-_SHARES = (0.6, 0.8, 1.0)
+_FRACTIONS = (0.6, 0.8, 1.0)
 """Of the greatest mass, in the piston."""
 _COUNTS = (276, 368, 460, 552, 736)
 _FILLED = 0.55
@@ -127,7 +127,7 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
     )
     for count in _COUNTS:
         bed = float(start.replace(**{"grains.count": 1}).grains.masses().sum()) * count
-        for fraction, drag in itertools.product(_SHARES, _DRAGS):
+        for fraction, drag in itertools.product(_FRACTIONS, _DRAGS):
             mass = fraction * (limit - bed)
             if not mass > 0.5:
                 continue

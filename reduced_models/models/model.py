@@ -295,10 +295,10 @@ class ReducedModel(FittedLaw):
         elif self.no_swing:
             lines.append(f"  small swing at rest: none, {self.no_swing}")
         quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
-        if self.quality.holdout is not None:
-            quality += f", hold-out error {100.0 * self.quality.holdout:.3g} %"
-        if self.quality.holdout_at_rest is not None:
-            at_rest = 100.0 * self.quality.holdout_at_rest
+        if self.quality.test_error is not None:
+            quality += f", test error {100.0 * self.quality.test_error:.3g} %"
+        if self.quality.test_error_at_rest is not None:
+            at_rest = 100.0 * self.quality.test_error_at_rest
             quality += f" (baseline, a piston at rest: {at_rest:.3g} %)"
         lines.append(quality)
         if self.quality.starts:

@@ -53,11 +53,11 @@ class Quality:
         Root mean square of height minus model over the record [m].
     relative : float
         The same over the rms swing of the record.
-    holdout : float or None
+    test_error : float or None
         Rms error of the simulation over the held-out stretch of a model that has not seen it, over
         the rms swing of the whole record; infinite where that model diverges. To be compared with
-        ``holdout_at_rest``.
-    holdout_from : float or None
+        ``test_error_at_rest``.
+    test_from : float or None
         Time since the record's start at which that stretch begins [s].
     starts, converged : int
         Random starts, and how many of them led to the best fit.
@@ -65,7 +65,7 @@ class Quality:
     solver_error : float
         Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
         1e-10, over the amplitude.
-    holdout_at_rest : float or None
+    test_error_at_rest : float or None
         The same error of a piston that stays at the level of rest of the training stretch: what
         a prediction has to beat.
     noise : float
@@ -88,13 +88,13 @@ class Quality:
 
     residual: float
     relative: float
-    holdout: float | None
-    holdout_from: float | None
+    test_error: float | None
+    test_from: float | None
     starts: int
     converged: int
     samples: int
     solver_error: float
-    holdout_at_rest: float | None = None
+    test_error_at_rest: float | None = None
     noise: float = 0.0
     correlation: float = 1.0
     collocation: str = "none"

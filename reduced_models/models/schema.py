@@ -55,7 +55,7 @@ def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
     return check
 
 
-def _whole(least: int, most: int) -> Check:
+def _integer(least: int, most: int) -> Check:
     def check(where: str, value: Any) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
             raise _wrong(where, value, f"a whole number from {least} to {most}")
@@ -199,13 +199,13 @@ _MODEL = _shape(
             {
                 "residual": _SIZE,
                 "relative": _SIZE,
-                "holdout": _maybe(_number(0.0, math.inf)),
-                "holdout_from": _maybe(_number()),
-                "starts": _whole(0, 10**9),
-                "converged": _whole(0, 10**9),
-                "samples": _whole(0, 10**12),
+                "test_error": _maybe(_number(0.0, math.inf)),
+                "test_from": _maybe(_number()),
+                "starts": _integer(0, 10**9),
+                "converged": _integer(0, 10**9),
+                "samples": _integer(0, 10**12),
                 "solver_error": _SIZE,
-                "holdout_at_rest": _maybe(_SIZE),
+                "test_error_at_rest": _maybe(_SIZE),
                 "noise": _SIZE,
                 "correlation": _SIZE,
                 "collocation": _one_of(("none", "same", "worse", "better")),
@@ -222,7 +222,7 @@ _MODEL = _shape(
         "notes": _list(_text()),
         "latex": _text(100_000),
         "inputs": _list(_text(200)),
-        "resolution": _whole(1, _MOST_RESOLUTION),
+        "resolution": _integer(1, _MOST_RESOLUTION),
         "provenance": _table(_text()),
         "hidden": _table(_number()),
         "input_interpolation": _one_of(INTERPOLATIONS),
@@ -315,6 +315,6 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
     """Quality of a model; an infinite error, which no file holds, is put back."""
     quality = Quality(**plain)
-    if quality.holdout is None and quality.holdout_from is not None:
-        return dataclasses.replace(quality, holdout=math.inf)
+    if quality.test_error is None and quality.test_from is not None:
+        return dataclasses.replace(quality, test_error=math.inf)
     return quality

@@ -28,7 +28,7 @@ DERIVATIVE_METHODS: tuple[DerivativeMethod, ...] = (
 LEAST_SAMPLES = 20
 _DEGREE = 5  # of the local polynomials
 _LEAST_WINDOW = 7
-_SHARE = 0.8  # of the widest window that the discrepancy allows
+_FRACTION = 0.8  # of the widest window that the discrepancy allows
 _SIGMAS = 4.0  # standard errors by which the mean square that is smoothed away may exceed the noise
 _PROBE_SAMPLES = 20_000
 _BATCH = 4096
@@ -151,7 +151,7 @@ def _local_polynomials(
         chosen = window
         window = max(window + 2, int(window * 1.25) | 1)
     # The widest window hides as much of the motion as of the noise; a shorter one keeps the motion.
-    chosen = max(_LEAST_WINDOW, int(_SHARE * chosen) | 1)
+    chosen = max(_LEAST_WINDOW, int(_FRACTION * chosen) | 1)
     step = float(time[-1] - time[0]) / (len(time) - 1)
     return functools.partial(fits, time=time, window=chosen), chosen * step
 

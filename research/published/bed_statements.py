@@ -24,17 +24,17 @@ def exponential(results: Results) -> StatementCheck | None:
     courses = [mean_course(results, "direct 368", way) for way in ("down", "up")]
     if courses[0] is None or courses[1] is None:
         return None
-    rates, shares = [], []
-    for course in (courses[0], courses[1][::-1]):
-        packing = packings(368, course)
-        chosen = (packing > 0.12) & (course > 0.0)
-        x, y = packing[chosen], np.log(course[chosen])
+    rates, fractions = [], []
+    for trajectory in (courses[0], courses[1][::-1]):
+        packing = packings(368, trajectory)
+        chosen = (packing > 0.12) & (trajectory > 0.0)
+        x, y = packing[chosen], np.log(trajectory[chosen])
         rates.append(float(np.polyfit(x, y, 1)[0]))
-        shares.append(float(np.corrcoef(x, y)[0, 1] ** 2))
+        fractions.append(float(np.corrcoef(x, y)[0, 1] ** 2))
     return StatementCheck(
-        min(shares) > 0.95 and abs(rates[1] / rates[0] - 1.0) > 0.1,
+        min(fractions) > 0.95 and abs(rates[1] / rates[0] - 1.0) > 0.1,
         f"above a packing of 0.12 the logarithm has the slopes {rates[0]:.0f} and {rates[1]:.0f}, "
-        f"R² {shares[0]:.3f} and {shares[1]:.3f}",
+        f"R² {fractions[0]:.3f} and {fractions[1]:.3f}",
     )
 
 

@@ -45,7 +45,7 @@ OWN_TERMS = Rule(comparable=False)
 MADE = Rule(constructed=True)
 PERCENT = Rule(scale=100.0)
 """Of a difference in percent."""
-SHARE = Rule(scale=1.0)
+FRACTION = Rule(scale=1.0)
 
 ALL_SIZES = LISTED + LARGE
 ASPECT_NAMES = ("0.75", "0.6", "0.5", "0.75 (6:8)")
@@ -244,7 +244,7 @@ def _polygons() -> list[Entry]:
                 what = f"fraction of {kind}, {'every pair' if way == 'direct' else 'list'}, N = {n}"
                 measure = mean_of(f"{way} {n}", f"{kind}_full")
                 key, spread = f"{name}.{kind}[{k}]", f"{name}.{kind}_std[{k}]"
-                rows.append(Entry(key, what, measure, "", SHARE, spread_key=spread))
+                rows.append(Entry(key, what, measure, "", FRACTION, spread_key=spread))
     return rows
 
 

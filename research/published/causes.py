@@ -264,7 +264,7 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
         f"{words} ({', '.join(bed for change, bed in best if change == words)})"
         for words in dict.fromkeys(change for change, _ in best)
     )
-    begun = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
+    started = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
     met = [one for one in best.values() if one.explains]
     causes = [
         words for words in dict.fromkeys(one.change for one in met)
@@ -273,10 +273,10 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
     if not causes:
         alone = "; ".join(f"{one.change} at {one.bed}" for one in met)
         tail = f" Met at one size alone: {alone}." if met else ""
-        return f"{begun} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
+        return f"{started} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
     said = " ".join(_record(found, words, list(best.values())) for words in causes)
     return (
-        f"{begun} Published in brackets. {said} Where the two distances are off alike, the "
+        f"{started} Published in brackets. {said} Where the two distances are off alike, the "
         "difference is met and the bed is not."
     )
 
@@ -291,20 +291,20 @@ def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFi
         f"{_ends(found, one)}"
         for one in met
     )
-    begun = (
+    started = (
         f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at "
         f"{len(met)}: {hits}"
     )
     alike = [one.bed for one in of_it if one not in met and one not in missed]
     if alike:
-        begun += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
+        started += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
     if not missed:
-        return f"{begun}."
+        return f"{started}."
     gaps = ", ".join(
         f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}" for one in missed
     )
     judgement = " So it is no explanation." if len(missed) >= len(met) else ""
-    return f"{begun}. It does not at {len(missed)}: {gaps}.{judgement}"
+    return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
 
 def gaps_at_the_end(results: Results) -> str:

@@ -107,26 +107,26 @@ def _courses(record: Mapping[str, Any]) -> Figures:
     """The force on the way down and up, and what is rough in it, over its greatest."""
     made: Figures = {}
     for way in ("down", "up"):
-        course = np.array(record[way])
-        if len(course):
-            even = np.linspace(0, len(course) - 1, STROKES).round().astype(int)
-            made[way] = course[even]
-            smooth = np.convolve(course, np.full(SMOOTHED, 1.0 / SMOOTHED), mode="valid")
-            rest = course[SMOOTHED // 2 : -(SMOOTHED // 2)] - smooth
-            made[f"roughness_{way}"] = float(np.sqrt(np.mean(rest**2)) / course.max())
+        trajectory = np.array(record[way])
+        if len(trajectory):
+            even = np.linspace(0, len(trajectory) - 1, STROKES).round().astype(int)
+            made[way] = trajectory[even]
+            smooth = np.convolve(trajectory, np.full(SMOOTHED, 1.0 / SMOOTHED), mode="valid")
+            rest = trajectory[SMOOTHED // 2 : -(SMOOTHED // 2)] - smooth
+            made[f"roughness_{way}"] = float(np.sqrt(np.mean(rest**2)) / trajectory.max())
     return made
 
 
 def _order(positions: np.ndarray, when: str) -> Figures:
     """Shares of polygons, Psi6, and regularity of the hexagons with its deviation."""
     cells = voronoi_cells(positions)
-    shares = polygon_fractions(cells)
+    fractions = polygon_fractions(cells)
     regularity = hexagon_regularity(cells)
     known = regularity[np.isfinite(regularity)]
     return {
-        f"pentagons_{when}": shares.pentagons,
-        f"hexagons_{when}": shares.hexagons,
-        f"heptagons_{when}": shares.heptagons,
+        f"pentagons_{when}": fractions.pentagons,
+        f"hexagons_{when}": fractions.hexagons,
+        f"heptagons_{when}": fractions.heptagons,
         f"psi6_{when}": psi6(positions, cells),
         f"regularity_{when}": known.mean() if len(known) else np.nan,
         f"regularity_deviation_{when}": known.std() if len(known) else np.nan,
@@ -152,14 +152,14 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     inside = voronoi_cells(positions).interior
     if inside.sum() < 10:
         return {}
-    whole = np.array(record["forces"])
+    integer = np.array(record["forces"])
     if scene.effects.gravity is not None:
-        whole[:, 1] += scene.effects.gravity.acceleration * scene.grains.masses()
-    sizes = np.linalg.norm(whole, axis=1)
+        integer[:, 1] += scene.effects.gravity.acceleration * scene.grains.masses()
+    sizes = np.linalg.norm(integer, axis=1)
     pressed = compressive_forces(scene, positions, record["full_height"])
     test = dip_test(pressed[inside])
     median = float(np.median(pressed[inside]))
-    directions = axial_order(whole[inside])
+    directions = axial_order(integer[inside])
     relative = pressed.copy()
     made: Figures = {
         "dip": test.dip,

@@ -45,8 +45,8 @@ def together(
     if chosen is None:
         return None
     found = [results.sample(name, figure, chosen) for name in names]
-    whole = [one for one in found if one is not None]
-    return whole if len(whole) == len(found) else None
+    integer = [one for one in found if one is not None]
+    return integer if len(integer) == len(found) else None
 
 
 def percent_difference(count: int) -> Measure:
@@ -217,8 +217,8 @@ def greatest_deviation(name: str) -> Measure:
         courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
         if sample is None or any(one.ndim != 2 or len(one) < 2 for one in courses):
             return None
-        course = np.concatenate(courses, axis=1)
-        value = float(course.std(axis=0, ddof=1).max() / course.max(axis=1).mean())
+        trajectory = np.concatenate(courses, axis=1)
+        value = float(trajectory.std(axis=0, ddof=1).max() / trajectory.max(axis=1).mean())
         return _deviation(value, sample)
 
     return measure
@@ -257,10 +257,10 @@ def order_correlation(names: Sequence[str]) -> Measure:
         from granular.observables import pearson_correlation
 
         orders = together(names, "psi6_full", results)
-        shares = together(names, "hexagons_full", results)
-        if orders is None or shares is None:
+        fractions = together(names, "hexagons_full", results)
+        if orders is None or fractions is None:
             return None
-        pairs = [np.concatenate([one.values for one in some]) for some in (orders, shares)]
+        pairs = [np.concatenate([one.values for one in some]) for some in (orders, fractions)]
         try:
             value = pearson_correlation(pairs[0], pairs[1]).coefficient
         except InputError:

@@ -48,10 +48,10 @@ def mixture_courses(results: Results) -> StatementCheck | None:
         return None
     grid = np.linspace(0.1, 0.34, 49)
     rows = []
-    for aspect, course in zip(ASPECTS, known, strict=True):
+    for aspect, trajectory in zip(ASPECTS, known, strict=True):
         end = 14.0 * (1.0 + 0.5 * (aspect**2 - 1.0))
-        packing = 0.34 * end / np.linspace(89.0, end, len(course))
-        rows.append(np.interp(grid, packing, course))
+        packing = 0.34 * end / np.linspace(89.0, end, len(trajectory))
+        rows.append(np.interp(grid, packing, trajectory))
     worst = float(np.ptp(rows, axis=0).max())
     return StatementCheck(worst <= 0.05, f"at R = 0.5 they differ by at most {worst:.3f}")
 
@@ -123,11 +123,11 @@ def one_mode(results: Results) -> StatementCheck | None:
 
 
 def even_split(results: Results) -> StatementCheck | None:
-    shares = halves(results, "small_below_median")
-    if shares is None:
+    fractions = halves(results, "small_below_median")
+    if fractions is None:
         return None
     return StatementCheck(
-        min(shares) > 0.95, f"small grains below the median of all: {listed(shares, '.2f')}"
+        min(fractions) > 0.95, f"small grains below the median of all: {listed(fractions, '.2f')}"
     )
 
 
@@ -190,17 +190,17 @@ def grows_as_aspect_falls(results: Results) -> StatementCheck | None:
 
 
 def nearest(results: Results) -> StatementCheck | None:
-    shares = halves(results, "nearest_species")
-    if shares is None:
+    fractions = halves(results, "nearest_species")
+    if fractions is None:
         return None
-    return StatementCheck(min(shares) > 0.5, f"fraction of starts: {listed(shares, '.2f')}")
+    return StatementCheck(min(fractions) > 0.5, f"fraction of starts: {listed(fractions, '.2f')}")
 
 
 def hexagons_by_aspect(results: Results) -> StatementCheck | None:
-    shares = halves(results, "hexagons_full")
-    if shares is None:
+    fractions = halves(results, "hexagons_full")
+    if fractions is None:
         return None
-    return StatementCheck(shares == sorted(shares, reverse=True), listed(shares, ".2f"))
+    return StatementCheck(fractions == sorted(fractions, reverse=True), listed(fractions, ".2f"))
 
 
 def least_order(results: Results) -> StatementCheck | None:

@@ -62,17 +62,17 @@ def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
     force = np.zeros((2, len(x)))
     first, others = neighbours(positions, radius)
     _direct(x, y, force)
-    whole = force.copy()
+    integer = force.copy()
     _listed(x, y, force, *neighbours(positions, np.inf))
-    assert np.allclose(force, whole)
+    assert np.allclose(force, integer)
     return _least(_direct, x, y, force), _least(_listed, x, y, force, first, others)
 
 
 def _least(loop: Callable[..., object], *arguments: np.ndarray) -> float:
     least, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
     for _ in range(REPEATS):
-        begun = time.process_time()
+        started = time.process_time()
         for _ in range(sums):
             loop(*arguments)
-        least = min(least, (time.process_time() - begun) / sums)
+        least = min(least, (time.process_time() - started) / sums)
     return 1e6 * least

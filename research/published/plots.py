@@ -158,10 +158,12 @@ def _course(page: Page, results: Results) -> None:
         return
     stroke = np.linspace(0.0, 1.0, courses[0].shape[1])
     with figure(width=WIDTH) as (drawing, axes):
-        for k, (course, label) in enumerate(zip(courses, ("down", "up"), strict=True)):
+        for k, (trajectory, label) in enumerate(zip(courses, ("down", "up"), strict=True)):
             x = stroke if k == 0 else 1.0 - stroke
-            axes.plot(x, course.T, color=COLOURS[k], linewidth=0.6, alpha=0.6)
-            axes.plot(x, course.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label)
+            axes.plot(x, trajectory.T, color=COLOURS[k], linewidth=0.6, alpha=0.6)
+            axes.plot(
+                x, trajectory.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label
+            )
         axes.set(xlabel="stroke of the piston, over its greatest", ylabel="piston force [N]")
         axes.legend()
         page.figure(drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
@@ -242,8 +244,8 @@ def _speed_courses(page: Page, results: Results) -> None:
     if any(one.ndim != 2 for one in courses.values()):
         return
     with figure(width=WIDTH) as (drawing, axes):
-        for k, (speed, course) in enumerate(courses.items()):
-            mean = course.mean(axis=0)
+        for k, (speed, trajectory) in enumerate(courses.items()):
+            mean = trajectory.mean(axis=0)
             axes.plot(np.linspace(0.0, 3.0, len(mean)), mean, color=COLOURS[k],
                       linestyle=STYLES[k % len(STYLES)], label=f"{speed} mm/s")  # fmt: skip
         axes.set(xlabel="time [T]", ylabel="half mean distance [D]")

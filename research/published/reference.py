@@ -26,7 +26,7 @@ what differs in the last digit has not grown."""
 FINER = 4.0
 """The reference takes a step that is so much shorter: its own error is to hide no change."""
 
-SHARE = 2e-3
+FRACTION = 2e-3
 """Part of its height that the piston comes down by in the first stage."""
 
 ERRORS = 3.0
@@ -41,8 +41,8 @@ def reference(series: Series) -> Reference:
     The error of a value is what half the step changes.
     """
     scene = _short(series.scene(series.seeds[0]))
-    whole, halve_step = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
-    return {name: [value, abs(value - halve_step[name])] for name, value in whole.items()}
+    integer, halve_step = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
+    return {name: [value, abs(value - halve_step[name])] for name, value in integer.items()}
 
 
 def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]) -> bool:
@@ -59,7 +59,7 @@ def _short(scene: Scene) -> Scene:
     """The scene with its first stage cut to half of `SPAN`, and to a little of its way."""
     stages, height = scene.to_plain()["protocol"], scene.piston and scene.piston.height
     if stages[0]["kind"] == "descend" and height:
-        stages[0] |= {"duration": 0.5 * SPAN, "to": (1.0 - SHARE) * height}
+        stages[0] |= {"duration": 0.5 * SPAN, "to": (1.0 - FRACTION) * height}
     output = {"scalars": SPAN / 4.0, "frames": SPAN}
     return scene.replace(protocol=stages[:2], output=output, name="reference")
 

@@ -75,7 +75,7 @@ class Results:
 
         None unless all of its starts were run by today's code: nothing stands in for them.
         """
-        one = self._whole(name, protocol)
+        one = self._integer(name, protocol)
         numbers = (
             [] if one is None else [x for x in one["figures"].get(figure, []) if x is not None]
         )
@@ -85,7 +85,7 @@ class Results:
 
     def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
         """A figure that is a list of numbers, start by start."""
-        one = self._whole(name, protocol)
+        one = self._integer(name, protocol)
         found = [] if one is None else one["figures"].get(figure, [])
         return [np.array(x, dtype=float) for x in found if x]
 
@@ -93,7 +93,7 @@ class Results:
         """A number of a calculation."""
         return self.calculations.get(calculation, {}).get(name)
 
-    def _whole(self, name: str, protocol: str | None) -> Plain | None:
+    def _integer(self, name: str, protocol: str | None) -> Plain | None:
         chosen = self.best(name) if protocol is None else protocol
         one = self.series.get(f"{name} | {chosen}")
         return one if one is not None and is_whole(one) else None
@@ -132,21 +132,21 @@ def is_stopped(one: Plain) -> bool:
 
 def counted(results: Results) -> dict[str, int]:
     """How many series are whole, stopped, begun, stale, not run, and miss the energy residual."""
-    whole = [one for one in results.series.values() if is_whole(one)]
+    integer = [one for one in results.series.values() if is_whole(one)]
     stale = [one for one in results.series.values() if one.get("stale")]
-    begun = [
+    started = [
         one for one in results.series.values()
         if one["done"] and not is_whole(one) and not one.get("stale")
     ]  # fmt: skip
     stopped = [one for one in results.series.values() if is_stopped(one)]
-    off = [one for one in whole if not one["coarse"] and worst_residual(one) > RESIDUAL]
+    off = [one for one in integer if not one["coarse"] and worst_residual(one) > RESIDUAL]
     return {
         "planned": len(results.series),
-        "whole": len(whole),
+        "whole": len(integer),
         "stopped": len(stopped),
-        "begun": len(begun),
+        "begun": len(started),
         "stale": len(stale),
-        "not run": len(results.series) - len(whole) - len(stopped) - len(begun) - len(stale),
+        "not run": len(results.series) - len(integer) - len(stopped) - len(started) - len(stale),
         "residual above 1e-3": len(off),
     }
 

@@ -151,8 +151,8 @@ def _left(series: Series, directory: Path) -> float:
 def _pair_steps(scene: Scene, step: float | str) -> float:
     seconds, height = 0.0, scene.piston.height if scene.piston is not None else 0.0
     for stage in scene.protocol:
-        span = stage.span(height)
-        seconds += span if span is not None else 10.0
+        total_duration = stage.total_duration(height)
+        seconds += total_duration if total_duration is not None else 10.0
         height = stage.final_height() or height
     asked = checked_step(step)
     length = asked.seconds or asked.factor * _AUTOMATIC_STEP

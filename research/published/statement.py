@@ -44,11 +44,11 @@ class Statement(NamedTuple):
         return None if found is None else found._replace(holds=bool(found.holds))
 
 
-def packings(count: int, course: np.ndarray, stretch: float = 1.0) -> np.ndarray:
+def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.ndarray:
     """Packing at even steps of the stroke, from the start's height to the end's."""
     size = (count / 368.0) ** 0.5
     start = max(75.0 * size, 50.0)
-    heights = np.linspace(start, 20.0 * size, len(course))
+    heights = np.linspace(start, 20.0 * size, len(trajectory))
     return np.asarray(FULL_PACKING * stretch * 20.0 * size / heights)
 
 
@@ -69,5 +69,5 @@ def course_of(results: Results, name: str) -> np.ndarray | None:
     courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
     if any(one.ndim != 2 for one in courses):
         return None
-    course = np.concatenate(courses, axis=1)
-    return np.asarray(course / course.max(axis=1).mean())
+    trajectory = np.concatenate(courses, axis=1)
+    return np.asarray(trajectory / trajectory.max(axis=1).mean())

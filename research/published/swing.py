@@ -84,4 +84,4 @@ def _fit(record: PistonRecord, law: str, **settings: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return fit(record, law=law, holdout=0.0, **settings)
+        return fit(record, law=law, test_fraction=0.0, **settings)

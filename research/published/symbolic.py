@@ -10,7 +10,7 @@ SYMBOLS = "add,sub,mul,div,sin,cos,exp,constant,variable"
 """Those of de Paula's demonstration, whose result it prints with cos, exp, - and /."""
 
 
-def demonstration(span: float) -> dict[str, float]:
+def demonstration(total_duration: float) -> dict[str, float]:
     """Fit z(t) = cos(t - 0.0996) exp(0.0503 (0.0996 - t)) by an expression that is searched for.
 
     Parameters
@@ -26,7 +26,7 @@ def demonstration(span: float) -> dict[str, float]:
     """
     from pyoperon.sklearn import SymbolicRegressor
 
-    t = np.linspace(0.0, span, SAMPLES)
+    t = np.linspace(0.0, total_duration, SAMPLES)
     z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
     search = SymbolicRegressor(
         allowed_symbols=SYMBOLS, generations=GENERATIONS, population_size=1000, max_length=30,

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.result_cache import digest
-from reduced_models.fitting.options import HOLDOUT, STARTS
+from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import training_data
 from reduced_models.fitting.start_values import start_vectors, unknowns_of
 from reduced_models.laws.equation import compiled_field
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
 
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
-    data = training_data(record, HOLDOUT)
+    data = training_data(record, TEST_FRACTION)
     unknowns = unknowns_of(law, HeightMap(), data)
     random = np.random.default_rng(0)
     found = start_vectors(unknowns, data, STARTS, random)

@@ -62,7 +62,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
         begun = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            model = fit(training, law, holdout=0.1)
+            model = fit(training, law, test_fraction=0.1)
         seconds = time.perf_counter() - begun
         errors = {}
         for part, record in tests.items():

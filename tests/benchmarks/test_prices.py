@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import prices as module
-from benchmarks.prices import Priced, priced_scenes, prices, prices_text, rounded
+from benchmarks import costs as module
 from granular import Scene
 from granular.run import work_precision as stored
 from validation.runner import Plain
@@ -29,7 +29,7 @@ def found(priced: Priced, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     path = tmp_path_factory.mktemp("prices") / "table.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "priced_scenes", lambda: (priced,))
-        return path, prices(path, progress=False)
+        return path, costs(path, progress=False)
 
 
 def test_what_is_written_is_what_promises_are_made_from(
@@ -65,7 +65,7 @@ def test_what_was_measured_is_taken_up_again(
     monkeypatch.setattr(module, "priced_scenes", lambda: (priced,))
     monkeypatch.setattr(module, "_truth", pytest.fail)
     monkeypatch.setattr(module, "_rung", pytest.fail)
-    assert prices(path, progress=False)["scenes"] == before["scenes"]
+    assert costs(path, progress=False)["scenes"] == before["scenes"]
 
 
 def test_scenes_of_the_table_are_of_their_kinds() -> None:

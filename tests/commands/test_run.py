@@ -31,7 +31,7 @@ HOURS = re.compile(
     r"|research\.\w+ --full"
 )
 """Commands that take many minutes or hours: begun as they stand, and stopped by Ctrl-C."""
-BEGUN = 45.0
+STARTED = 45.0
 """Seconds that those are given."""
 
 MAIN_JOB = "python -m reduced_models identify damper -o out"
@@ -49,8 +49,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
     for height in (20, 28):  # as another page's function does
         stage = {"kind": "free", "name": "drop", "duration": 3.0}
-        begun = {"piston.height": f"{height} D", "arrangement.height": f"{height - 1} D"}
-        fall = damper().replace(**begun, protocol=[stage], **{"output.record": "drop"})
+        started = {"piston.height": f"{height} D", "arrangement.height": f"{height - 1} D"}
+        fall = damper().replace(**started, protocol=[stage], **{"output.record": "drop"})
         simulate(fall, progress=False).piston().to_csv(here / f"fall-{height}.csv")
     return here
 
@@ -78,7 +78,7 @@ def prepare(line: str, folder: Path) -> None:
 @pytest.mark.parametrize("line", [one for one in commands() if not BROUGHT.search(one)])
 def test_it_runs_as_it_stands(line: str, folder: Path) -> None:
     prepare(line, folder)
-    seconds = BEGUN if HOURS.search(line) else LONGEST
+    seconds = STARTED if HOURS.search(line) else LONGEST
     status, said = ended(line, folder, seconds)
     assert "Traceback" not in said, said[-3000:]
     assert status == (130 if HOURS.search(line) else 0), said[-3000:]

@@ -45,8 +45,8 @@ def reference(scene: Scene) -> np.ndarray:
         y, v = state
         return [v, 0.5 / y**3.5 - gravity - rate * v]
 
-    span = 0.05 / scales.time
-    found = solve_ivp(motion, (0.0, span), [3.0, 0.0], "DOP853", rtol=1e-13, atol=1e-15)
+    total_duration = 0.05 / scales.time
+    found = solve_ivp(motion, (0.0, total_duration), [3.0, 0.0], "DOP853", rtol=1e-13, atol=1e-15)
     return np.array([30.0 * scales.length, found.y[0, -1] * scales.length])
 
 

@@ -43,7 +43,7 @@ def main() -> None:
 
         def trial(number: int) -> Outcome:
             record = record_of(random_of(options.seed, number), Path(folder), options.show)
-            begun = time.process_time()
+            started = time.process_time()
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
@@ -54,7 +54,7 @@ def main() -> None:
             assert np.isfinite(model.quality.residual)
             assert "nan" not in str(model)
             # The first of a kind compiles.
-            assert time.process_time() - begun < 2.0 * LONGEST
+            assert time.process_time() - started < 2.0 * LONGEST
             return "fitted", ""
 
         tell(trial, numbers())

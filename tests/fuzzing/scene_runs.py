@@ -69,14 +69,14 @@ def not_finite(run: Any) -> str:
     return ""
 
 
-def check_resumed(case: Case, whole: Any) -> None:
+def check_resumed(case: Case, integer: Any) -> None:
     """A run that is cut and goes on has the bits of one that was not."""
     from granular import Scene, load_trajectory, simulate
 
     assert case.resumed is not None
     scene = Scene.from_plain(case.plain)
     settings = {key: value for key, value in case.arguments.items() if key != "t_end"}
-    end = float(whole.dataset["time"].values[-1])
+    end = float(integer.dataset["time"].values[-1])
     dt = settings.get("dt")
     first = case.resumed * end
     if isinstance(dt, float) and first < dt:
@@ -88,7 +88,7 @@ def check_resumed(case: Case, whole: Any) -> None:
             rest = {"resume": True, **case.arguments}
             simulate(scene, out=folder / "run", progress=False, **rest)
         again = load_trajectory(folder / "run").dataset
-        assert again.equals(whole.dataset), "other bits when resumed"
+        assert again.equals(integer.dataset), "other bits when resumed"
     finally:
         shutil.rmtree(folder)
 

@@ -26,10 +26,10 @@ from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, tell, wanted
 @contextlib.contextmanager
 def within(seconds: float) -> Iterator[None]:
     """Ctrl-C after some seconds of the processor, and `Hang` later."""
-    begun = time.process_time()
+    started = time.process_time()
 
     def alarm(*_: object) -> None:
-        if time.process_time() - begun > LONGEST:
+        if time.process_time() - started > LONGEST:
             raise Hang
         signal.setitimer(signal.ITIMER_PROF, LONGEST)
         signal.raise_signal(signal.SIGINT)

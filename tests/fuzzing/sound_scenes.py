@@ -16,9 +16,9 @@ Plain = dict[str, Any]
 
 def species(random: Random) -> list[Plain]:
     count = 1 if some(random, 0.7) else int(random.integers(2, 4))
-    shares = random.dirichlet(np.ones(count))
+    fractions = random.dirichlet(np.ones(count))
     sizes = between(random, 1e-3, 2e-2) * random.uniform(0.4, 1.5, count)
-    rows = zip(sizes.tolist(), shares.tolist(), strict=True)
+    rows = zip(sizes.tolist(), fractions.tolist(), strict=True)
     return [{"name": f"s{k}", "diameter": d, "fraction": s} for k, (d, s) in enumerate(rows)]
 
 

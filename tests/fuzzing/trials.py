@@ -94,9 +94,9 @@ def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
     """Print the outcomes line by line; at the end, beside them, how many there were of each."""
     count: Counter[str] = Counter()
     for number in numbers:
-        begun = time.monotonic()
+        started = time.monotonic()
         outcome, what = watched(trial, number)
-        seconds = round(time.monotonic() - begun, 2)
+        seconds = round(time.monotonic() - started, 2)
         line = {"case": number, "outcome": outcome, "what": what, "seconds": seconds}
         print(json.dumps(line), flush=True)
         count[outcome] += 1

@@ -94,7 +94,7 @@ _BY_PREFIX: dict[str, tuple[Stage, ...]] = {
     ),
 }
 
-WHOLE = Stage(True, ("tests",))
+FULL = Stage(True, ("tests",))
 
 
 def stages(path: str) -> tuple[Stage, ...]:

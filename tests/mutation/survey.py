@@ -28,7 +28,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from covering import WHOLE, Stage, stages
+from covering import FULL, Stage, stages
 from faults import AREAS, Fault, drawn
 
 ROOT = Path(__file__).parents[2]
@@ -89,7 +89,7 @@ def main() -> int:
             for number, fault in enumerate(faults, start=1):
                 if _wanted(number, book, options):
                     print(f"{number:3} {fault}", flush=True)
-                    outcome = tried(fault, place, book, whole=options.whole)
+                    outcome = tried(fault, place, book, integer=options.integer)
                     book.note(number, fault, outcome)
                     word = f"caught by {outcome.by}" if outcome.caught else "SURVIVED"
                     print(f"    {word} ({outcome.seconds:.0f} s)", flush=True)
@@ -186,12 +186,12 @@ def workplace() -> Iterator[Place]:
         yield place
 
 
-def tried(fault: Fault, place: Place, book: Book, *, whole: bool) -> Outcome:
+def tried(fault: Fault, place: Place, book: Book, *, integer: bool) -> Outcome:
     """Plant a fault, run the tests that cover its file, and take it out again."""
     path = place.tree / fault.path
     source = path.read_text(encoding="utf-8")
-    begun, outcome = _processor_seconds(), Outcome(False, "", 0.0)
-    for stage in (*stages(fault.path), *((WHOLE,) if whole else ())):
+    started, outcome = _processor_seconds(), Outcome(False, "", 0.0)
+    for stage in (*stages(fault.path), *((FULL,) if integer else ())):
         limit = PATIENCE * _sound_seconds(stage, place, book) + 60.0
         try:
             path.write_text(fault.planted(source), encoding="utf-8")
@@ -200,7 +200,7 @@ def tried(fault: Fault, place: Place, book: Book, *, whole: bool) -> Outcome:
             path.write_text(source, encoding="utf-8")
         if outcome.caught:
             break
-    return outcome._replace(seconds=_processor_seconds() - begun)
+    return outcome._replace(seconds=_processor_seconds() - started)
 
 
 def _sound_seconds(stage: Stage, place: Place, book: Book) -> float:
@@ -211,13 +211,13 @@ def _sound_seconds(stage: Stage, place: Place, book: Book) -> float:
     known = book.sound(stage)
     if known is not None:
         return known
-    begun = _processor_seconds()
+    started = _processor_seconds()
     with tempfile.TemporaryDirectory() as store:
         outcome = _run(stage, place.tree, store, None)
         shutil.copytree(store, place.store, dirs_exist_ok=True)
     if outcome.caught:
         raise SystemExit(f"without a fault {outcome.by} fails ({_key(stage)}); mend that first")
-    seconds = _processor_seconds() - begun
+    seconds = _processor_seconds() - started
     book.note_sound(stage, seconds)
     return seconds
 

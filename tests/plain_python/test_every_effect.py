@@ -222,12 +222,12 @@ def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_that_goes_on_has_the_same_bits(name: str, tmp_path: Path) -> None:
     scene = small(name)
-    whole = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False).dataset
+    integer = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False).dataset
     simulate(scene, dt=STEP, t_end=5 * STEP, progress=False, out=tmp_path)
     parts = simulate(scene, dt=STEP, t_end=12 * STEP, progress=False, out=tmp_path, resume=True)
     for variable in ("position", "velocity"):
         np.testing.assert_array_equal(
-            whole[variable].values[-1], parts.dataset[variable].values[-1], strict=True
+            integer[variable].values[-1], parts.dataset[variable].values[-1], strict=True
         )
 
 

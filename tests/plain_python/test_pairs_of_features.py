@@ -41,8 +41,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "verlet-list": {"method": "verlet-list", "cut_off": "4 D", "skin": "1 D"},
     "mesh": {"method": "mesh"},
 }
-SMALL, WHOLE = (8, 14), (92, 368)
-ROOM = {8: (6.0, 5.5), 14: (7.5, 7.0), 44: (18.0, 17.0), 92: (30.0, 11.0), 368: (60.0, 20.0)}
+SMALL, FULL = (8, 14), (92, 368)
+MESH_REACH = {8: (6.0, 5.5), 14: (7.5, 7.0), 44: (18.0, 17.0), 92: (30.0, 11.0), 368: (60.0, 20.0)}
 """Width and height of a closed cell [D]."""
 
 FACTORS: dict[str, tuple[Any, ...]] = {
@@ -132,7 +132,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 44)
     key = {"own walls": "walls", "walls of the guide": "walls"} | dict.fromkeys(REACH, "pair_law")
-    width, height = ROOM[count]
+    width, height = MESH_REACH[count]
     if around:
         width = height = max(2.0 * count**0.5, 17.5)
     species = [{"name": "big", "diameter": "6 mm", "fraction": 1.0 if row["species"] == 1 else 0.6}]
@@ -240,13 +240,13 @@ def check_forces(scene: Scene, row: Row) -> None:
 def check_run(scene: Scene, row: Row, out: Path) -> None:
     """A short run keeps its ledger, loses nothing less than zero, and goes on with its bits."""
     words: dict[str, Any] = {"dt": STEP, "progress": False}
-    whole = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
-    assert float(whole.settings()["ledger_residual"]) < 2e-3
-    for variable, values in whole.dataset.items():
+    integer = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
+    assert float(integer.settings()["ledger_residual"]) < 2e-3
+    for variable, values in integer.dataset.items():
         assert np.isfinite(values.values).all(), variable
         if str(variable).endswith("_loss") and row["effect"] != "bath":
             assert (np.diff(values.values) >= -1e-18).all(), variable
-    other = whole
+    other = integer
     if row["resumed"]:
         simulate(scene, t_end=3 * STEP, threads=row["threads"], out=out, **words)
         other = simulate(scene, t_end=STEPS * STEP, out=out, resume=True, **words)
@@ -254,7 +254,7 @@ def check_run(scene: Scene, row: Row, out: Path) -> None:
         other = simulate(scene, t_end=STEPS * STEP, **words)
     for variable in ("position", "velocity"):
         np.testing.assert_array_equal(
-            whole.dataset[variable].values[-1], other.dataset[variable].values[-1], strict=True
+            integer.dataset[variable].values[-1], other.dataset[variable].values[-1], strict=True
         )
 
 
@@ -282,7 +282,7 @@ def test_every_two_features_in_a_small_bed(row: Row, tmp_path: Path) -> None:
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="compiled")
 @pytest.mark.parametrize("row", ROWS, ids=named)
 def test_every_two_features_in_a_whole_bed(row: Row, tmp_path: Path) -> None:
-    check(row, WHOLE, tmp_path)
+    check(row, FULL, tmp_path)
 
 
 @pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")

@@ -135,9 +135,9 @@ def test_ledger_closes_to_second_order(name: str) -> None:
     scene = small(**SCENES[name])
     # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.
     step = STEP / 2 if name == "mesh" else STEP
-    whole, half = (residual(run(scene, dt)) for dt in (step, step / 2))
-    assert 0.0 < whole < 1e-4
-    assert whole / half == pytest.approx(4.0, abs=0.1)
+    integer, half = (residual(run(scene, dt)) for dt in (step, step / 2))
+    assert 0.0 < integer < 1e-4
+    assert integer / half == pytest.approx(4.0, abs=0.1)
 
 
 def test_friction_of_the_source_brakes_alike_where_grains_slide_fast() -> None:

@@ -130,7 +130,7 @@ def test_fit_compare_and_simulate(
     record = PistonRecord.from_csv(files / "lab.csv")
     predicted = PistonRecord.from_csv(files / "motion.csv")
     assert np.abs(predicted.height - record.height).max() < 2e-5
-    words = ["compare", "lab.csv", "--law", "linear", "--law", law, "--held-out", "lab.csv"]
+    words = ["compare", "lab.csv", "--law", "linear", "--law", law, "--test-records", "lab.csv"]
     capsys.readouterr()
     assert launch(main, [*words, "-o", "compared", "--json", "--quiet"]) == 0
     plain = json.loads(capsys.readouterr().out)
@@ -150,10 +150,13 @@ def test_fit_compare_and_simulate(
         (("fit", "lab.csv", "--law", "linear", "--bound", "lam=1 m:2"), "in 1/s is wanted"),
         (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
         (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "is not a number"),
-        (("fit", "lab.csv", "--holdout", "1"), "from 0 to 0.9"),
-        (("fit", "lab.csv", "--holdout", "2 s"), "a pure number or a fraction in % is wanted"),
+        (("fit", "lab.csv", "--test-fraction", "1"), "from 0 to 0.9"),
+        (
+            ("fit", "lab.csv", "--test-fraction", "2 s"),
+            "a pure number or a fraction in % is wanted",
+        ),
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
-        (("compare", "lab.csv", "--held-out", "nothing.csv"), "there is no file"),
+        (("compare", "lab.csv", "--test-records", "nothing.csv"), "there is no file"),
         (("discover", "nothing.csv"), "there is no file"),
         (("fit",), "required: SOURCE; see python -m reduced_models fit --help"),
         (("compare", "lab.csv", "--response", "out"), "SOURCE does not go with --response"),

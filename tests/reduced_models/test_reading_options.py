@@ -129,9 +129,9 @@ def test_a_held_out_record_is_read_likewise(
         raise InputError("caught")
 
     monkeypatch.setattr("reduced_models.identification.comparison.compare", job)
-    command("reduced_models", "compare", str(file), "--held-out", str(file), *SAID)
-    records, _, _, held_out = caught
-    assert np.array_equal(records[0].height, held_out[0].height)
+    command("reduced_models", "compare", str(file), "--test-records", str(file), *SAID)
+    records, _, _, test_records = caught
+    assert np.array_equal(records[0].height, test_records[0].height)
     assert records[0].time[0] == pytest.approx(0.4, abs=0.005)
 
 

@@ -98,8 +98,8 @@ def write() -> None:
     for law in LAWS:
         fits[law] = fit_of(law)
         print(law, fits[law], flush=True)
-    whole = {"surroundings": surroundings(), "runs": runs, "fits": fits}
-    FILE.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    integer = {"surroundings": surroundings(), "runs": runs, "fits": fits}
+    FILE.write_text(json.dumps(integer, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

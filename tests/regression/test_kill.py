@@ -41,11 +41,11 @@ def test_hundred_random_kills(
             "output.frames": 5e-3,
         }
     )
-    whole = simulate(scene, STEP, progress=False)
+    integer = simulate(scene, STEP, progress=False)
     simulate(scene, STEP, t_end=0.01, out=tmp_path / "first", progress=False)  # imports all
-    begun = time.perf_counter()
+    started = time.perf_counter()
     simulate(scene, STEP, t_end=0.01, out=tmp_path / "second", progress=False)
-    short = time.perf_counter() - begun
+    short = time.perf_counter() - started
     path = tmp_path / "run"
     fork = multiprocessing.get_context("fork")
     lengths = []
@@ -62,8 +62,8 @@ def test_hundred_random_kills(
         lengths.append(part.dataset.sizes["time"])
         for name in part.dataset.data_vars:
             values = part.dataset[name].values
-            assert np.array_equal(values, whole.dataset[name].values[: len(values)]), name
-    assert 0 < lengths[len(lengths) // 2] < whole.dataset.sizes["time"]
+            assert np.array_equal(values, integer.dataset[name].values[: len(values)]), name
+    assert 0 < lengths[len(lengths) // 2] < integer.dataset.sizes["time"]
     again = simulate(scene, STEP, out=path, resume=True, progress=False)
     assert again.complete
-    assert again.dataset.equals(whole.dataset)
+    assert again.dataset.equals(integer.dataset)

@@ -50,9 +50,9 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
     )
     monkeypatch.setattr(programme, "scipy_fit", lambda _: [peer.Attempt(1.0, 1, stopped=False)])
     header, rule, *_ = recovery_markdown(programme.recovery(progress=False)).splitlines()
-    begun = lines.index(header)
-    assert lines[begun + 1] == rule
-    rows = lines[begun + 2 : begun + 2 + len(SYSTEMS)]
+    started = lines.index(header)
+    assert lines[started + 1] == rule
+    rows = lines[started + 2 : started + 2 + len(SYSTEMS)]
     assert [row.split("|")[1].strip() for row in rows] == [system.name for system in SYSTEMS]
     assert all(f"{4 * SEEDS} of {4 * SEEDS}" in row for row in rows)
     assert "(`python -m research.recovery --full` on 20" in guide

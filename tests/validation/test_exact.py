@@ -15,7 +15,7 @@ from validation.exact import NAMES, Problem, exact_problem, oscillation
 from validation.exact.bounce import bounce_period, bounce_scene, well
 from validation.exact.closed_forms import stopping_time
 from validation.exact.problem import natural_units
-from validation.exact.quadrature import place_from_top, speed
+from validation.exact.quadrature import position_from_top, speed
 
 Force = Callable[[float, np.ndarray, np.ndarray, Problem, Scales], np.ndarray]
 
@@ -50,7 +50,7 @@ def driven_piston(
     assert problem.scene.piston is not None
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
-    height = start + (move.final_height() - start) * t * s.time / move.span(start)
+    height = start + (move.final_height() - start) * t * s.time / move.total_duration(start)
     return np.array([[0.0, -0.5 * (height / s.length - x[0, 1]) ** -3.5]])
 
 
@@ -114,7 +114,7 @@ def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
             [one.high, mpmath.mpf(0)],
         )
         place, velocity = series(time)
-        exact = place_from_top(one.potential, one.low, one.high, time)
+        exact = position_from_top(one.potential, one.low, one.high, time)
         assert abs(place - exact) < mpmath.mpf(10) ** -25
         assert abs(abs(velocity) - speed(one.potential, one.potential(one.high), exact)) < 1e-25
 

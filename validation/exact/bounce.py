@@ -28,7 +28,7 @@ from validation.exact.problem import (
     natural_units,
     start_of,
 )
-from validation.exact.quadrature import Potential, period, place_from_top, speed
+from validation.exact.quadrature import Potential, period, position_from_top, speed
 
 START = 40
 """Height at the start [D]."""
@@ -114,7 +114,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
     with workdps(DIGITS):
         well_ = well(scene)
         late = mpf(time) / well_.time
-        position = place_from_top(well_.potential, well_.low, well_.high, late)
+        position = position_from_top(well_.potential, well_.low, well_.high, late)
         magnitude = speed(well_.potential, well_.potential(well_.high), position)
         half = period(well_.potential, well_.low, well_.high) / 2
         upwards = int(floor(late / half)) % 2 == 1

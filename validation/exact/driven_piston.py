@@ -21,7 +21,7 @@ from validation.exact.problem import (
     natural_units,
     start_of,
 )
-from validation.exact.quadrature import place_after_turning, time_from_turning
+from validation.exact.quadrature import position_after_turning, time_from_turning
 
 TIME = 0.05
 SPEED = 0.5
@@ -71,7 +71,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         energy = speed**2 / 2 + potential(start)
         turning = findroot(lambda w: potential(w) - energy, (5 * energy) ** mpf(-0.4))
         late = mpf(time) / units.time - time_from_turning(potential, turning, start)
-        gap = place_after_turning(potential, turning, late)
+        gap = position_after_turning(potential, turning, late)
         opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
         position = height - down * mpf(time) - gap * units.length
         return Snapshot(

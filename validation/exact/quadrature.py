@@ -68,7 +68,7 @@ def time_from_turning(potential: Potential, turning: Number, position: Number) -
     return integral(open_integrand(potential, turning), sqrt(position - turning))
 
 
-def place_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
+def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
     """Place at a time before or after the turn (the motion is even in time)."""
     integrand = open_integrand(potential, turning)
     time = abs(time)
@@ -102,7 +102,7 @@ def period(potential: Potential, low: Number, high: Number) -> Number:
     return 2 * (lower + integral(closed_integrand(potential, high, low), half))
 
 
-def place_from_top(potential: Potential, low: Number, high: Number, time: Number) -> Number:
+def position_from_top(potential: Potential, low: Number, high: Number, time: Number) -> Number:
     """Place at a time after the upper turning point."""
     from mpmath import floor, pi, sin
 

@@ -30,7 +30,7 @@ from validation.exact.quadrature import (
     Potential,
     integral,
     open_integrand,
-    place_after_turning,
+    position_after_turning,
     time_from_turning,
 )
 
@@ -117,7 +117,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         units = natural_units(scene.grains)
         path, (angle, start) = orbit(scene)
         late = mpf(time) / units.time - path.before
-        distance = place_after_turning(path.potential, path.turning, late)
+        distance = position_after_turning(path.potential, path.turning, late)
         side = 1 if late > 0 else -1
         angle += _angle(path, start) + side * _angle(path, distance)
         energy = path.potential(path.turning)

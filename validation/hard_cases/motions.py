@@ -70,7 +70,7 @@ def collision_cases() -> tuple[HardCase, ...]:
         ]  # fmt: skip
     for speed in (1.0, 10.0, 100.0):
         scene = _shot(speed)
-        length = scene.protocol[0].span(0.0)
+        length = scene.protocol[0].total_duration(0.0)
         assert length is not None
         cases.append(
             HardCase(f"shot at the wall with {speed:g} D/tau",

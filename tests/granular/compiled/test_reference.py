@@ -34,7 +34,7 @@ def _below(outer: Outer, nothing: np.ndarray | None) -> float:
 
 
 @entry
-def _whole(outer: Outer) -> float:
+def _integer(outer: Outer) -> float:
     outer = by_reference(outer)
     return _below(outer, outer.inner.nothing)
 
@@ -47,10 +47,10 @@ def _other(values: np.ndarray) -> float:
 def test_fields_are_read_and_arrays_written() -> None:
     for factor in (2.0, 3.0):  # the second call reads its own fields, not those of the first
         inner = Inner(np.arange(3.0), factor, None)
-        found = _whole(Outer(True, inner, (7, np.ones(3)), 3))
+        found = _integer(Outer(True, inner, (7, np.ones(3)), 3))
         assert found == 7.0 + 3.0 * factor + 3.0
         assert (inner.values == factor * np.arange(3.0)).all()
-    assert _whole(Outer(False, inner, (7, np.ones(3)), 3)) == 7.0
+    assert _integer(Outer(False, inner, (7, np.ones(3)), 3)) == 7.0
 
 
 def test_what_is_no_named_tuple_stays() -> None:

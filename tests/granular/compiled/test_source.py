@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from granular.compiled.source import PACKAGE, ROOMS, kernel_files, raw_digest, syntax_digest
+from granular.compiled.source import FOLDERS, PACKAGE, kernel_files, raw_digest, syntax_digest
 
 FILES = kernel_files()
 
@@ -58,5 +58,5 @@ def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> No
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
                 workspace = (node.module or "").split(".")[1]
                 constants = [one.name for one in node.names if one.name.isupper()]
-                assert workspace in ROOMS or not constants, (name, node.module, constants)
-    assert {path.name for path in PACKAGE.iterdir()} >= set(ROOMS)
+                assert workspace in FOLDERS or not constants, (name, node.module, constants)
+    assert {path.name for path in PACKAGE.iterdir()} >= set(FOLDERS)

@@ -99,13 +99,13 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
 def test_same_bits_when_a_run_goes_on(small_bed: Scene, tmp_path: Path) -> None:
     """A run that goes on from where it was kept, and one that is left alone."""
     scene = crystal(small_bed)
-    whole = simulate(scene, t_end=4.0, progress=False)
+    integer = simulate(scene, t_end=4.0, progress=False)
     run = simulate(scene, t_end=2.0, out=tmp_path / "run", progress=False)
     assert len(run.dataset["frame"]) == 101
     rest = simulate(scene, t_end=4.0, out=tmp_path / "run", resume=True, progress=False)
     for name in ("position", "velocity", "bath_heat"):
-        np.testing.assert_array_equal(whole.dataset[name], rest.dataset[name])
-    assert whole.dataset["bath_heat"].values[-1] != 0.0
+        np.testing.assert_array_equal(integer.dataset[name], rest.dataset[name])
+    assert integer.dataset["bath_heat"].values[-1] != 0.0
 
 
 PROGRAM = """

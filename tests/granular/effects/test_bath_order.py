@@ -76,8 +76,8 @@ def by_the_bath(step: float) -> tuple[float, float]:
 Splitting = Callable[[np.ndarray, np.ndarray, float, np.random.Generator], None]
 
 
-def _bath(v: np.ndarray, span: float, random: np.random.Generator) -> None:
-    left = math.exp(-RATE * span)
+def _bath(v: np.ndarray, total_duration: float, random: np.random.Generator) -> None:
+    left = math.exp(-RATE * total_duration)
     v *= left
     v += math.sqrt(WARM * (1.0 - left**2)) * random.normal(size=v.size)
 

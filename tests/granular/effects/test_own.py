@@ -94,12 +94,12 @@ def _swung(p: Any, grain: Any, time: float) -> Any:
     return 0.0, -p.k * grain.y * (1.0 + math.sin(time))
 
 
-def _push(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
-    return vx + span, vy
+def _push(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
+    return vx + total_duration, vy
 
 
-def _halving(p: Any, grain: Any, vx: float, vy: float, span: float) -> Any:
-    return vx / (1.0 + span) ** 2 * 1.0, vy * (1.0 - 0.1 * span)
+def _halving(p: Any, grain: Any, vx: float, vy: float, total_duration: float) -> Any:
+    return vx / (1.0 + total_duration) ** 2 * 1.0, vy * (1.0 - 0.1 * total_duration)
 
 
 def _pair(p: Any, r: float, first: Any, second: Any) -> Any:

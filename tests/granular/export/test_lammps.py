@@ -198,12 +198,12 @@ def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
 @installed
 def test_run_goes_on_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
     scene = small_bed.replace(**{"protocol": PROTOCOL[:2], "output.frames": 0.01})
-    whole = simulate(scene, dt=2.5e-5, progress=False)
+    integer = simulate(scene, dt=2.5e-5, progress=False)
     simulate(scene, dt=2.5e-5, t_end=0.05, out=tmp_path / "run", progress=False)
     to_lammps(tmp_path / "run", tmp_path / "deck", dt=2.5e-5)
     theirs = lammps(tmp_path / "deck")
     assert [theirs[0].time, theirs[-1].time] == pytest.approx([0.05, 0.08])
-    off = theirs[-1].position - whole.dataset["position"].values[-1]
+    off = theirs[-1].position - integer.dataset["position"].values[-1]
     assert np.abs(off).max() < 3e-6 * scene.grains.species[0].diameter
 
 

@@ -45,8 +45,8 @@ def test_words_are_those_of_matrices() -> None:
             product = np.eye(rows)
             for a, b in itertools.zip_longest(method.kicks, method.drifts, fillvalue=0.0):
                 product = product @ _exponential(a * kick) @ _exponential(b * drift)
-            whole = _exponential(kick + drift)
-            assert bool(np.abs(product - whole).max() < 1e-10) is same
+            integer = _exponential(kick + drift)
+            assert bool(np.abs(product - integer).max() < 1e-10) is same
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:

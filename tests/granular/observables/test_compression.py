@@ -62,13 +62,13 @@ def test_the_parts_add_up_to_the_force_of_the_engine(
     scene, positions = bed(**changes), places(random)
     if "effects.contact" in changes:
         positions[1] = positions[0] + [0.0025, 0.0]
-    whole = evaluate(scene, positions).force.copy()
-    whole[:, 1] += 9.8 * scene.grains.masses()
+    integer = evaluate(scene, positions).force.copy()
+    integer[:, 1] += 9.8 * scene.grains.masses()
     parts = [wall_interactions(scene, positions), *pair_interactions(scene, positions)]
     total = np.zeros((COUNT, 2))
     for one in parts:
         total[one.grains] += one.forces.sum(axis=1)
-    np.testing.assert_allclose(total, whole, rtol=0.0, atol=1e-13 * np.abs(whole).max())
+    np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-13 * np.abs(integer).max())
 
 
 def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -> None:

@@ -145,10 +145,10 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
 
     held, step, losses = slope(scaled)[inner], 1e-4, []
     for shear in (np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])):
-        begun = scaled @ (np.eye(2) + step * shear)
+        started = scaled @ (np.eye(2) + step * shear)
 
-        def at(moves: np.ndarray, begun: np.ndarray = begun) -> np.ndarray:
-            places = begun.copy()
+        def at(moves: np.ndarray, started: np.ndarray = started) -> np.ndarray:
+            places = started.copy()
             places[inner] += step * moves.reshape(-1, 2)
             return places
 
@@ -162,7 +162,7 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
             abs(unbalanced_energy_error(moves)).max()
             < 1e-4 * abs(unbalanced_energy_error(0.0 * moves)).max()
         )
-        gain = energy(begun) - energy(at(moves)) + step * float((held.ravel() * moves).sum())
+        gain = energy(started) - energy(at(moves)) + step * float((held.ravel() * moves).sum())
         losses.append(gain / step**2 / 2.0)
     lost = np.mean(losses) * strength_of(scene) / length**3 / area
     assert found.affine.shear - found.relaxed.shear == pytest.approx(lost, rel=0.02)

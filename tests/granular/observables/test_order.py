@@ -75,10 +75,10 @@ def test_blocks_of_independent_grains_fluctuate_alike(random: np.random.Generato
     for one in frames:
         cells = voronoi_cells(one)
         orders.append(local_psi6(one, cells)[cells.interior])
-    whole = hexatic_susceptibility(
+    integer = hexatic_susceptibility(
         np.array([one.mean() for one in orders]), np.array([len(one) for one in orders])
     )
-    assert found[0] == pytest.approx(whole, rel=1e-12)
+    assert found[0] == pytest.approx(integer, rel=1e-12)
     assert found[2] == pytest.approx(found[1], rel=0.3)
     with pytest.raises(InputError, match="from 1 up"):
         block_susceptibilities(frames, (0,))

@@ -27,9 +27,9 @@ from .conftest import MakeRun, brute_cells, hexagonal, polygon_area, rotated, si
 def test_perfect_hexagons(angle: float, spacing: float) -> None:
     points = rotated(hexagonal(14, 12, spacing), angle) + 0.4
     cells = voronoi_cells(points)
-    shares = polygon_fractions(cells)
-    assert shares[:4] == (0.0, 1.0, 0.0, 0.0)
-    assert shares.cells > 80
+    fractions = polygon_fractions(cells)
+    assert fractions[:4] == (0.0, 1.0, 0.0, 0.0)
+    assert fractions.cells > 80
     inside = cells.interior
     np.testing.assert_allclose(hexagon_regularity(cells)[inside], 1.0, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(cells.area[inside], np.sqrt(3.0) / 2.0 * spacing**2, rtol=1e-12)
@@ -60,8 +60,8 @@ def test_random_arrangement_is_that_of_brute_force(seed: int) -> None:
     np.testing.assert_allclose(cells.area[inside], areas, rtol=1e-12)
 
     sides = np.array([len(one.neighbours) for one in wanted if one.interior])
-    shares = [np.mean(sides == k) for k in (5, 6, 7)]
-    np.testing.assert_allclose(polygon_fractions(cells)[:3], shares, rtol=1e-12)
+    fractions = [np.mean(sides == k) for k in (5, 6, 7)]
+    np.testing.assert_allclose(polygon_fractions(cells)[:3], fractions, rtol=1e-12)
     assert sum(polygon_fractions(cells)[:4]) == pytest.approx(1.0, abs=1e-12)
 
     hexagons = [one.corners for one in wanted if one.interior and len(one.neighbours) == 6]

@@ -161,13 +161,13 @@ def test_scene_chooses_the_method(bed: Scene) -> None:
 def test_run_with_a_cut_off(small_bed: Scene, tmp_path: pytest.TempPathFactory) -> None:
     """The energy is kept as without, and a resumed run has the bits of one in a piece."""
     scene = small_bed.replace(**{"pairs.method": "cut-off", "pairs.cut_off": "4 D"})
-    whole = simulate(scene, t_end=0.2, progress=False)
+    integer = simulate(scene, t_end=0.2, progress=False)
     out = str(tmp_path)
     simulate(scene, t_end=0.0711, out=out, progress=False)
     parts = simulate(scene, t_end=0.2, out=out, resume=True, progress=False)
     for name in ("position", "velocity"):
         np.testing.assert_array_equal(
-            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
         )
-    assert whole.settings()["pairs"] == "cut-off"
-    assert whole.settings()["ledger_residual"] < 1e-3
+    assert integer.settings()["pairs"] == "cut-off"
+    assert integer.settings()["ledger_residual"] < 1e-3

@@ -83,12 +83,12 @@ def test_a_resumed_run_has_the_bits_of_one_in_a_piece(
     small_damper: Scene, tmp_path: object
 ) -> None:
     scene = spared(small_damper)
-    whole = simulate(scene, t_end=0.2, progress=False)
+    integer = simulate(scene, t_end=0.2, progress=False)
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity", "force"):
         np.testing.assert_array_equal(
-            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
         )
 
 

@@ -262,20 +262,20 @@ def test_scene_is_evaluated_as_by_the_direct_sum(small_damper: Scene) -> None:
 def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
     """Energy is kept, and a resumed run has the bits of one in a piece."""
     scene = on_mesh(small_damper)
-    whole = simulate(scene, t_end=0.2, progress=False)
+    integer = simulate(scene, t_end=0.2, progress=False)
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity", "force"):
         np.testing.assert_array_equal(
-            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
         )
-    assert whole.settings()["pairs"] == "mesh"
-    assert whole.settings()["ledger_residual"] < 1e-4
+    assert integer.settings()["pairs"] == "mesh"
+    assert integer.settings()["ledger_residual"] < 1e-4
     exact = simulate(small_damper, t_end=0.2, progress=False)
-    start = [run.dataset["force"].values[0] for run in (whole, exact)]
+    start = [run.dataset["force"].values[0] for run in (integer, exact)]
     np.testing.assert_allclose(*start, atol=1e-2 * np.abs(start[1]).max())
     early = slice(0, 50)  # later on, grains that pass each other tell the two runs apart
-    forces = [run.dataset["piston_force"].values[early] for run in (whole, exact)]
+    forces = [run.dataset["piston_force"].values[early] for run in (integer, exact)]
     np.testing.assert_allclose(*forces, rtol=5e-3)
 
 

@@ -159,7 +159,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
     system = natural_system(scene, method=method)
 
-    def begun() -> Run:
+    def started() -> Run:
         run = Run(scene, system, method, Step(), None)
         run.begin_stage()
         return run
@@ -175,7 +175,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
         add_far(state.far_forces, state, count, time)
         return np.array([state.fx, state.fy])
 
-    run, other = begun(), begun()
+    run, other = started(), started()
     far, back = run.state.far_forces, other.state.far_forces
     assert far is not None
     assert back is not None
@@ -194,10 +194,10 @@ def test_a_resumed_run_has_the_bits_of_one_in_a_piece(
 ) -> None:
     """What the far field goes on from is made of the state alone, wherever a run is cut."""
     scene = moving(far(rubbing(small_bed)))
-    whole = simulate(scene, t_end=0.05, progress=False).dataset
+    integer = simulate(scene, t_end=0.05, progress=False).dataset
     for end in (0.0123, 0.0307, 0.05):
         parts = simulate(
             scene, t_end=end, out=str(tmp_path), resume=end > 0.02, progress=False
         ).dataset
     for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(whole[name].values[-1], parts[name].values[-1])
+        np.testing.assert_array_equal(integer[name].values[-1], parts[name].values[-1])

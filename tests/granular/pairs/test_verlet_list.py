@@ -11,13 +11,13 @@ from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.verlet_list import BUILDS, Listing, VerletList, verlet_list_workspace
+from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
 from granular.run.snapshot import kept_lists, put_lists
 from granular.shared.errors import SceneError
 
 list_sum = entry(verlet_list.list_sum)
 
-LISTING = Listing(6.0, 2.0)
+LISTING = VerletSettings(6.0, 2.0)
 
 
 def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -95,11 +95,11 @@ def test_run_with_the_source_s_list(small_bed: Scene, tmp_path: object) -> None:
     """A resumed run has the bits of one in a piece."""
     changes = {"pairs.method": "verlet-list", "pairs.cut_off": "4 D", "pairs.skin": "0.1 D"}
     scene = small_bed.replace(**changes)
-    whole = simulate(scene, t_end=0.2, progress=False)
+    integer = simulate(scene, t_end=0.2, progress=False)
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity"):
         np.testing.assert_array_equal(
-            whole.dataset[name].values[-1], parts.dataset[name].values[-1]
+            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
         )
-    assert whole.settings()["pairs"] == "verlet-list"
+    assert integer.settings()["pairs"] == "verlet-list"

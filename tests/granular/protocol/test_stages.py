@@ -278,8 +278,8 @@ def test_resuming_to_another_end(small_damper: Scene, tmp_path: object) -> None:
     later = run(0.03, "longer")
     assert later.complete
     assert later.stages[-1].end == pytest.approx(0.03)
-    whole = simulate(scene, t_end=0.03, progress=False)
-    assert later.dataset["piston_height"].values[-1] == whole.dataset["piston_height"].values[-1]
+    integer = simulate(scene, t_end=0.03, progress=False)
+    assert later.dataset["piston_height"].values[-1] == integer.dataset["piston_height"].values[-1]
     with pytest.raises(StoreError, match=r"has reached 0\.03 s already"):
         run(0.01, "longer")
     with pytest.raises(StoreError, match="behind the end of stage 'fall'"):

@@ -42,7 +42,7 @@ for path in sys.argv[1:]:
 """The command ``look`` on some files; RLIMIT_AS spares the machine where a bomb bursts."""
 
 
-def begun(paths: Sequence[Path]) -> subprocess.Popen[str]:
+def started(paths: Sequence[Path]) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *map(str, paths)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -55,7 +55,7 @@ def begun(paths: Sequence[Path]) -> subprocess.Popen[str]:
 
 def check(paths: Sequence[Path]) -> None:
     """Each is read or refused, by a process that needs little memory and time for each."""
-    process = begun(paths)
+    process = started(paths)
     said, told = process.communicate(timeout=MOST_WAIT)
     found = [json.loads(line) for line in said.splitlines() if line.startswith('{"code"')]
     assert "Traceback" not in told
@@ -82,7 +82,7 @@ def test_a_bomb_ends_by_itself_and_by_ctrl_c(name: str, tmp_path: Path) -> None:
     path = written(tmp_path, name)
     assert path.stat().st_size <= 2**28
     check([path])
-    process = begun([path])
+    process = started([path])
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     start = time.monotonic()

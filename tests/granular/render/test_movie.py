@@ -50,8 +50,8 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
     path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, speed=None, progress=False)
     found = pictures(path)
     assert len(found) == 12
-    top, span = highest(short, bed_frames(short)), (0.0, 0.0055)
-    picture = BedPicture(short, "species", (0.0, 1.0), top, span)
+    top, total_duration = highest(short, bed_frames(short)), (0.0, 0.0055)
+    picture = BedPicture(short, "species", (0.0, 1.0), top, total_duration)
     for frame, image in zip(bed_frames(short), found, strict=True):
         picture.show(frame)
         error = np.abs(image.astype(float) - picture.pixels())

@@ -39,23 +39,23 @@ def promises() -> Iterator[object]:
 
 
 @pytest.mark.parametrize(("prices", "quantity"), promises())
-def test_what_is_chosen_holds_and_is_not_dear(prices: WorkPrecisionTable, quantity: str) -> None:
+def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
-    scene = of_table(prices)
-    assert nearest_table(scene, quantity) == prices
+    scene = of_table(costs)
+    assert nearest_table(scene, quantity) == costs
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
-        holding = [one for one in prices.entries if one.bounds[quantity] <= tolerance]
-        if tolerance < FLOORS * prices.floors[quantity]:
+        holding = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
+        if tolerance < FLOORS * costs.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
                 choose_settings(scene, f"{tolerance} {quantity}")
             continue
-        if tolerance < MARGIN * min(one.bounds[quantity] for one in prices.entries):
+        if tolerance < MARGIN * min(one.bounds[quantity] for one in costs.entries):
             continue  # shorter than the table's shortest step, or refused
         found = choose_settings(scene, f"{tolerance} {quantity}")
         chosen += 1
         fraction = checked_step(found.dt, scene).fraction
-        same = [one for one in prices.entries if one.method == found.method]
+        same = [one for one in costs.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if holding:
             price = near.seconds * near.fraction / fraction
@@ -121,9 +121,9 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
         return plain(*known)
 
     monkeypatch.setattr("granular.run.run.advance", advance)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
-    passed, settings = time.perf_counter() - begun, run.settings()
+    passed, settings = time.perf_counter() - started, run.settings()
     assert settings["compile_seconds"] >= 1.2
     assert 0.0 < settings["seconds"] <= passed - settings["compile_seconds"]
     assert f"price: {settings['seconds']:.3g} s" in price_text(run)

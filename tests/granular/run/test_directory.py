@@ -26,7 +26,7 @@ def scene() -> Scene:
     )
 
 
-def begun(scene: Scene, path: Path) -> None:
+def started(scene: Scene, path: Path) -> None:
     simulate(scene, t_end=1e-3, out=path, progress=False)
 
 
@@ -40,7 +40,7 @@ def test_output_goes_through_a_link(scene: Scene, tmp_path: Path, name: str) -> 
     link = tmp_path / name
     where = {"whole": tmp_path / "real", "dangling": tmp_path / "later", "relative": "real"}
     link.symlink_to(where[name])
-    begun(scene, link)
+    started(scene, link)
     assert link.is_symlink()
     assert (link.resolve() / "checkpoint.npz").is_file()
     simulate(scene, t_end=2e-3, out=link, resume=True, progress=False)
@@ -59,7 +59,7 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
         ("file", "is a file"), ("to-file", "is a file"), ("file/run", "cannot be made"),
     ):  # fmt: skip
         with pytest.raises(StoreError, match=words):
-            begun(scene, tmp_path / name)
+            started(scene, tmp_path / name)
     assert not parts(tmp_path)
 
 
@@ -110,7 +110,7 @@ def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> No
         (part / "trajectory.zarr").mkdir(parents=True)
     (kept / "thesis.tex").touch()
     live, held = create_part(tmp_path / "run")
-    begun(scene, tmp_path / "run")
+    started(scene, tmp_path / "run")
     assert sorted(parts(tmp_path)) == sorted([kept, other, live])
     unlock(held)
 
@@ -128,12 +128,12 @@ def full_disk(workspace: int) -> Iterator[None]:
 
 @pytest.mark.parametrize("workspace", [100, 5000])
 def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, workspace: int) -> None:
-    begun(scene, tmp_path / "other")  # loads what is compiled
+    started(scene, tmp_path / "other")  # loads what is compiled
     with (
         full_disk(workspace),
         pytest.raises(StoreError, match="run cannot be made: File too large"),
     ):
-        begun(scene, tmp_path / "run")
+        started(scene, tmp_path / "run")
     assert [one.name for one in tmp_path.iterdir()] == ["other"]
 
 
@@ -141,12 +141,12 @@ def test_a_disk_that_fills_up_is_resumed_from(
     small_bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = small_bed.replace(**{"protocol.settle.duration": 0.1, "output.frames": 1e-3})
-    whole = simulate(scene, progress=False)
+    integer = simulate(scene, progress=False)
     monkeypatch.setattr(granular.run.simulation, "COMMIT_SECONDS", 0.0)
     with full_disk(30_000), pytest.raises(StoreError, match="resume it when there is room"):
         simulate(scene, out=tmp_path / "run", progress=False)
     part = load_trajectory(tmp_path / "run").dataset.load()
-    assert 0 < part.sizes["frame"] < whole.dataset.sizes["frame"]
+    assert 0 < part.sizes["frame"] < integer.dataset.sizes["frame"]
     monkeypatch.undo()
     again = simulate(scene, out=tmp_path / "run", resume=True, progress=False)
-    assert again.dataset.equals(whole.dataset)
+    assert again.dataset.equals(integer.dataset)

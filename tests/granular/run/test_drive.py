@@ -65,9 +65,9 @@ def test_a_push_lends_its_force() -> None:
     found = acceleration(record.time[:300], record.height[:300])
     force = record.extra["outer_force"][1:299]
     assert found == pytest.approx(-GRAVITY + force / MASS, abs=1e-3)
-    whole = run.piston().extra["outer_force"]
+    integer = run.piston().extra["outer_force"]
     stage = run.dataset["stage"].values
-    assert np.count_nonzero(whole) == pytest.approx(np.count_nonzero(stage == 1), abs=2)
+    assert np.count_nonzero(integer) == pytest.approx(np.count_nonzero(stage == 1), abs=2)
     assert "outer_force" not in run.piston("fall").extra
 
 
@@ -93,11 +93,11 @@ def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
     )
     record = simulate(scene, progress=False).piston()
     left = "z'' + 2*lam*z' + k*(z - rest) + b*(z - rest)**2 = "
-    model = fit(record, f"{left}-base_acceleration", holdout=0.3)
+    model = fit(record, f"{left}-base_acceleration", test_fraction=0.3)
     assert model.law.inputs == ("base_acceleration",)
-    assert model.quality.holdout < 0.05
+    assert model.quality.test_error < 0.05
     # The frequency is that of the same damper let go, 6.2 Hz, not that of the shaker.
     assert model.at_rest.period == pytest.approx(0.161, rel=0.03)
     with pytest.warns(UserWarning, match="the law or the fit is not right"):
-        without = fit(record, f"{left}0*base_height", holdout=0.3)
-    assert without.quality.holdout > 5.0 * model.quality.holdout
+        without = fit(record, f"{left}0*base_height", test_fraction=0.3)
+    assert without.quality.test_error > 5.0 * model.quality.test_error

@@ -65,15 +65,15 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     drag = {"coefficient": "0.02 kg/s"}
     scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
     run = Run(scene, natural_system(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None)
-    shares, amplitudes = [], []
+    fractions, amplitudes = [], []
     run.advance()
     settling = Settling(run)
     while not run.at_end:
         settling.look(run)
-        shares.append(settling.fraction)
+        fractions.append(settling.fraction)
         amplitudes.append(settling.amplitude)
         run.advance()
     assert settling.limit == 1e-4
-    assert shares[0] < 0.5
-    assert shares[-1] == 1.0 or amplitudes[-1] < 2.0 * settling.limit
+    assert fractions[0] < 0.5
+    assert fractions[-1] == 1.0 or amplitudes[-1] < 2.0 * settling.limit
     assert "at rest below 1e-04 D" in str(settling)

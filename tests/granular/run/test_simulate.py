@@ -45,7 +45,7 @@ def same(one: Trajectory, other: Trajectory) -> bool:
 
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
 def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: float | str) -> None:
-    whole = simulate(scene, dt=dt, progress=False)
+    integer = simulate(scene, dt=dt, progress=False)
     part = simulate(scene, dt=dt, t_end=0.02345, out=tmp_path / "run", progress=False)
     assert part.complete
     assert part.dataset["time"].values[-1] == pytest.approx(0.02345)
@@ -53,9 +53,9 @@ def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: f
     assert again.stages[-1].name == "release"
     rest = simulate(scene, dt=dt, out=tmp_path / "run", resume=True, progress=False)
     assert rest.complete
-    assert same(whole, rest)
-    assert whole.stages == rest.stages
-    assert same(whole, load_trajectory(tmp_path / "run"))
+    assert same(integer, rest)
+    assert integer.stages == rest.stages
+    assert same(integer, load_trajectory(tmp_path / "run"))
 
 
 def test_recording_does_not_change_the_motion(scene: Scene) -> None:
@@ -127,13 +127,13 @@ def test_any_method_resumes_to_the_same_bits(
             **{"arrangement.positions": [["30 D", "3 D"]]}
         )
     scene = scene.replace(**{"output.frames": 0.005})
-    whole = simulate(scene, t_end=0.04, method=method, progress=False)
+    integer = simulate(scene, t_end=0.04, method=method, progress=False)
     for t_end in (cut, 0.04):
         part = simulate(
             scene, t_end=t_end, method=method, out=tmp_path / "run", resume=True, progress=False
         )
         assert float(part.dataset["time"][-1]) == pytest.approx(t_end, rel=1e-12)
-    assert part.dataset.equals(whole.dataset)
+    assert part.dataset.equals(integer.dataset)
 
 
 def test_absent_effects_leave_no_variables() -> None:
@@ -269,8 +269,8 @@ s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
     assert not part.complete
     assert np.isfinite(part.dataset["piston_height"].values).all()
     again = simulate(scene, t_end=3.0, dt=1e-5, out=tmp_path / "run", resume=True, progress=False)
-    whole = simulate(scene, t_end=3.0, dt=1e-5, progress=False)
-    assert same(whole, again)
+    integer = simulate(scene, t_end=3.0, dt=1e-5, progress=False)
+    assert same(integer, again)
 
 
 @pytest.mark.parametrize(

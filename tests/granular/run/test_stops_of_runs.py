@@ -127,9 +127,9 @@ def test_a_stop_breaks_off_a_compilation(
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()
     assert not caught.value.trajectory.complete
-    whole = simulate(scene, t_end=END, progress=False)
+    integer = simulate(scene, t_end=END, progress=False)
     resumed = simulate(scene, t_end=END, out=tmp_path / "run", resume=True, progress=False)
-    assert resumed.dataset.equals(whole.dataset)
+    assert resumed.dataset.equals(integer.dataset)
     assert resumed.complete
 
 

@@ -64,7 +64,7 @@ def directory(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 @pytest.fixture(scope="module")
-def whole(scene: Scene) -> Trajectory:
+def integer(scene: Scene) -> Trajectory:
     return simulate(scene, t_end=END, progress=False)
 
 
@@ -87,7 +87,7 @@ def outcome(made: Callable[[], Trajectory]) -> xarray.Dataset | str:
 
 
 def check(
-    damages: list[Damage], directory: Path, scene: Scene, whole: Trajectory, place: Path,
+    damages: list[Damage], directory: Path, scene: Scene, integer: Trajectory, place: Path,
     random: np.random.Generator,
 ) -> None:  # fmt: skip
     """Load and resume a copy with each damage: the same values, or one line with its name."""
@@ -98,7 +98,7 @@ def check(
         damage.do(place, random)
         for made, right in (
             (lambda: load_trajectory(place), good),
-            (lambda: resumed(scene, place), whole.dataset),
+            (lambda: resumed(scene, place), integer.dataset),
         ):
             read = outcome(made)
             if isinstance(read, str):
@@ -116,19 +116,19 @@ def damages(directory: Path, hows: list[str], random: np.random.Generator) -> li
 
 
 def test_some_damages_are_noticed(
-    directory: Path, scene: Scene, whole: Trajectory, tmp_path: Path, random: np.random.Generator
+    directory: Path, scene: Scene, integer: Trajectory, tmp_path: Path, random: np.random.Generator
 ) -> None:
     chosen = damages(directory, ["flipped"] * 6 + ["truncated", "empty", "missing"], random)
-    check(chosen, directory, scene, whole, tmp_path / "run", random)
+    check(chosen, directory, scene, integer, tmp_path / "run", random)
 
 
 @pytest.mark.long
 def test_many_damages_are_noticed(
-    directory: Path, scene: Scene, whole: Trajectory, tmp_path: Path, random: np.random.Generator
+    directory: Path, scene: Scene, integer: Trajectory, tmp_path: Path, random: np.random.Generator
 ) -> None:
     """Of 200 bits, and 50 files."""
     hows = ["flipped"] * 200 + ["truncated", "empty", "missing"] * 17
-    check(damages(directory, hows, random), directory, scene, whole, tmp_path / "run", random)
+    check(damages(directory, hows, random), directory, scene, integer, tmp_path / "run", random)
 
 
 @pytest.mark.parametrize("how", ["flipped", "truncated", "empty", "missing"])

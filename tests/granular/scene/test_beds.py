@@ -65,7 +65,7 @@ def test_table_of_the_source(
 )  # fmt: skip
 def test_rule_of_the_source_makes_other_shares(fraction: float, made: float) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
-    assert grains.shares()[1] == made
+    assert grains.fractions()[1] == made
     assert grains.counts()[1] == round(400 * made)
 
 

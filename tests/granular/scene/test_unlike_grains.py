@@ -114,8 +114,8 @@ def test_masses_and_moments_are_those_of_the_material() -> None:
     grains = mixed().grains
     sheet = math.pi / 4.0 * 0.004**2 * 0.0029
     assert grains.masses()[grains.assignment() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
-    whole = math.pi / 4.0 * 0.006**2 * 0.003
-    assert grains.moment_ratios()[1] == pytest.approx(0.9 * sheet / (1.3 * whole), rel=1e-14)
+    integer = math.pi / 4.0 * 0.006**2 * 0.003
+    assert grains.moment_ratios()[1] == pytest.approx(0.9 * sheet / (1.3 * integer), rel=1e-14)
     spread = mixed(**{"grains.spread": 0.1, "grains.count": 400, "cell.width": "60 D",
                       "piston.height": "40 D", "arrangement.height": "39 D"})  # fmt: skip
     factors = spread.grains.spread_factors()

@@ -65,16 +65,16 @@ def test_a_sealed_file_is_whole_or_absent(tmp_path: Path) -> None:
     write_sealed(path, "label", body)
     assert read_sealed(path, "label") == body
     assert read_sealed(path, "another label") is None
-    whole = path.read_bytes()
-    for bit in range(8 * len(whole)):
-        content = bytearray(whole)
+    integer = path.read_bytes()
+    for bit in range(8 * len(integer)):
+        content = bytearray(integer)
         content[bit // 8] ^= 1 << bit % 8
         path.write_bytes(content)
         assert read_sealed(path, "label") is None
-    for content in (whole[:-1], whole[:20], b"", bytes(len(whole)), whole + b"\0"):
+    for content in (integer[:-1], integer[:20], b"", bytes(len(integer)), integer + b"\0"):
         path.write_bytes(content)
         assert read_sealed(path, "label") is None
-    path.write_bytes(whole)
+    path.write_bytes(integer)
     path.chmod(0o666)
     assert read_sealed(path, "label") is None
     path.unlink()

@@ -37,8 +37,8 @@ def test_equal_content_has_equal_keys() -> None:
 def test_a_damaged_file_is_said_to_be_and_counts_as_nothing(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
     cache.keep("key", PLAIN)
-    whole = cache.path("key").read_bytes()
-    for damaged in (b"", whole[:-3], b"\xff\xfe" + whole):
+    integer = cache.path("key").read_bytes()
+    for damaged in (b"", integer[:-3], b"\xff\xfe" + integer):
         cache.path("key").write_bytes(damaged)
         with pytest.warns(UserWarning, match="key.json is damaged; what it held is made anew"):
             assert cache.read("key") is None

@@ -54,7 +54,7 @@ def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
 
 
 @pytest.fixture(scope="module")
-def whole(here: Executor) -> pandas.DataFrame:
+def integer(here: Executor) -> pandas.DataFrame:
     """The table of a sweep that nothing disturbs."""
     return swept_area(here, None).table
 
@@ -89,12 +89,12 @@ OF_THE_MACHINE = [
 
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
 def test_what_the_machine_does_is_tried_again_and_never_kept(
-    tmp_path: Path, here: Executor, whole: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, here: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch,
     error: Exception,
 ) -> None:  # fmt: skip
     simulate = granular.run.simulation.simulate
     monkeypatch.setattr(granular.run.simulation, "simulate", Failing(simulate, error, 5))
-    alike(swept_area(here, tmp_path / "once").table, whole)
+    alike(swept_area(here, tmp_path / "once").table, integer)
 
     always = Failing(simulate, error, float("inf"))
     monkeypatch.setattr(granular.run.simulation, "simulate", always)
@@ -106,11 +106,11 @@ def test_what_the_machine_does_is_tried_again_and_never_kept(
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
     again = swept_area(here, tmp_path / "always")
     assert (again.reused, again.unfinished) == (0, ())
-    alike(again.table, whole)
+    alike(again.table, integer)
 
 
 def test_an_outcome_that_cannot_be_written_is_written_later(
-    tmp_path: Path, here: Executor, whole: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, here: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the worker, by the sweep, and in the end: only then the case is unfinished."""
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
@@ -125,7 +125,7 @@ def test_an_outcome_that_cannot_be_written_is_written_later(
         assert len(kept(out)) == len(ACCELERATIONS) - len(study.unfinished)
         assert len(study.unfinished) == max(0, times - 2 * len(ACCELERATIONS))
         assert "no space left" in study.outcomes[0]["error"] if study.unfinished else True
-        alike(swept_area(here, out).table, whole)
+        alike(swept_area(here, out).table, integer)
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
 
@@ -384,5 +384,5 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
                 progress=False,
             )  # fmt: skip
         killer.join()
-    whole = sweep(**study, workers=1, progress=False)
-    alike(found.table, whole.table)
+    integer = sweep(**study, workers=1, progress=False)
+    alike(found.table, integer.table)

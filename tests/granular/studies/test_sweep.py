@@ -131,13 +131,13 @@ def test_a_damaged_outcome_is_computed_anew(tmp_path: Path, here: Executor) -> N
     arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": here}
     first = sweep(falling(), **arguments, progress=False)
     (kept,) = (tmp_path / "cases").iterdir()
-    whole = kept.read_bytes()
-    kept.write_bytes(whole[:-5])
+    integer = kept.read_bytes()
+    kept.write_bytes(integer[:-5])
     with pytest.warns(UserWarning, match="damaged; what it held is made anew"):
         again = sweep(falling(), **arguments, progress=False)
     assert again.reused == 0
     assert again.outcomes == first.outcomes
-    assert kept.read_bytes() == whole
+    assert kept.read_bytes() == integer
 
 
 def test_studies_kept_before_go_on() -> None:

@@ -119,14 +119,14 @@ def test_ten_seeds(method: Method, name: str) -> None:
 
 
 def test_strong_form_and_ensembles() -> None:
-    whole = made("duffing", 1)
-    record = PistonRecord(whole.time[::3], whole.height[::3])
+    integer = made("duffing", 1)
+    record = PistonRecord(integer.time[::3], integer.height[::3])
     assert is_exact(discover(record, "sindy", form="strong", polish=0), "duffing")
     found = discover(record, "sindy", form="strong", ensemble=True, polish=0)
     assert is_exact(found, "duffing")
-    shares = found.inclusion
-    assert all(shares[term.text] > 0.9 for term in LAWS["duffing"][3])
-    assert all(0.0 <= fraction <= 1.0 for fraction in shares.values())
+    fractions = found.inclusion
+    assert all(fractions[term.text] > 0.9 for term in LAWS["duffing"][3])
+    assert all(0.0 <= fraction <= 1.0 for fraction in fractions.values())
 
 
 def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:

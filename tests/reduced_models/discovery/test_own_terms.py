@@ -286,7 +286,7 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
     _, judge = score_subsets(weak_form(motion), library(1), library(1), [np.array([[0]])])
-    model = fit(PistonRecord(TIME, wave), "linear", starts=2, holdout=0.0)
+    model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
 

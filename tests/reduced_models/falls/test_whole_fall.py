@@ -56,8 +56,8 @@ def test_a_simulation_says_the_same() -> None:
     assert found.deepest == pytest.approx(float(motion.height.min()), rel=0.05)
     assert found.greatest_force == pytest.approx(float(motion.force.max()), rel=0.08)
     assert found.affine_loss == pytest.approx(lost, rel=0.1)
-    whole = float(run.dataset["drag_loss"].values[-1])
-    assert found.affine_loss + found.excess_loss == pytest.approx(whole, rel=0.1)
+    integer = float(run.dataset["drag_loss"].values[-1])
+    assert found.affine_loss + found.excess_loss == pytest.approx(integer, rel=0.1)
 
 
 def test_a_start_below_rest_is_refused() -> None:

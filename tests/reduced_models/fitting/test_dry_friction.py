@@ -50,7 +50,7 @@ def released(ratio: float, loss: float, noise: float) -> PistonRecord:
 def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> None:
     """Energy lost in a cycle over 4 pi that of the swing, in closed form."""
     law, ratio, loss, noise = CASES[name]
-    model = fit(released(ratio, loss, noise), law, starts=4, holdout=0.0)
+    model = fit(released(ratio, loss, noise), law, starts=4, test_fraction=0.0)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
     assert rest is not None
     assert rest.equivalent is not None
@@ -76,7 +76,7 @@ def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> 
 def test_intervals_follow_from_those_of_the_parameters() -> None:
     """Friction over omega^2 alone sets the damping of a Coulomb oscillator."""
     law, ratio, loss, noise = CASES["a pure decay by friction"]
-    model = fit(released(ratio, loss, noise), law, starts=4, holdout=0.0)
+    model = fit(released(ratio, loss, noise), law, starts=4, test_fraction=0.0)
     assert model.at_rest is not None
     assert model.at_rest.equivalent is not None
     # omega is known far better than the friction
@@ -91,7 +91,7 @@ def test_intervals_follow_from_those_of_the_parameters() -> None:
 def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
     """A wrong law's residuals lag by rounding; a lag of a fraction of a sample is told."""
     with pytest.warns(UserWarning, match="swing with the motion"):
-        model = fit(made("coulomb"), "linear", starts=2, holdout=0.0)
+        model = fit(made("coulomb"), "linear", starts=2, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
     assert "lags" not in str(model)
     late = dataclasses.replace(model.quality, lag=0.2 * TIME[1])
@@ -102,7 +102,11 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
     """The law keeps its figure; what is printed is what the peaks show."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
-            released(0.02, 0.0, 1e-4), "linear", starts=2, holdout=0.0, fix={"lam": 0.1 * OMEGA}
+            released(0.02, 0.0, 1e-4),
+            "linear",
+            starts=2,
+            test_fraction=0.0,
+            fix={"lam": 0.1 * OMEGA},
         )
     rest = model.at_rest
     assert rest is not None
@@ -119,7 +123,7 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
 
 def test_what_small_swings_show_stays() -> None:
     """Of a law whose damping at rest is that of swings, the small swing is told as it was."""
-    model = fit(released(0.06, 0.0, 1e-4), "linear", starts=2, holdout=0.0)
+    model = fit(released(0.06, 0.0, 1e-4), "linear", starts=2, test_fraction=0.0)
     rest = model.at_rest
     assert rest is not None
     assert rest.equivalent is None

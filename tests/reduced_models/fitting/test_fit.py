@@ -51,7 +51,7 @@ def test_clean_data_give_the_parameters_back() -> None:
     assert errors(model).max() < 1e-6
     assert model.quality.converged >= 0.9 * STARTS
     assert not model.map.fitted
-    assert model.quality.holdout < 1e-6
+    assert model.quality.test_error < 1e-6
     assert model.undetermined == ()
     swing = model.at_rest
     assert swing.height == pytest.approx(TRUE["g0"] / TRUE["omega"] ** 2, rel=1e-6)
@@ -67,7 +67,7 @@ def test_noisy_data_give_the_parameters_back() -> None:
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals, over 60 records with noise of their own."""
     given = HeightMap()
-    models = [fit(noisy(seed), map=given, starts=2, holdout=0.0) for seed in range(100, 160)]
+    models = [fit(noisy(seed), map=given, starts=2, test_fraction=0.0) for seed in range(100, 160)]
     for name, value in TRUE.items():
         covered = [
             model.intervals[name][0] <= value <= model.intervals[name][1] for model in models
@@ -160,8 +160,8 @@ def test_holdout_judges_on_unseen_data() -> None:
     time = np.linspace(0.0, 10.0, 2000)
     phase = np.where(time < 7.0, 20.0 * time, 140.0 + 25.0 * (time - 7.0))
     model = fit(PistonRecord(time, 0.06 + 0.001 * np.cos(phase)), "linear")
-    assert model.quality.holdout_from == pytest.approx(7.0)
-    assert model.quality.holdout > 0.3
+    assert model.quality.test_from == pytest.approx(7.0)
+    assert model.quality.test_error > 0.3
 
 
 def test_holdout_is_blind() -> None:
@@ -172,7 +172,7 @@ def test_holdout_is_blind() -> None:
     def squared_error(by: float) -> float:
         height = record.height + by * late
         quality = fit(PistonRecord(TIME, height), map=HeightMap()).quality
-        return (quality.holdout * height.std()) ** 2
+        return (quality.test_error * height.std()) ** 2
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -186,8 +186,8 @@ def test_holdout_stands_beside_a_piston_at_rest() -> None:
     height, late = linear_record().height, linear_record().time > 1.4
     rest = height[~late][-(~late).sum() // 3 :].mean()
     resting = np.sqrt(((height[late] - rest) ** 2).mean()) / height.std()
-    assert quality.holdout_at_rest == pytest.approx(resting, rel=1e-3)
-    assert quality.holdout < 1e-6 < resting
+    assert quality.test_error_at_rest == pytest.approx(resting, rel=1e-3)
+    assert quality.test_error < 1e-6 < resting
 
 
 @pytest.mark.parametrize("duration", [0.2, 0.3, 0.4])
@@ -373,7 +373,13 @@ def test_records_that_say_too_little(record: PistonRecord, words: str) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [{"law": "linaer"}, {"starts": 0}, {"holdout": 1.0}, {"confidence": 0.0}, {"map": "none"}],
+    [
+        {"law": "linaer"},
+        {"starts": 0},
+        {"test_fraction": 1.0},
+        {"confidence": 0.0},
+        {"map": "none"},
+    ],
 )
 def test_bad_arguments(arguments: dict) -> None:
     with pytest.raises(InputError):

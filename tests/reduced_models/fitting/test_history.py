@@ -37,14 +37,14 @@ def motion() -> np.ndarray:
     return np.asarray(found.y)
 
 
-def whole() -> PistonRecord:
+def integer() -> PistonRecord:
     """A swing with hysteresis, that begins before the stretch that is fitted."""
     noise = np.random.default_rng(0).normal(0.0, NOISE, len(TIME))
     return PistonRecord(TIME, motion()[0] + noise)
 
 
 def check(law: str) -> ReducedModel:
-    record = whole()
+    record = integer()
     before, after = record.between(0.0, CUT), record.between(CUT, TIME[-1])
     model = fit(after, law, initial=before, starts=8)
     assert model.quality.residual == pytest.approx(NOISE, rel=0.05)
@@ -58,7 +58,7 @@ def test_hidden_states_follow_from_what_was_before() -> None:
     model = check("bouc-wen")
     assert abs(true := motion()[2][np.searchsorted(TIME, CUT)]) > 0.2
     assert model.hidden["w"] == pytest.approx(true, abs=0.01)
-    late = whole().between(CUT, TIME[-1])
+    late = integer().between(CUT, TIME[-1])
     still = dataclasses.replace(model, hidden={}).simulate(late.time - late.time[0]).height
     assert np.abs(still - late.height).max() > 10.0 * NOISE
 
@@ -67,7 +67,7 @@ def test_hidden_states_follow_from_what_was_before() -> None:
 def test_hidden_states_of_a_text() -> None:
     """With them as they were, no more is left over than where they are free."""
     model = check(LAWS["bouc-wen"].equation)
-    late = whole().between(CUT, TIME[-1])
+    late = integer().between(CUT, TIME[-1])
     free = fit(late, "bouc-wen", initial="free")
     assert model.hidden["w"] == pytest.approx(free.hidden["w"], abs=0.1)
     assert model.quality.residual < 1.01 * free.quality.residual
@@ -78,7 +78,7 @@ def test_hidden_states_of_a_text() -> None:
 
 
 def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
-    record = whole()
+    record = integer()
     late = record.between(CUT, TIME[-1])
     for initial, words in (
         (

@@ -76,7 +76,7 @@ def _damped(count: int) -> PistonRecord:
 def test_checks_of_scikit_learn(kind: type[LawEstimator], impossible: dict[str, str]) -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     results = checks.check_estimator(
-        kind("linear", starts=1, holdout=0.0), expected_failed_checks=impossible, on_skip=None
+        kind("linear", starts=1, test_fraction=0.0), expected_failed_checks=impossible, on_skip=None
     )
     passed = {one["check_name"] for one in results if one["status"] == "passed"}
     assert len(passed) > 30
@@ -88,7 +88,7 @@ def test_a_search_over_the_law() -> None:
     selection = pytest.importorskip("sklearn.model_selection")
     record = _damped(240)
     search = selection.GridSearchCV(
-        LawEstimator(starts=1, holdout=0.0),
+        LawEstimator(starts=1, test_fraction=0.0),
         {"law": ["linear", "q'' + k*q = g0"]},
         cv=selection.TimeSeriesSplit(2),
     ).fit(record.time[:, None], record.height)
@@ -106,10 +106,10 @@ def test_a_step_of_a_pipeline() -> None:
     record = _damped(240)
     milliseconds = 1e3 * record.time[:, None]
     seconds = FunctionTransformer(lambda times: 1e-3 * times)
-    whole = pipeline.make_pipeline(seconds, LawEstimator("linear", starts=1, holdout=0.0))
-    whole = clone(whole).fit(milliseconds, record.height)
-    assert whole.score(milliseconds, record.height) > 0.999
-    assert whole[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
+    integer = pipeline.make_pipeline(seconds, LawEstimator("linear", starts=1, test_fraction=0.0))
+    integer = clone(integer).fit(milliseconds, record.height)
+    assert integer.score(milliseconds, record.height) > 0.999
+    assert integer[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
 
 
 def test_before_a_fit_it_is_an_error_of_both() -> None:

@@ -23,7 +23,7 @@ UNIT = 2**20 if sys.platform == "darwin" else 2**10
 def memory(laws, times=1):
     for k in laws:
         for _ in range(times):
-            fit(record, f"z'' + {k}.5*c*z' + k*(z - r) = 0", starts=2, holdout=0.0)
+            fit(record, f"z'' + {k}.5*c*z' + k*(z - r) = 0", starts=2, test_fraction=0.0)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNIT
 
 kept = int(sys.argv[1])

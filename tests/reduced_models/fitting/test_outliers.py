@@ -43,7 +43,7 @@ def test_a_fit_that_spares_outliers_starts_without_them() -> None:
         _, dirty = swing(0.01, 0.03, seed)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            model = fit(dirty, "linear", starts=1, holdout=0.0, loss="soft_l1")
+            model = fit(dirty, "linear", starts=1, test_fraction=0.0, loss="soft_l1")
         assert abs(model.parameters["omega"] - 1.05) < 0.005
 
 

@@ -79,7 +79,7 @@ def test_irregular_samples_with_a_gap(made: Any) -> None:
     for name, value in made.true["duffing"].items():
         assert model.parameters[name] == pytest.approx(value, rel=0.01)
     assert model.quality.noise == pytest.approx(0.01 * record.height.std(), rel=0.2)
-    assert model.quality.holdout < 0.015
+    assert model.quality.test_error < 0.015
 
 
 def test_noise_level_heeds_the_times() -> None:

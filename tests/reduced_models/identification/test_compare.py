@@ -20,7 +20,7 @@ from reduced_models.laws.law import Law
 def test_the_true_law_is_first(made: Any) -> None:
     table = compare(
         made("duffing"), ["linear", "polynomial-spring", "duffing"],
-        held_out=[made("duffing", seed=9, start=1.5)],
+        test_records=[made("duffing", seed=9, start=1.5)],
     )  # fmt: skip
     assert [row.name for row in table.rows] == ["duffing", "polynomial-spring", "linear"]
     assert table.rows[0].error == pytest.approx(0.01, rel=0.1)
@@ -41,7 +41,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert repr(table).startswith("Comparison of 3 laws, the best first: duffing, ")
     assert len(repr(table).splitlines()) == 2
     assert table._repr_html_().count("<tr>") == 4
-    assert "hold-out error" in table._repr_html_()
+    assert "test error" in table._repr_html_()
     assert table._repr_latex_().count(r"\\") == 4
     assert table.to_plain()["best"] == "duffing"
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)

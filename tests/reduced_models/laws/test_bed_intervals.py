@@ -18,7 +18,7 @@ def told(made: Any, name: str, seeds: range) -> tuple[np.ndarray, np.ndarray, np
     for seed in seeds:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            model = fit(made(name, seed), name, holdout=0.0, starts=4)
+            model = fit(made(name, seed), name, test_fraction=0.0, starts=4)
         pairs = np.array([model.intervals[key] for key in true])
         found = np.array(list(true.values()))
         holds.append((pairs[:, 0] <= found) & (found <= pairs[:, 1]))

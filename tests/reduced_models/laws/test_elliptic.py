@@ -106,8 +106,8 @@ def test_the_mean_of_the_drag_has_a_closed_form(beta: float) -> None:
     """<sn^2 dn^2> = ((2 m - 1) E + (1 - m) K)/(3 m K)."""
     swing, step = 1.2, 1e-4
     m = 0.5 * beta * swing**2 / (1.1 + beta * swing**2)
-    whole = ellipk(m)
-    mean = ((2.0 * m - 1.0) * ellipe(m) + (1.0 - m) * whole) / (3.0 * m * whole)
+    integer = ellipk(m)
+    mean = ((2.0 * m - 1.0) * ellipe(m) + (1.0 - m) * integer) / (3.0 * m * integer)
     found = averaged_amplitude(np.array([0.0, step]), swing, Oscillator(1.1, beta, 0.05))
     assert (found[1] - swing) / step == pytest.approx(-2.0 * 0.05 * swing * mean, rel=1e-4)
 

@@ -59,17 +59,17 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
     for seed in range(100, 200):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            model = fit(made(name, seed), name, holdout=0.0, starts=4)
+            model = fit(made(name, seed), name, test_fraction=0.0, starts=4)
         covered.append(
             [
                 model.intervals[key][0] <= value <= model.intervals[key][1]
                 for key, value in made.true[name].items()
             ]
         )
-    shares = np.mean(covered, axis=0)
-    print(f"\n{name}: hold {shares}")
-    assert shares.min() >= 0.85
-    assert shares.max() <= 0.99
+    fractions = np.mean(covered, axis=0)
+    print(f"\n{name}: hold {fractions}")
+    assert fractions.min() >= 0.85
+    assert fractions.max() <= 0.99
 
 
 def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
@@ -195,7 +195,7 @@ def test_laws_are_well_declared(name: str) -> None:
 def test_dry_friction_by_its_sign(made: Any) -> None:
     """It is fitted as it stands, and its damping is that of swings, where it does not stick."""
     law = "z'' + friction*sign(z') + k*z = g0"
-    model = fit(made("coulomb").first(1200), law, holdout=0.0)
+    model = fit(made("coulomb").first(1200), law, test_fraction=0.0)
     true = made.true["coulomb"]
     assert model.parameters["friction"] == pytest.approx(true["friction"], rel=0.05)
     assert model.parameters["k"] == pytest.approx(true["omega"] ** 2, rel=0.01)

@@ -26,9 +26,9 @@ def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
         return np.concatenate([moved, [speed, acceleration]])
 
     places = start * np.arange(1, LAYERS + 1) / LAYERS
-    span = (times[0], times[-1])
+    total_duration = (times[0], times[-1])
     first = np.append(places, 0.0)
-    found = solve_ivp(rates, span, first, "BDF", times, rtol=1e-5, atol=1e-7)
+    found = solve_ivp(rates, total_duration, first, "BDF", times, rtol=1e-5, atol=1e-7)
     return np.asarray(found.y[LAYERS - 1])
 
 

@@ -67,8 +67,8 @@ def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
 def test_the_posterior_is_that_of_the_linearisation(made: Callable[..., PistonRecord]) -> None:
     """Where the noise is small, draws are normal about the fit with its covariance."""
     pytest.importorskip("numpyro")
-    whole = made("linear", level=0.02)
-    record = PistonRecord(whole.time[::5], whole.height[::5])
+    integer = made("linear", level=0.02)
+    record = PistonRecord(integer.time[::5], integer.height[::5])
     model = fit(record, "linear")
     draws = posterior(model, record, draws=200, warmup=150).posterior
     for name in TRUE:

@@ -46,7 +46,7 @@ def test_a_command_says_the_same_of_both(
 def test_profile_intervals_on_the_command_line(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["fit", "lab.parquet", "--law", "linear", "--holdout", "0", "--json", "--quiet"]
+    words = ["fit", "lab.parquet", "--law", "linear", "--test-fraction", "0", "--json", "--quiet"]
     found = {}
     for how in ("linear", "profile"):
         assert launch(main, [*words, "--intervals", how]) == 0

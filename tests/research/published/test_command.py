@@ -71,7 +71,7 @@ def test_quick_run_reproduces_what_is_published(tmp_path: Path) -> None:
     for key, tolerance in QUICK_FORCES.items():
         assert rows[key]["ours"] == pytest.approx(rows[key]["published"], rel=tolerance), key
         assert rows[key]["starts"] == 3
-    shares = [one for key, one in rows.items() if key.startswith("voronoi") and one["ours"]]
-    assert len(shares) >= 15
-    for one in shares:
+    fractions = [one for key, one in rows.items() if key.startswith("voronoi") and one["ours"]]
+    assert len(fractions) >= 15
+    for one in fractions:
         assert one["ours"] == pytest.approx(one["published"], abs=0.04), one["key"]

@@ -75,11 +75,11 @@ def test_nothing_stands_in_for_the_planned_protocol() -> None:
     """Neither another protocol nor a part of the starts nor what other code gave."""
     quick = series("direct 368", "quick", force=[14.0, 14.0, 14.0])
     none, part = series("direct 368"), series("direct 368", force=[15.0])
-    whole = series("direct 368", force=[15.0, 15.1, 15.2])
-    stale = {key: one | {"stale": True} for key, one in whole.items()}
+    integer = series("direct 368", force=[15.0, 15.1, 15.2])
+    stale = {key: one | {"stale": True} for key, one in integer.items()}
     for some in (none, part, stale):
         assert row(results(quick, some), KEY).verdict.words == "not run"
-    finding = row(results(quick, whole), KEY).found
+    finding = row(results(quick, integer), KEY).found
     assert finding is not None
     assert finding.value == pytest.approx(15.1)
     numbers = counted(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
@@ -238,9 +238,9 @@ def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
 
 def test_results_survive_their_file(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    whole = results(*scan(0.6, 1))
-    path.write_text(json.dumps(whole.to_plain()), encoding="utf-8")
-    assert summary(read(path)) == summary(whole)
+    integer = results(*scan(0.6, 1))
+    path.write_text(json.dumps(integer.to_plain()), encoding="utf-8")
+    assert summary(read(path)) == summary(integer)
     assert read(tmp_path / "none.json") == EMPTY
     path.write_text("[]", encoding="utf-8")
     with pytest.raises(InputError, match="holds no results"):

@@ -118,7 +118,7 @@ def test_series_of_a_mixture_name_their_protocol() -> None:
     assert one.key == "mixture | quick"
     scene = one.scene(1)
     assert [stage.name for stage in scene.protocol] == ["relax", "compress"]
-    assert scene.grains.shares() == (0.5, 0.5)
+    assert scene.grains.fractions() == (0.5, 0.5)
     assert Results({}, {}, {}).sample("mixture", "force") is None
 
 
@@ -369,9 +369,9 @@ def test_ctrl_c_loses_nothing(tmp_path: Path) -> None:
             process.communicate(timeout=120)
             return False
 
-    begun = time.monotonic()
+    started = time.monotonic()
     assert run("whole", None)
-    stops, patience = 0, 0.4 * (time.monotonic() - begun)
+    stops, patience = 0, 0.4 * (time.monotonic() - started)
     while not run("stopped", patience):
         stops, patience = stops + 1, 1.5 * patience
         assert stops < 20

@@ -77,7 +77,7 @@ def priced_scenes() -> tuple[Priced, ...]:
     )  # fmt: skip
 
 
-def prices(path: Path, progress: bool = True) -> dict[str, Any]:
+def costs(path: Path, progress: bool = True) -> dict[str, Any]:
     """Measure the table, and write it where `granular` reads it, or to another file.
 
     What is finished is kept in a folder of the file's name (``out/prices`` without a file), and is
@@ -154,9 +154,9 @@ def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     found = points(scenes, chosen, setting, known, None, 1)
     if any(each.failed for each in found):
         return {}
-    begun = time.process_time()  # other programs take none of it
+    started = time.process_time()  # other programs take none of it
     seen = run(one.scene, setting, None).settings()["step_times_highest_frequency"]
-    seconds = time.process_time() - begun
+    seconds = time.process_time() - started
     return {
         "method": setting.method, "dt": str(setting.dt),
         "fraction": checked_step(setting.dt, one.scene).fraction, "frequency": rounded(seen),
