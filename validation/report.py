@@ -100,13 +100,13 @@ def page(results: Results, *, full: bool) -> Page:
         for section, section_entries in read.items()
         if section is not OVERVIEW
     }
-    for section, ones in below.items():
-        _show(shown, section, ones, results)
+    for section, section_entries in below.items():
+        _show(shown, section, section_entries, results)
     if any(section.behind for section in below):
         shown.section("All measurements")
-    for section, ones in below.items():
-        if section.behind and ones:
-            for title, table in section.tables(ones):
+    for section, section_entries in below.items():
+        if section.behind and section_entries:
+            for title, table in section.tables(section_entries):
                 shown.text(title)
                 tabulate(shown, table)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -107,7 +107,7 @@ class KernelCache(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Form for these types of arguments; None where there is none that can be trusted."""
         target_context.refresh()
-        entry = self._place(sig, target_context.codegen())
+        entry = self._entry(sig, target_context.codegen())
         body = None if entry is None else read_sealed(*entry)
         if body is None:
             return None
@@ -116,12 +116,12 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""
-        entry = self._place(sig, data.codegen)
+        entry = self._entry(sig, data.codegen)
         if entry is not None and not data.library.has_dynamic_globals:
             _tidy(entry[0].parent)
             _write(*entry, dumps((sig, data._reduce())))
 
-    def _place(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
+    def _entry(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """File of a form, and all that it must have been made for."""
         folder = cache_folder()
         if folder is None or not self.enabled:

@@ -49,12 +49,12 @@ def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         result = [
             getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-            for index in _places(hook, map(type, laws), backward)
+            for index in _indices_with(hook, map(type, laws), backward)
         ]
         return sum(result[1:], start=result[0]) if result else empty
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _places(hook, _classes(laws), backward)
+        indices = _indices_with(hook, _classes(laws), backward)
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _unroll(calls, empty, _sum, (laws, workspaces, *others))
 
@@ -68,13 +68,13 @@ def greatest_over(hook: str, rest: str) -> Kernel:
         return max(
             (
                 getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
-                for index in _places(hook, map(type, laws))
+                for index in _indices_with(hook, map(type, laws))
             ),
             default=0.0,
         )
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _places(hook, _classes(laws))
+        indices = _indices_with(hook, _classes(laws))
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _unroll(calls, 0.0, _greater, (laws, workspaces, *others))
 
@@ -88,12 +88,12 @@ def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
-        for index in _places(hook, map(type, laws), backward=True):
+        for index in _indices_with(hook, map(type, laws), backward=True):
             return getattr(laws[index], hook)(laws[index], workspaces[index], index, *others)
         return otherwise(*others)
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _places(hook, _classes(laws), backward=True)[:1]
+        indices = _indices_with(hook, _classes(laws), backward=True)[:1]
         calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         calls = calls or [_call(context, otherwise, others, range(2, 2 + len(others)))]
         return _unroll(calls, 0, _sum, (laws, workspaces, *others))
@@ -122,7 +122,7 @@ def _classes(laws: types.BaseTuple) -> list[type]:
     return [law.instance_class for law in laws.types]
 
 
-def _places(hook: str, classes: Any, backward: bool = False) -> list[int]:
+def _indices_with(hook: str, classes: Any, backward: bool = False) -> list[int]:
     indices = [index for index, kind in enumerate(classes) if hasattr(kind, hook)]
     return indices[::-1] if backward else indices
 

@@ -93,7 +93,7 @@ class EffectContext:
         Species of each grain.
     effects : mapping of str to Effect
         All effects that act, by their keys.
-    places : mapping of str to int
+    indices : mapping of str to int
         Index of each effect in the tuple of laws.
     piston : Piston or None
     """
@@ -103,7 +103,7 @@ class EffectContext:
     scales: Scales
     species: np.ndarray
     effects: Mapping[str, Any]
-    places: Mapping[str, int]
+    indices: Mapping[str, int]
     piston: Piston | None = None
 
 

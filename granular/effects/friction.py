@@ -125,8 +125,8 @@ class Friction(Effect):
             load=self.load / scales.force,
             factor=padded_values(own[setting.species] * setting.grains.spread_factors()),
             rate=None if other is None else other.decay_rate(scales),
-            entry=LOSSES + setting.places["friction"],
-            drag=None if other is None else LOSSES + setting.places["drag"],
+            entry=LOSSES + setting.indices["friction"],
+            drag=None if other is None else LOSSES + setting.indices["drag"],
         )
 
     def load_weight(self, setting: EffectContext) -> np.ndarray:

@@ -21,7 +21,7 @@ from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, integer, many, one, quantity
+from granular.schema.sections import FieldError, Section, choice, integer, many, nested, quantity
 
 RESOLVED = 4.0
 """How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
@@ -88,7 +88,7 @@ class Host(Effect):
     mount: str = choice("cell", "piston", "base", default="cell")
     bodies: tuple[Body, ...] = many(Body)
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
-    excitation: Excitation | None = one(Excitation, default=None, optional=True)
+    excitation: Excitation | None = nested(Excitation, default=None, optional=True)
     excited: int | None = integer(default=None, optional=True)
 
     @property
@@ -198,7 +198,7 @@ class Host(Effect):
             piston_mass=piston_mass,
             bed_mass=float(setting.grains.masses().sum()) / scales.mass,
             reacts=self.damps or self._reacts(setting),
-            entry=LOSSES + setting.places[self.key],
+            entry=LOSSES + setting.indices[self.key],
             driven=self.excitation is not None,
         )
 

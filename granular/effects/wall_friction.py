@@ -70,7 +70,7 @@ class WallFriction(Effect):
             left,
             right,
             None if other is None else other.decay_rate(scales),
-            None if other is None else LOSSES + setting.places["drag"],
+            None if other is None else LOSSES + setting.indices["drag"],
         )
 
 

@@ -25,7 +25,7 @@ from granular.effects.walls_law import WallLaws
 from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Kind, Section, declare, one, quantity, unknown
+from granular.schema.sections import FieldError, Kind, Section, declare, nested, quantity, unknown
 
 LAWS = ("experimental", "infinite", "slab")
 FORMULA = "formula"
@@ -159,10 +159,10 @@ class Walls(Effect):
     rank = 2
     energy_record = in_joules("wall_energy", "energy of the grains at the walls")
 
-    left: Wall | None = one(Wall, default=Wall(), optional=True)
-    right: Wall | None = one(Wall, default=Wall(), optional=True)
-    bottom: Wall | None = one(Wall, default=Wall(), optional=True)
-    top: Wall | None = one(Wall, default=Wall(), optional=True)
+    left: Wall | None = nested(Wall, default=Wall(), optional=True)
+    right: Wall | None = nested(Wall, default=Wall(), optional=True)
+    bottom: Wall | None = nested(Wall, default=Wall(), optional=True)
+    top: Wall | None = nested(Wall, default=Wall(), optional=True)
 
     def validate(self) -> None:
         for side in SIDES:

@@ -81,7 +81,7 @@ def step_density(
 
 
 @compiled
-def _place(here: bool, value: float, away: float) -> float:
+def _edge(here: bool, value: float, away: float) -> float:
     return value if here else away
 
 
@@ -90,10 +90,10 @@ def _sides(
     walls: tuple[Any, ...], width: float, height: float
 ) -> tuple[float, float, float, float]:
     return (
-        _place(walls[LEFT] is not None, 0.0, -math.inf),
-        _place(walls[RIGHT] is not None, width, math.inf),
-        _place(walls[BOTTOM] is not None, 0.0, -math.inf),
-        _place(walls[TOP] is not None, height, math.inf),
+        _edge(walls[LEFT] is not None, 0.0, -math.inf),
+        _edge(walls[RIGHT] is not None, width, math.inf),
+        _edge(walls[BOTTOM] is not None, 0.0, -math.inf),
+        _edge(walls[TOP] is not None, height, math.inf),
     )
 
 

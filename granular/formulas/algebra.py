@@ -154,8 +154,10 @@ def function_of(
     # about the x0, x1 ... that it makes up: the last bits stay what they are without new names.
     order = sorted(arguments, key=lambda symbol: symbol.name)
     safe = {
-        symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{place:04d}", real=symbol.is_real)
-        for place, symbol in enumerate(order)
+        symbol: sympy.Symbol(
+            f"{'a' if symbol.name < 'x' else 'y'}{number:04d}", real=symbol.is_real
+        )
+        for number, symbol in enumerate(order)
     }
     names = [safe[symbol] for symbol in arguments]
     if isinstance(expressions, sympy.Basic):

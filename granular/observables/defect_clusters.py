@@ -115,7 +115,7 @@ def detect_defects(
         angle = float(np.angle(global_psi6(positions, cells))) / 6.0
     area = float(cells.area[cells.interior].mean())
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
-    clusters = _joined(_clusters(positions, cells, angle, spacing), spacing)
+    clusters = _join_boundaries(_clusters(positions, cells, angle, spacing), spacing)
     lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
     return Defects(
         kinds=tuple(cluster.kind for cluster in clusters),
@@ -206,7 +206,7 @@ def _kind(
     return VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
 
 
-def _joined(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
+def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
     """Clusters with the dislocations of each grain boundary as one."""
     from scipy.cluster.hierarchy import fcluster, linkage
 

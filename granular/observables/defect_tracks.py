@@ -213,10 +213,10 @@ def find_events(
     spacing : float
         [m]
     """
-    moments = [(int(end.frames[-1]) + 1, end.positions[-1], place, -1)
-               for place, end in enumerate(tracks) if end.frames[-1] + 1 < len(boxes)]  # fmt: skip
-    moments += [(int(end.frames[0]), end.positions[0], place, 1)
-                for place, end in enumerate(tracks) if end.frames[0] > 0]  # fmt: skip
+    moments = [(int(end.frames[-1]) + 1, end.positions[-1], index, -1)
+               for index, end in enumerate(tracks) if end.frames[-1] + 1 < len(boxes)]  # fmt: skip
+    moments += [(int(end.frames[0]), end.positions[0], index, 1)
+                for index, end in enumerate(tracks) if end.frames[0] > 0]  # fmt: skip
     moments.sort(key=lambda end: end[0])
     events = []
     while moments:

@@ -85,8 +85,8 @@ class Asked(NamedTuple):
 def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
     """Put the grains of a part where they are now, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
-        stripes.x[stripes.place[k]] = asked.x[stripes.order[k]]
-        stripes.y[stripes.place[k]] = asked.y[stripes.order[k]]
+        stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
+        stripes.y[stripes.slot[k]] = asked.y[stripes.order[k]]
     _bring_home(stripes.homes, stripes, part)
     _clear(asked.fx, stripes.fx, stripes, part)
     _clear(asked.fy, stripes.fy, stripes, part)
@@ -99,8 +99,8 @@ def _bring_home(homes: Array | None, stripes: Stripes, part: int) -> None:
     """In a periodic cell, replace the grains by their images within it."""
     if homes is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
-            stripes.x[stripes.place[k]] -= homes[0, stripes.order[k]]
-            stripes.y[stripes.place[k]] -= homes[1, stripes.order[k]]
+            stripes.x[stripes.slot[k]] -= homes[0, stripes.order[k]]
+            stripes.y[stripes.slot[k]] -= homes[1, stripes.order[k]]
 
 
 @compiled(inline=True)
@@ -152,7 +152,7 @@ def _give(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: 
     if sums is not None:
         _join(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
-            out[stripes.order[k]] = scale * sums[part, stripes.place[k]]
+            out[stripes.order[k]] = scale * sums[part, stripes.slot[k]]
 
 
 @compiled

@@ -18,7 +18,7 @@ from granular.pairs.mesh_around import (
 )
 
 # Unsigned, since an index that may be negative is looked at every time.
-_ONE, _TWO = np.uintp(1), np.uintp(2)
+_UNIT, _TWO = np.uintp(1), np.uintp(2)
 
 
 # Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
@@ -55,7 +55,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
         begin += np.uintp(margin)
         for column in range(across):
             at = first + _TWO * np.uintp(column)
-            near, far = row[at - _ONE] + row[at + _ONE], row[at - _TWO] + row[at + _TWO]
+            near, far = row[at - _UNIT] + row[at + _UNIT], row[at - _TWO] + row[at + _TWO]
             source[begin + np.uintp(column)] = total * row[at] + half * near + rest * far
 
 
@@ -90,8 +90,8 @@ def _prolong(mesh: Mesh, level: int) -> None:
         begin = np.uintp(fine_start + up * fine_stride + margin - odd)
         for pair in range(pairs):
             at, out = first + np.uintp(pair), begin + _TWO * np.uintp(pair)
-            potential[out] += total * row[at] + rest * (row[at - _ONE] + row[at + _ONE])
-            potential[out + _ONE] += half * (row[at] + row[at + _ONE])
+            potential[out] += total * row[at] + rest * (row[at - _UNIT] + row[at + _UNIT])
+            potential[out + _UNIT] += half * (row[at] + row[at + _UNIT])
 
 
 @compiled

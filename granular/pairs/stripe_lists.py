@@ -120,7 +120,7 @@ def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
     part = 0
     stripes.firsts[:] = grains
     for k in range(grains):
-        while part <= parts and stripes.rows[part] <= stripes.place[k]:
+        while part <= parts and stripes.rows[part] <= stripes.slot[k]:
             stripes.firsts[part] = k
             part += 1
 
@@ -130,11 +130,11 @@ def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Ar
     if moments is not None and stripes.moments is not None:
         stripes.moments[:] = 0.0
         for k in range(grains):
-            stripes.moments[stripes.place[k]] = moments[stripes.order[k]]
+            stripes.moments[stripes.slot[k]] = moments[stripes.order[k]]
     if weight is not None and stripes.weight is not None:
         stripes.weight[:] = 0.0
         for k in range(grains):
-            stripes.weight[stripes.place[k]] = weight[stripes.order[k]]
+            stripes.weight[stripes.slot[k]] = weight[stripes.order[k]]
 
 
 @compiled(inline=True)

@@ -59,7 +59,7 @@ class Stripes(NamedTuple):
         First row of each part, and the index in ``order`` of its first grain.
     lows, ends : int64 (parts,)
         First entry that a part adds to, and the one behind the last.
-    order, place : int64 (m,)
+    order, slot : int64 (m,)
         The grains in that order, and the index of each grain in it; before the
         first listing, as they come.
     stripe : int64 (m,)
@@ -93,7 +93,7 @@ class Stripes(NamedTuple):
     firsts: np.ndarray
     lows: np.ndarray
     ends: np.ndarray
-    place: np.ndarray
+    slot: np.ndarray
     order: np.ndarray
     stripe: np.ndarray
     begins: np.ndarray
@@ -131,7 +131,7 @@ def stripes_workspace(
         firsts=np.zeros(parts + 1, dtype=np.int64),
         lows=np.zeros(parts, dtype=np.int64),
         ends=np.zeros(parts, dtype=np.int64),
-        place=np.zeros(size, dtype=np.int64),
+        slot=np.zeros(size, dtype=np.int64),
         order=np.arange(size),
         stripe=np.zeros(size, dtype=np.int64),
         begins=np.zeros(most + 2, dtype=np.int64),
@@ -194,7 +194,7 @@ def _sort_into(
             stripes.stripe[c] = chosen[turns[c]]
         for c in range(chosen.size):
             chosen[c] = stripes.stripe[c]
-            stripes.place[counts[k] + c] = stripes.begins[k] + c
+            stripes.slot[counts[k] + c] = stripes.begins[k] + c
             stripes.x[stripes.begins[k] + c] = x[chosen[c]]
             stripes.y[stripes.begins[k] + c] = y[chosen[c]]
 

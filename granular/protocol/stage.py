@@ -161,7 +161,8 @@ def _functions(
 
     symbols = {name: sympy.Symbol(name, real=True) for name in variables}
     given = {
-        name: sympy.Symbol(f"parameter{place}", real=True) for place, name in enumerate(parameters)
+        name: sympy.Symbol(f"parameter{number}", real=True)
+        for number, name in enumerate(parameters)
     }
     tree = expression(parse(formula), symbols | given)
     arguments = [*symbols.values(), *given.values()]

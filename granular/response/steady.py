@@ -21,7 +21,7 @@ LEAST_PERIODS = 4
 
 
 def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
-    """Of values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
+    """Return A where values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
     omega = math.tau * frequency
     moment = time - time.mean()
     columns = np.stack(

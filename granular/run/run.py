@@ -31,7 +31,7 @@ from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.motion import path
 from granular.protocol.stage import Timed, stage_motion
-from granular.run.run_state import PLACE, RunState
+from granular.run.run_state import ARRANGE, RunState
 from granular.run.threads import Threads
 from granular.scene.dryness import is_coarse
 from granular.shared.errors import NotFiniteError
@@ -76,7 +76,7 @@ class Run(RunState):
         self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
             self._take_hold(path(self.motion, 0.0)[1])
-        row = self.look(PLACE)
+        row = self.look(ARRANGE)
         hold_far_field(self.state)
         self.set_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
@@ -89,11 +89,11 @@ class Run(RunState):
 
     def _open_ledger(self) -> None:
         if self.ledger is None:
-            row = self.look(PLACE)
+            row = self.look(ARRANGE)
             self.ledger = Ledger.opened(row[: self._entered], coarse=is_coarse(self.scene))
 
     def _jump(self, by: float) -> None:
-        before = self.energy(PLACE)
+        before = self.energy(ARRANGE)
         self.state.piston[HEIGHT] += by
         moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
         self.state.ledger[WORK] += self.energy(moved) - before
@@ -102,9 +102,9 @@ class Run(RunState):
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
-            before = self.energy(PLACE)
+            before = self.energy(ARRANGE)
             piston[SPEED] = speed
-            self.state.ledger[WORK] += self.energy(PLACE) - before
+            self.state.ledger[WORK] += self.energy(ARRANGE) - before
         elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed

@@ -44,7 +44,7 @@ from granular.scene.scene import Scene
 from granular.scene.system import System
 from granular.shared.errors import NotFiniteError, RunError
 
-PLACE = "place the grains apart from each other, inside the walls and below the piston"
+ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
 """What to do about grains that stand where none can be."""
 
 REST_TOLERANCE = 1e-4

@@ -15,7 +15,7 @@ from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
 from granular.protocol.stage import Timed, stage_motion
-from granular.run.run_state import PLACE, Progress, RunState
+from granular.run.run_state import ARRANGE, Progress, RunState
 from granular.shared.errors import StoreError
 
 
@@ -58,7 +58,7 @@ def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
         run.motion = stage_motion(run.scene.protocol, run.stage, height, scales)
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
-    run.look(PLACE)
+    run.look(ARRANGE)
     put_arrays(state, saved)
     _check_end(run)
 
@@ -86,7 +86,7 @@ def _check_end(run: RunState) -> None:
         )
 
 
-def _kept(state: State) -> dict[str, np.ndarray]:
+def _persistent_arrays(state: State) -> dict[str, np.ndarray]:
     """Arrays that a state cannot be made again from, by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
@@ -103,13 +103,13 @@ def _kept(state: State) -> dict[str, np.ndarray]:
 
 def kept_arrays(state: State) -> dict[str, Any]:
     """Return the copies of the arrays that a state cannot be made again from."""
-    saved = {name: array.copy() for name, array in _kept(state).items()}
+    saved = {name: array.copy() for name, array in _persistent_arrays(state).items()}
     return saved | kept_lists(state.stripes or state.verlet_list)
 
 
 def put_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
-    for name, array in _kept(state).items():
+    for name, array in _persistent_arrays(state).items():
         array[:] = saved[name]
     put_lists(state.stripes or state.verlet_list, saved)
 

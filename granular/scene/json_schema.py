@@ -22,8 +22,8 @@ from granular.schema.sections import (
     Integer,
     Kind,
     Many,
+    Nested,
     Numbers,
-    One,
     OneOf,
     Points,
     Quantity,
@@ -164,11 +164,11 @@ def _(kind: Points) -> Schema:
 
 @_kind.register
 def _(kind: Numbers) -> Schema:
-    return {"type": "array", "items": _kind(kind.each)}
+    return {"type": "array", "items": _kind(kind.element)}
 
 
 @_kind.register
-def _(kind: One) -> Schema:
+def _(kind: Nested) -> Schema:
     assert kind.section is not None
     return _section(kind.section)
 

@@ -16,7 +16,16 @@ from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
 from granular.schema.parts import Cell, Grains, Output, Piston
-from granular.schema.sections import FieldError, Many, One, Section, declare, one, text, unknown
+from granular.schema.sections import (
+    FieldError,
+    Many,
+    Nested,
+    Section,
+    declare,
+    nested,
+    text,
+    unknown,
+)
 from granular.schema.units import si_value
 from granular.shared.citing import words_of_module
 from granular.shared.errors import SceneError
@@ -109,7 +118,7 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
     result = {}
     for name in sorted(plain):
         try:
-            section = One(True, section=known[name]).read(plain[name], diameter)
+            section = Nested(True, section=known[name]).read(plain[name], diameter)
         except FieldError as error:
             raise error.within(name) from None
         if section is not None:
@@ -121,14 +130,14 @@ class Scene(Section):
     """A complete description of a run. See the attributes' classes for their keys."""
 
     name: str = text(default="scene")
-    grains: Grains = one(Grains)
-    cell: Cell = one(Cell)
-    piston: Piston | None = one(Piston, default=None, optional=True)
-    effects: Effects = one(Effects, default=Effects())
-    pairs: Pairs = one(Pairs, default=Pairs())
-    arrangement: Arrangement = one(Arrangement, default=Arrangement())
+    grains: Grains = nested(Grains)
+    cell: Cell = nested(Cell)
+    piston: Piston | None = nested(Piston, default=None, optional=True)
+    effects: Effects = nested(Effects, default=Effects())
+    pairs: Pairs = nested(Pairs, default=Pairs())
+    arrangement: Arrangement = nested(Arrangement, default=Arrangement())
     protocol: tuple[Stage, ...] = declare(Many(kinds=KINDS), default=())
-    output: Output = one(Output, default=Output())
+    output: Output = nested(Output, default=Output())
 
     @property
     def literature(self) -> tuple[str, ...]:

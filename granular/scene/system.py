@@ -138,7 +138,7 @@ def _periods(scene: Scene, scales: Scales) -> tuple[float, float] | None:
 
 def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
     effects = scene.effects.laws
-    indices = {effect.key: place for place, effect in enumerate(effects)}
+    indices = {effect.key: index for index, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
     return EffectContext(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
 

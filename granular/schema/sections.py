@@ -185,7 +185,7 @@ class Points(Kind):
 class Numbers(Kind):
     """A list of quantities."""
 
-    each: Quantity = Quantity()
+    element: Quantity = Quantity()
 
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
@@ -193,7 +193,7 @@ class Numbers(Kind):
         result = []
         for index, item in enumerate(value):
             try:
-                result.append(self.each.parse(item, diameter))
+                result.append(self.element.parse(item, diameter))
             except FieldError as error:
                 raise error.within(str(index)) from None
         return tuple(result)
@@ -203,7 +203,7 @@ class Numbers(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class One(Kind):
+class Nested(Kind):
     """A nested section."""
 
     section: type[Section] | None = None
@@ -246,7 +246,7 @@ class Many(Kind):
     def _item(self, item: Any, diameter: float | None) -> Section:
         if self.kinds is None:
             assert self.section is not None
-            return One(section=self.section).parse(item, diameter)
+            return Nested(section=self.section).parse(item, diameter)
         if isinstance(item, tuple(self.kinds.values())):
             return item  # type: ignore[return-value]  # of a kind, by the line above
         if not isinstance(item, Mapping):
@@ -331,13 +331,13 @@ def numbers(
     least: float | None = None,
 ) -> Any:
     """List of numbers in an SI unit."""
-    return declare(Numbers(each=Quantity(unit=unit, above=above, least=least)), default)
+    return declare(Numbers(element=Quantity(unit=unit, above=above, least=least)), default)
 
 
-def one(
+def nested(
     section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
 ) -> Any:
-    return declare(One(optional, section=section), default)
+    return declare(Nested(optional, section=section), default)
 
 
 def many(section: type[Section], *, least: int = 0) -> Any:
@@ -347,7 +347,7 @@ def many(section: type[Section], *, least: int = 0) -> Any:
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
-    field_specifiers=(declare, quantity, integer, choice, text, points, numbers, one, many),
+    field_specifiers=(declare, quantity, integer, choice, text, points, numbers, nested, many),
 )
 class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""

@@ -174,7 +174,7 @@ def missing(error: ModuleNotFoundError) -> MissingError | None:
 def with_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return the package's ``__getattr__`` that says so where what it imports is not installed."""
 
-    def found(name: str) -> Any:
+    def get(name: str) -> Any:
         try:
             return attribute(name)
         except ModuleNotFoundError as error:
@@ -183,4 +183,4 @@ def with_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
                 raise
             raise advice from None
 
-    return found
+    return get

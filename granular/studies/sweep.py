@@ -222,7 +222,7 @@ def _outcomes(
                 waiting[case.key] = waiting.pop(case.key)
                 continue
             del waiting[case.key]
-            if cause is None and "cause" in _kept(case, outcome, directory):
+            if cause is None and "cause" in _store_outcome(case, outcome, directory):
                 unkept.append((case, outcome))
                 continue
             yield case, outcome
@@ -237,7 +237,7 @@ def _outcomes(
         elif deaths >= ATTEMPTS - 1:
             alone = 2 * (os.cpu_count() or 1)
     for case, outcome in unkept:
-        yield case, _kept(case, outcome, directory)
+        yield case, _store_outcome(case, outcome, directory)
 
 
 def _compute(
@@ -267,7 +267,7 @@ def _compute(
                 future.cancel()
 
 
-def _kept(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
+def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outcome:
     """Outcome, after it is kept where its worker has not done so: its disk may be another."""
     if directory is None:
         return outcome

@@ -139,7 +139,9 @@ def compute(
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failure("another sweep computes it", ELSEWHERE)
-            return _kept(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
+            return _run_and_store(
+                cache, case, measure, directory / "runs" / case.key if keep_runs else None
+            )
     except OF_THE_MACHINE as error:
         return failure(f"{type(error).__name__}: {error}", MACHINE)
     except Exception as error:
@@ -151,7 +153,7 @@ def failure(error: str, cause: str) -> Outcome:
     return {"figures": {}, "error": error, "cause": cause}
 
 
-def _kept(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
+def _run_and_store(cache: ResultCache, case: Case, measure: Measure, out: Path | None) -> Outcome:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the study has said what is damaged
         done: Outcome | None = cache.read(case.key)

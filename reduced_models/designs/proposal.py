@@ -128,11 +128,11 @@ def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
     """
-    damper = _solve(maps, _places(target), aim)
+    damper = _solve(maps, _coordinates_for(target), aim)
     return damper if damper is None or target.mass is None else damper._replace(mass=target.mass)
 
 
-def _places(target: DesignTarget) -> Coordinates:
+def _coordinates_for(target: DesignTarget) -> Coordinates:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
     fraction = _unit(target.small_share, LOWEST[3], HIGHEST[3])
     if target.mass is not None:
@@ -147,14 +147,14 @@ def _coordinates_of_grains(count: float, fraction: float) -> Coordinates:
 
 
 def _coordinates_of_mass(mass: float, fraction: float) -> Coordinates:
-    def places(grains: float, drag: float) -> np.ndarray | None:
+    def coordinates_at(grains: float, drag: float) -> np.ndarray | None:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
         load = mass / math.sqrt(count / REFERENCE_COUNT)
         position = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
         return None if abs(position) > 1.0 else np.array([position, grains, drag, fraction])
 
-    return places
+    return coordinates_at
 
 
 def _unit(value: float, low: float, high: float) -> float:
@@ -195,7 +195,7 @@ def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
             for narrow in [*candidate_targets(target)[::4], candidate_targets(target)[-1]]
             for item in _GRID
             for other in _GRID
-            if (index := _places(narrow)(item, other)) is not None
+            if (index := _coordinates_for(narrow)(item, other)) is not None
         ]
     )
     fixed = "the maps hold no damper"

@@ -61,10 +61,10 @@ def checked_histories(
         raise InputError(
             f"initial: {len(given)} motions for {len(records)} records; give one before each"
         )
-    return [_joined(history, record) for history, record in zip(given, records, strict=True)]
+    return [_join_record(history, record) for history, record in zip(given, records, strict=True)]
 
 
-def _joined(history: PistonRecord, record: PistonRecord) -> PistonRecord:
+def _join_record(history: PistonRecord, record: PistonRecord) -> PistonRecord:
     begin, end = float(record.time[0]), float(history.time[-1])
     step = float(record.time[-1] - begin) / (len(record) - 1)
     before = history.time < begin

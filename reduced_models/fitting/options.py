@@ -85,7 +85,7 @@ def pairs_of(
     law: Law,
     bounds: Bounds,
     fix: Mapping[str, float],
-    each: Sequence[Mapping[str, float]] = ({},),
+    by_record: Sequence[Mapping[str, float]] = ({},),
 ) -> dict[str, tuple[float, float]]:
     """Least and greatest values of parameters; equal ones where a value is given.
 
@@ -113,7 +113,7 @@ def pairs_of(
                 f"bounds of {name}: up to {high:g}, and the law holds for values above 0; raise it"
             )
         result[name] = (low, high)
-    for name, value in (*fix.items(), *(pair for own in each for pair in own.items())):
+    for name, value in (*fix.items(), *(pair for own in by_record for pair in own.items())):
         _check_name(law, name)
         if name in law.positive and value <= 0.0:
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
@@ -124,7 +124,7 @@ def pairs_of(
             )
         if name in fix:
             result[name] = (value, value)
-    if len({*fix, *each[0]}) >= len(law.parameters):
+    if len({*fix, *by_record[0]}) >= len(law.parameters):
         raise InputError("all parameters are fixed, so there is nothing to fit; leave one out")
     return result
 

@@ -49,7 +49,7 @@ def comparison_page(table: Comparison) -> Page:
 
 
 def made_text() -> str:
-    """When, and with which versions of what made the fits."""
+    """Add the date, and the versions of the libraries that made the fits."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     programs = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in programs.items())

@@ -116,7 +116,7 @@ def acceleration_of(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]
 
 def _found_or_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
-    result = _found(rates, slopes, state)
+    result = _find_rest(rates, slopes, state)
     if result is not JUMPS or len(state) > 2:
         return result
     creep = np.array([0.0, _CREEP])
@@ -124,11 +124,11 @@ def _found_or_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing
     def mean(function: Field) -> Field:
         return lambda at: 0.5 * (function(at + creep) + function(at - creep))
 
-    result = _found(mean(rates), mean(slopes), state)
+    result = _find_rest(mean(rates), mean(slopes), state)
     return result._replace(damping_ratio=math.inf) if isinstance(result, SmallSwing) else result
 
 
-def _found(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+def _find_rest(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """By Newton's method, and the eigenvalues of what is linear there."""
     state = state.copy()
     with np.errstate(all="ignore"):

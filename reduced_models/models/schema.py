@@ -101,11 +101,11 @@ def _maybe(check: Check) -> Check:
     return lambda where, value: None if value is None else check(where, value)
 
 
-def _list(each: Check, most: int = _MOST_ITEMS) -> Check:
+def _list(element: Check, most: int = _MOST_ITEMS) -> Check:
     def check(where: str, value: Any) -> list[Any]:
         if not isinstance(value, list | tuple) or len(value) > most:
             raise _wrong(where, value, f"a list of at most {most} items")
-        return [each(f"{where}.{place}", item) for place, item in enumerate(value)]
+        return [element(f"{where}.{index}", item) for index, item in enumerate(value)]
 
     return check
 
@@ -121,11 +121,13 @@ def _pair(where: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _table(each: Check) -> Check:
+def _table(element: Check) -> Check:
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
             raise _wrong(where, value, f"a table of at most {_MOST_ITEMS} entries")
-        return {_text(200)(where, key): each(f"{where}.{key}", item) for key, item in value.items()}
+        return {
+            _text(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()
+        }
 
     return check
 

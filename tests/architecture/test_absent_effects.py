@@ -32,7 +32,7 @@ def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr("granular.run.run.advance", spy)
     simulate(scene, 1e-6, 1e-4, progress=False)
-    place = advance._cache._place(asked[0], advance.overloads[asked[0]].library.codegen)
+    place = advance._cache._entry(asked[0], advance.overloads[asked[0]].library.codegen)
     body = read_sealed(*place)
     assert body is not None
     _, (library, *_) = pickle.loads(body)
@@ -89,7 +89,7 @@ def test_absent_effects_allocate_nothing() -> None:
         workspaces = {
             type(workspace).__name__ for workspace in state.workspaces if workspace is not None
         }
-        return (held - {"rooms"}) | workspaces
+        return (held - {"workspaces"}) | workspaces
 
     bare = arrays()
     assert system.constants.masses is None

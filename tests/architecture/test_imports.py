@@ -105,7 +105,7 @@ def test_no_circle_of_folders(package: str) -> None:
 
 
 def test_a_circle_is_seen(tmp_path: Path) -> None:
-    (tmp_path / "house" / "workspace").mkdir(parents=True)
+    (tmp_path / "house" / "room").mkdir(parents=True)
     for name, text in {
         "__init__": "from house.room import table",
         "low": "import math",
@@ -118,7 +118,7 @@ def test_a_circle_is_seen(tmp_path: Path) -> None:
     assert circles(imports_within("house", tmp_path)) == {"house.room.table", "house.room.chair"}
     assert circles(imports_of_folders("house", tmp_path)) == set()
     (tmp_path / "house" / "low.py").write_text("from house.room import table", encoding="utf-8")
-    (tmp_path / "house" / "workspace" / "table.py").write_text("import house.low", encoding="utf-8")
+    (tmp_path / "house" / "room" / "table.py").write_text("import house.low", encoding="utf-8")
     assert circles(imports_of_folders("house", tmp_path)) == {"house.low", "house.room"}
 
 

@@ -22,8 +22,8 @@ cut_sum = entry(cut_off.cut_sum)
 def scattered(count: int, seed: int) -> np.ndarray:
     random = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
-    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
-    return 1.8 * place + random.uniform(-0.5, 0.5, (count, 2))
+    slot = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return 1.8 * slot + random.uniform(-0.5, 0.5, (count, 2))
 
 
 class Bed:

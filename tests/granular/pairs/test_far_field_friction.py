@@ -17,7 +17,7 @@ from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
-from granular.run.run_state import PLACE
+from granular.run.run_state import ARRANGE
 from granular.run.snapshot import restore, snapshot
 from granular.scene.system import natural_system
 
@@ -69,7 +69,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
             evaluate_far(far, Bed(state, run.constants), 0.0)
             assert (far.fx != before).any() == finds
             places[:] = start
-            run.look(PLACE)
+            run.look(ARRANGE)
     assert system.constants.acting.far is not None
     often = natural_system(on_mesh(rubbing(small_bed), far_every=1), method=method)
     assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)

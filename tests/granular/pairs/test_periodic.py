@@ -93,8 +93,8 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray) -> float:
     # Only half of the waves: those of -k are the same.
     series = sharp * count**2
     phases = [
-        np.exp(2j * np.pi / side * np.outer(np.arange(-m, m + 1), place))
-        for side, place, m in zip(sides, places.T, most, strict=True)
+        np.exp(2j * np.pi / side * np.outer(np.arange(-m, m + 1), slot))
+        for side, slot, m in zip(sides, places.T, most, strict=True)
     ]
     for m in range(most[0] + 1):
         k = 2.0 * np.pi * np.hypot(m / sides[0], np.arange(-most[1], most[1] + 1) / sides[1])

@@ -23,8 +23,8 @@ LISTING = VerletSettings(6.0, 2.0)
 def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
-    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
-    return padded_coordinates(1.8 * place + random.uniform(-0.5, 0.5, (count, 2)))
+    slot = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return padded_coordinates(1.8 * slot + random.uniform(-0.5, 0.5, (count, 2)))
 
 
 def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -1,0 +1,74 @@
+"""Names and docstrings are in the field's words, which a newcomer knows already."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("granular", "reduced_models", "validation")
+OPENINGS = {"What", "Whether", "How", "Of", "Where", "Which", "Who", "When"}
+
+PRIVATE = """
+one ones each found place places span spans room rooms way ways told swung begun sharpened joined
+thinned gathered holdout held_out whole share shares prices rung rungs glance shelf deed kept stored
+course departed departure kick_all held_back at_home with_walk
+"""
+"""Words that once stood for an item, an index, a duration, a buffer, a displacement, a fraction."""
+
+PRIVATE_PREFIXES = ("own_", "room_")
+
+
+@cache
+def trees() -> list[tuple[Path, ast.Module]]:
+    """Every file of the packages with its syntax tree."""
+    paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    return [(path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
+
+
+def names(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """Names that a file gives, with their lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name, node.lineno
+        elif isinstance(node, ast.arg):
+            yield node.arg, node.lineno
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id, node.lineno
+
+
+def is_private(name: str) -> bool:
+    """True for a word that a newcomer would take for something else."""
+    bare = name.strip("_").lower()
+    return bare in PRIVATE.split() or bare.startswith(PRIVATE_PREFIXES) or bare.endswith("_room")
+
+
+def test_no_private_words() -> None:
+    assert is_private("_found")
+    assert not is_private("found_defects")
+    wrong = [f"{path}" for path, _ in trees() if is_private(path.stem)]
+    wrong += [
+        f"{path}:{line}: {name}"
+        for path, tree in trees()
+        for name, line in names(tree)
+        if is_private(name)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_open_with_an_imperative_or_a_noun(package: str) -> None:
+    owners = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
+    wrong = []
+    for path, tree in trees():
+        if path.parts[0] != package:
+            continue
+        for node in ast.walk(tree):
+            text = ast.get_docstring(node) if isinstance(node, owners) else None
+            if text and text.split()[0].strip(",.:") in OPENINGS:
+                wrong.append(f"{path}: {text.splitlines()[0]}")
+    assert not wrong, "\n".join(wrong)
