@@ -169,7 +169,18 @@ HEADER = (
 
 
 def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
-    """One row a result."""
+    """One row a result.
+
+    Parameters
+    ----------
+    results : sequence of ConvergenceResult
+        Results, one a method and problem.
+
+    Returns
+    -------
+    TextTable
+        Table of texts.
+    """
     return TextTable(HEADER, tuple(result.summary() for result in results))
 
 

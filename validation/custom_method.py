@@ -52,6 +52,7 @@ def method_report(
     Parameters
     ----------
     directory : str or Path
+        Directory of the report.
     methods : sequence of str or Method
         A user's own, also by their names where those are known; see
         `granular.custom.import_user_code`.

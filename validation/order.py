@@ -158,6 +158,7 @@ def convergence(
     Parameters
     ----------
     problem : Problem
+        Exact problem.
     method : str
         One of `granular.methods.METHODS`, or any name where a solver is given.
     counts : sequence of int, optional
@@ -166,6 +167,11 @@ def convergence(
         Another integration than the toolkit's: a control.
     order : int, optional
         The order that the solver declares; the method's own without.
+
+    Returns
+    -------
+    ConvergenceResult
+        Errors over the steps, and the measured order.
 
     Raises
     ------

@@ -36,6 +36,16 @@ def values() -> dict[str, dict[str, Any]]:
 def published_value(key: str) -> Any:
     """Value at a key such as ``"damper.van_der_pol_like.alpha"`` or ``"section.name[2]"``.
 
+    Parameters
+    ----------
+    key : str
+        Path of a value in the table.
+
+    Returns
+    -------
+    Any
+        Number or text, in the unit of the thesis.
+
     Raises
     ------
     InputError
@@ -77,6 +87,19 @@ def _below(key: str, value: Any) -> Iterator[str]:
 
 
 def duration(count: int, speed: float) -> float:
-    """Duration of the compression of a bed of equal 6 mm grains [s]."""
+    """Duration of the compression of a bed of equal 6 mm grains [s].
+
+    Parameters
+    ----------
+    count : int
+        Number of grains.
+    speed : float
+        Speed of the piston [m/s].
+
+    Returns
+    -------
+    float
+        Duration [s].
+    """
     size = math.sqrt(count / REFERENCE_COUNT)
     return (max(START * size, LOWEST_START) - END * size) * 0.006 / speed

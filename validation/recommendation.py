@@ -137,6 +137,7 @@ def recommend_settings(
     Parameters
     ----------
     scene : Scene
+        Scene to run.
     quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
     tolerance : float
@@ -148,6 +149,11 @@ def recommend_settings(
         Further random starts.
     progress : bool
         Show which setting is being run.
+
+    Returns
+    -------
+    Recommendation
+        Setting with its time and error.
 
     Raises
     ------

@@ -75,11 +75,18 @@ def outcome(
     Parameters
     ----------
     case : HardCase
+        Case of the catalogue.
     method : str
+        Name of the method.
     dt : float or str, optional
         The case's own step without.
     full : bool
         Up to the case's full time instead of the quick one.
+
+    Returns
+    -------
+    Outcome
+        How the run ended, its error and its time.
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()

@@ -87,6 +87,11 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     blocks : int
         How many block means the test is made of.
 
+    Returns
+    -------
+    Trend
+        Slope over the run with its interval, and whether it is told from none.
+
     Raises
     ------
     InputError

@@ -57,10 +57,17 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
 
     Parameters
     ----------
+    function : function, optional
+        Kernel; without one a decorator is returned.
     parallel : bool
         Run its ``prange`` loops on Numba's threads.
     inline : bool
         Put the code into every caller, for what is met at every step and is short.
+
+    Returns
+    -------
+    function
+        Compiled kernel, or a decorator.
 
     Raises
     ------
@@ -87,10 +94,15 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
 
     Parameters
     ----------
-    function
-        A function; or a kernel of `compiled`, for another form of it that Python can call.
+    function : function, optional
+        Function, or a kernel of `compiled`, for another form of it that Python can call.
     inline : bool
         As in `compiled`.
+
+    Returns
+    -------
+    function
+        Compiled function, or a decorator.
     """
     if function is None:
         return functools.partial(entry, inline=inline)

@@ -190,6 +190,11 @@ def effect(written: type) -> Any:
         A class with parameters (`quantity`) and static functions. Its name in small letters is what
         a scene calls it: ``LeafSpring`` is ``leaf_spring``.
 
+    Returns
+    -------
+    type
+        The class, known to scenes by its name.
+
     Raises
     ------
     InputError
@@ -232,6 +237,16 @@ _NEED = {
 
 def wall_law(written: type) -> Any:
     """Make a class a law that scenes can name for a wall; see the head of this file.
+
+    Parameters
+    ----------
+    written : type
+        Class with static functions ``force``, ``energy`` and ``stiffness`` of the distance.
+
+    Returns
+    -------
+    type
+        The class, known to walls by its name.
 
     Raises
     ------

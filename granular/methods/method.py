@@ -117,7 +117,13 @@ class Method:
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Table as plain data, which `method_of` takes."""
+        """Table as plain data, which `method_of` takes.
+
+        Returns
+        -------
+        dict
+            Coefficients, order and name.
+        """
         plain: dict[str, Any] = {"name": self.name, "order": self.order, "source": self.source}
         if self.tableau is None:
             plain |= {"kicks": list(self.kicks), "drifts": list(self.drifts)}

@@ -22,6 +22,16 @@ _own: dict[str, Method] = {}
 def method_of(method: str | Method | Mapping[str, Any]) -> Method:
     """Return the method that is meant: by its name, as it is, or by its table as plain data.
 
+    Parameters
+    ----------
+    method : str, Method or mapping
+        Name, method, or table as plain data.
+
+    Returns
+    -------
+    Method
+        The method itself.
+
     Raises
     ------
     InputError
@@ -55,6 +65,16 @@ def method_setting(method: Method) -> str | dict[str, Any]:
 
 def method_named(name: str) -> Method:
     """Return the method of that name; with ``+compensated`` behind it, with compensated sums.
+
+    Parameters
+    ----------
+    name : str
+        Name, with ``+compensated`` behind it for compensated sums.
+
+    Returns
+    -------
+    Method
+        Method of that name.
 
     Raises
     ------

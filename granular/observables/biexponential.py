@@ -56,6 +56,11 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     x, y : float (n,)
         At least five samples, all finite.
 
+    Returns
+    -------
+    BiexponentialFit
+        Amplitudes A and B in the unit of y, rates l1 < l2 per unit of x, and their intervals.
+
     Raises
     ------
     InputError

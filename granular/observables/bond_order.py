@@ -71,6 +71,18 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     1 for a perfect hexagonal arrangement, whatever its orientations. NaN without interior cells.
     The arguments are those of `local_psi6`.
 
+    Parameters
+    ----------
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    cells : VoronoiCells, optional
+        Voronoi cells of these positions, where they are known already.
+
+    Returns
+    -------
+    float
+        Order parameter from 0 to 1.
+
     Examples
     --------
     >>> import numpy as np
@@ -93,6 +105,18 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     Its size is 1 only where all hexagons have the same orientation. NaN without interior cells. The
     arguments are those of `local_psi6`.
 
+    Parameters
+    ----------
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    cells : VoronoiCells, optional
+        Voronoi cells of these positions, where they are known already.
+
+    Returns
+    -------
+    complex
+        Complex order parameter, at most 1 in size.
+
     Examples
     --------
     >>> import numpy as np
@@ -110,7 +134,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
 
 
 def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> float:
-    """chi6 = N (<|Psi|^2> - <|Psi|>^2) over frames, of the global order Psi = mean of psi6.
+    """Susceptibility chi6 = N (<|Psi|^2> - <|Psi|>^2) over frames, where Psi = mean of psi6.
 
     (Weber, Marx, Binder, Phys. Rev. B 51, 14636, 1995.)
 
@@ -120,6 +144,11 @@ def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> floa
         `global_psi6` of every frame; NaN is ignored.
     counts : int or int (f,)
         Grains in the mean; N is their mean over the frames.
+
+    Returns
+    -------
+    float
+        Susceptibility, without unit.
 
     Raises
     ------
@@ -141,7 +170,7 @@ def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> floa
 
 
 def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4, 8)) -> np.ndarray:
-    """chi6 of the bed cut into 1, 2 x 2, 4 x 4 ... blocks of equal sides, float (k,).
+    """Susceptibility chi6 of the bed cut into 1, 2 x 2, 4 x 4 ... blocks of equal sides.
 
     Each block's order is the mean of psi6 over its grains with an interior cell, and its
     fluctuation that over the frames; the mean over the blocks is given. How it goes on to larger
@@ -154,6 +183,11 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
         Positions [m]; NaN for absent grains.
     blocks : sequence of int
         Blocks along each side.
+
+    Returns
+    -------
+    float64 (k,)
+        Susceptibility of each cut, without unit.
 
     Raises
     ------
@@ -190,7 +224,7 @@ def _block_mean(sums: np.ndarray, counts: np.ndarray) -> float:
 def bond_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, cells: VoronoiCells | None = None
 ) -> PairFunction:
-    """g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs of grains at the distance r.
+    """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs at the distance r.
 
     It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
     liquid (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction
@@ -204,6 +238,11 @@ def bond_correlation(
         Edges of the bins [m]; as for `radial_distribution` if not given.
     cells : VoronoiCells, optional
         Voronoi cells of the same positions, if known.
+
+    Returns
+    -------
+    PairFunction
+        Mean of each bin, without unit, and the number of its pairs.
 
     Raises
     ------
@@ -227,7 +266,7 @@ def bond_relaxation(
     lags: np.ndarray | None = None,
     periods: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """g6(t) = Re <psi6*(0) psi6(t)> of one grain, over grains and frames (k,).
+    """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)> of a grain, over grains and frames (k,).
 
     It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
     liquid (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). Grains count that have an interior
@@ -241,6 +280,11 @@ def bond_relaxation(
         Numbers of frames; about 30 at even ratios if not given.
     periods : (float, float), optional
         Sides of a periodic cell [m], in which neighbours are looked for.
+
+    Returns
+    -------
+    float64 (k,)
+        Correlation at each lag, without unit.
 
     Raises
     ------

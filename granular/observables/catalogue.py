@@ -168,11 +168,12 @@ def per_frame(
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     function : str or function of Frame
         A name of `OBSERVABLES`, or a function that returns a number, a number, a vector or a tensor
         for each grain, or a mapping of labels to such values.
     start, stop : float
-        [s]
+        [s].
 
     Returns
     -------

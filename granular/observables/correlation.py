@@ -63,13 +63,14 @@ def per_distance(
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     function : function of positions (n, 2) [m] and edges (k + 1,) [m]
         `radial_distribution`, `bond_correlation` or `translational_correlation`, or one's own.
         Each frame has its own box and its own reciprocal lattice vector.
     edges : float (k + 1,), optional
         Edges of the bins [m]; those of the frame that reach least if not given.
     start, stop : float
-        [s]
+        [s].
 
     Returns
     -------
@@ -199,6 +200,11 @@ def radial_distribution(
         Lowest and highest x and y of the rectangle that the grains could be in [m]; that of the
         outermost centres if not given.
 
+    Returns
+    -------
+    PairFunction
+        Function g of each bin, without unit, and the number of its pairs.
+
     Raises
     ------
     InputError
@@ -255,11 +261,16 @@ def spatial_correlation(
     Parameters
     ----------
     positions : float (n, 2)
-        [m]
+        [m].
     values : float (n,)
         Grains whose value or position is NaN are left out.
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
+
+    Returns
+    -------
+    PairFunction
+        Correlation of each bin, 1 for equal deviations, and the number of its pairs.
 
     Raises
     ------

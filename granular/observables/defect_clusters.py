@@ -102,6 +102,11 @@ def detect_defects(
     cells : VoronoiCells, optional
         Voronoi cells of the same positions, if known.
 
+    Returns
+    -------
+    Defects
+        Kinds, positions [m], Burgers vectors and charges of the defects.
+
     Raises
     ------
     InputError

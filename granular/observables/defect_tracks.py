@@ -343,8 +343,9 @@ def track_defects(
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     start, stop : float
-        [s]
+        [s].
     reach : float
         Greatest displacement from frame to frame, in spacings.
     memory : int

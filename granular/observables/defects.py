@@ -108,6 +108,17 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
 
     Pentagons have the charge 1 and heptagons -1; grains without an interior cell have 0.
 
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the grains.
+
+    Returns
+    -------
+    int64 (n,)
+        1 for a pentagon, -1 for a heptagon, 0 for a hexagon and where there is no interior
+        cell.
+
     Examples
     --------
     >>> import numpy as np
@@ -147,6 +158,11 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
         [m]; NaN for absent grains.
     cells : VoronoiCells, optional
         Voronoi cells of the same positions, if known.
+
+    Returns
+    -------
+    Dislocations
+        Pairs, positions [m] and Burgers vectors.
 
     Raises
     ------

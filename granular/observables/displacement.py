@@ -37,12 +37,18 @@ def per_lag(
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     function : function of frames (f, n, 2) [m] and lags (k,)
         `mean_square_displacement`, `non_gaussian_parameter`, `lindemann_parameter` or
         `bond_relaxation`, or one's own. Positions are not brought back into a periodic cell; a
         function with the argument ``periods`` is given its sides.
     start, stop : float
-        [s]
+        [s].
+
+    Returns
+    -------
+    xarray.DataArray
+        Values on ``lag`` [s].
 
     Raises
     ------
@@ -100,6 +106,11 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     lags : int (k,), optional
         Numbers of frames; about 30 at even ratios if not given.
 
+    Returns
+    -------
+    float64 (k,)
+        Mean square at each lag [m^2].
+
     Raises
     ------
     InputError
@@ -110,11 +121,25 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
 
 @observable("1", "non-Gaussian parameter alpha_2")
 def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -> np.ndarray:
-    """alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of displacements r in the time t; 0 if they are normal.
+    """Non-Gaussian parameter alpha_2(t) = <r^4>/(2 <r^2>^2) - 1 of displacements r in the time t.
+
+    It is 0 where the displacements are normally distributed.
 
     In two dimensions (Rahman, Phys. Rev. 136, A405, 1964, has it in three). It peaks where some
     grains leave their cages and others do not. NaN where nothing moves. Arguments and errors as of
     `mean_square_displacement`.
+
+    Parameters
+    ----------
+    frames : float64 (f, n, 2)
+        Positions of the grains in each frame [m]; NaN for absent ones.
+    lags : int (k,), optional
+        Lags in frames; by default evenly spread ones.
+
+    Returns
+    -------
+    float64 (k,)
+        Parameter at each lag, without unit.
     """
     second, fourth = _powers(frames, lags)
     squared = np.where(second > 0.0, second, np.nan) ** 2
@@ -141,7 +166,7 @@ def lindemann_parameter(
     lags: np.ndarray | None = None,
     periods: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2) over neighbours i and j.
+    """Lindemann parameter gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2) over neighbours i and j.
 
     du is the displacement of a grain in the time t, neighbours are those of the Voronoi cells of
     the earlier frame with an interior cell both, and a is the spacing of the hexagonal lattice of
@@ -162,6 +187,7 @@ def lindemann_parameter(
     Returns
     -------
     float (k,)
+        Parameter at each lag, without unit.
 
     Raises
     ------
@@ -219,6 +245,11 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     first, second : float (n, 2)
         Positions in both frames [m]; NaN for absent grains.
 
+    Returns
+    -------
+    NonAffineMotion
+        D2min [m^2] and the local strain of each grain.
+
     Raises
     ------
     InputError
@@ -250,6 +281,18 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
 
 def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     """D2min of each grain since ``every`` frames before, on (``frame``, ``grain``) [m^2].
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    every : int
+        Frames between the two that are compared.
+
+    Returns
+    -------
+    xarray.DataArray
+        D2min [m^2] on (``frame``, ``grain``); NaN without an interior cell.
 
     Raises
     ------

@@ -41,6 +41,16 @@ def piston_force(run: Trajectory) -> xarray.DataArray:
 def wall_forces(run: Trajectory) -> xarray.DataArray:
     """Force of the grains on every wall that acts, outwards [N], on (``time``, ``wall``).
 
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    xarray.DataArray
+        Force on each wall [N] on (``time``, ``wall``).
+
     Raises
     ------
     InputError
@@ -64,6 +74,16 @@ def interaction_forces(frame: Frame) -> np.ndarray:
 
     These are the frame's forces without weight, and without inertia where the cell is shaken: the
     resulting magnetic force of [D, 4.3.5], and contact where the scene has it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Instant of a run.
+
+    Returns
+    -------
+    float64 (n, 2)
+        Force on each grain [N].
     """
     acceleration = np.zeros(2)
     gravity, shaking = frame.scene.effects.gravity, frame.scene.effects.shaking
@@ -88,6 +108,7 @@ def compressive_forces(
     Parameters
     ----------
     scene : Scene
+        Scene that the grains belong to.
     positions : float (n, 2)
         [m]; NaN for absent grains.
     piston_height : float, optional
@@ -156,6 +177,7 @@ def grain_virials(
     Parameters
     ----------
     scene : Scene
+        Scene that the grains belong to.
     positions : float (n, 2)
         [m]; NaN for absent grains.
     piston_height : float, optional
@@ -187,6 +209,17 @@ def grain_stresses(
 ) -> np.ndarray:
     """`grain_virials` over the area of the Voronoi cell: the stress tensor of each grain.
 
+    Parameters
+    ----------
+    scene : Scene
+        Scene that the grains belong to.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    piston_height : float, optional
+        Height of the piston [m]; none if not given.
+    cells : VoronoiCells, optional
+        Voronoi cells of these positions, where they are known already.
+
     Returns
     -------
     float (n, 2, 2)
@@ -202,7 +235,24 @@ def grain_pressures(
     piston_height: float | None = None,
     cells: VoronoiCells | None = None,
 ) -> np.ndarray:
-    """Half the trace of `grain_stresses` (n,) [N/m]; NaN without an interior Voronoi cell."""
+    """Half the trace of `grain_stresses` (n,) [N/m]; NaN without an interior Voronoi cell.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene that the grains belong to.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    piston_height : float, optional
+        Height of the piston [m]; none if not given.
+    cells : VoronoiCells, optional
+        Voronoi cells of these positions, where they are known already.
+
+    Returns
+    -------
+    float64 (n,)
+        Pressure of each grain in two dimensions [N/m].
+    """
     stresses = grain_stresses(scene, positions, piston_height, cells)
     return np.asarray(0.5 * np.trace(stresses, axis1=1, axis2=2))
 
@@ -251,6 +301,16 @@ def force_modes(frame: Frame) -> DipTest:
     """Test the compressive forces of a frame, of all species together, for more than one mode.
 
     Grains and errors as of `force_distribution`.
+
+    Parameters
+    ----------
+    frame : Frame
+        Instant of a run.
+
+    Returns
+    -------
+    DipTest
+        Dip of the distribution and its probability under one mode.
     """
     return dip_test(_inner_forces(frame))
 

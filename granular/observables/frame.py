@@ -71,6 +71,11 @@ def observable(
     name : str, optional
         By which tables and commands know it; the function's if not given.
 
+    Returns
+    -------
+    function
+        Decorator that marks a function.
+
     Raises
     ------
     InputError
@@ -150,6 +155,18 @@ def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
     """Frame of a run by its index, the last one if not given; negative ones count from the end.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    index : int
+        Number of the frame; negative ones count from the end.
+
+    Returns
+    -------
+    Frame
+        The frame, in SI units.
 
     Raises
     ------

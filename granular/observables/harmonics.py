@@ -72,12 +72,18 @@ def harmonic_response(
     time : float (n,)
         [s], not decreasing.
     drive, response : float (n,)
+        Driving quantity at these times.
     frequency : float
         Frequency of the drive [Hz].
     harmonics : int
         The highest one that is fitted.
     discard : float, optional
         Length of the transient at the start that is left out [s]; half of the record if not given.
+
+    Returns
+    -------
+    HarmonicResponse
+        Amplitude ratio and phase [rad] of each harmonic, with standard errors.
 
     Raises
     ------
@@ -156,6 +162,7 @@ def stage_response(
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     stage : str, optional
         Name of the stage; the only one of these kinds if not given.
     harmonics : int

@@ -103,6 +103,11 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
 def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """`hysteresis_energy` of every cycle of compression and expansion of a run.
 
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
     Returns
     -------
     xarray.Dataset

@@ -64,6 +64,11 @@ def dipole_strength(moment: float) -> float:
     ----------
     moment : float
         Magnetic moment of each [A m^2].
+
+    Returns
+    -------
+    float
+        Strength C [J m^3].
     """
     from granular.schema.scales import MAGNETIC_CONSTANT
 
@@ -88,6 +93,11 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
         Grains an area [1/m^2].
     strength : float
         C of the energy C/r^3 of a pair [J m^3]; see `dipole_strength`.
+
+    Returns
+    -------
+    Moduli
+        Pressure and moduli [N/m].
 
     Raises
     ------
@@ -114,7 +124,12 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
     density, strength : float
         As of `crystal_moduli`.
     temperature : float
-        k_B T [J].
+        K_B T [J].
+
+    Returns
+    -------
+    float
+        Gamma, without unit.
 
     Raises
     ------
@@ -135,10 +150,16 @@ def theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
     Parameters
     ----------
     moduli : Moduli
+        Moduli of the crystal [N/m].
     density : float
-        [1/m^2]
+        [1/m^2].
     temperature : float
-        k_B T [J].
+        K_B T [J].
+
+    Returns
+    -------
+    float
+        K, without unit.
 
     Raises
     ------
@@ -208,6 +229,11 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         [m]; NaN for absent grains.
     reach : float
         In mean spacings.
+
+    Returns
+    -------
+    BedModuli
+        Pressure and moduli [N/m], with the number of grains that were counted.
 
     Raises
     ------

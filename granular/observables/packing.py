@@ -64,6 +64,16 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
 
     Where grains leave the cell, those of the latest frame count.
 
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    xarray.DataArray
+        Fraction of the area below the piston, on ``time``.
+
     Raises
     ------
     InputError
@@ -111,7 +121,7 @@ def area_fraction_profile(
     positions : float (n, 2)
         [m]; NaN for absent grains.
     diameters : float (n,)
-        [m]
+        [m].
     width : float
         Width of the cell [m].
     edges : float (k + 1,)
@@ -158,6 +168,7 @@ def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.Dat
     Parameters
     ----------
     run : Trajectory
+        Finished run, or one that was cut off.
     thickness : float, optional
         Thickness of the strips [m]; a diameter of the first species if not given.
 
@@ -258,6 +269,16 @@ def depaula_pair_distance(positions: np.ndarray) -> float:
     De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by
     N (N - 1), while its eq. 2.1 sums over all i and j.
 
+    Parameters
+    ----------
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+
+    Returns
+    -------
+    float
+        Half of the mean distance of all pairs [m].
+
     Examples
     --------
     >>> import numpy as np
@@ -292,7 +313,7 @@ def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
     positions : float (n, 2)
         [m]; NaN for absent grains.
     piston_height : float
-        [m]
+        [m].
 
     Returns
     -------

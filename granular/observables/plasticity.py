@@ -81,11 +81,16 @@ def plastic_events(time: np.ndarray, values: np.ndarray, least: float) -> Plasti
     Parameters
     ----------
     time : float (n,)
-        [s]
+        [s].
     values : float (n,)
         Such as the piston's force under compression, ``run.dataset["piston_force"]``.
     least : float
         Smallest drop that counts, above the noise, in the unit of the values.
+
+    Returns
+    -------
+    PlasticEvents
+        Start, end and drop of each event.
 
     Raises
     ------
@@ -116,8 +121,14 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     Parameters
     ----------
     sizes : float (k,)
+        Sizes of the drops, in any one unit.
     least : float
         Smallest drop that counts, in the same unit.
+
+    Returns
+    -------
+    DropStatistics
+        Exponent with its standard error, mean size and number of drops.
 
     Raises
     ------
@@ -181,6 +192,16 @@ def area_change(strain: np.ndarray) -> np.ndarray:
 
 def slip_of_frames(frames: np.ndarray) -> Slip:
     """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
+
+    Parameters
+    ----------
+    frames : float64 (f, n, 2)
+        Positions of the grains in each frame [m]; NaN for absent ones.
+
+    Returns
+    -------
+    Slip
+        Distortion carried by dislocations, without unit, and what of it is known.
 
     Raises
     ------
@@ -261,7 +282,18 @@ def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
 
 
 def elastic_strain(frames: np.ndarray) -> np.ndarray:
-    """(1/2) log M of the inner bonds of frames (f, n, 2), less that of the first (f, 2, 2)."""
+    """(1/2) log M of the inner bonds of frames (f, n, 2), less that of the first (f, 2, 2).
+
+    Parameters
+    ----------
+    frames : float64 (f, n, 2)
+        Positions of the grains in each frame [m]; NaN for absent ones.
+
+    Returns
+    -------
+    float64 (f, 2, 2)
+        Strain of each frame, without unit.
+    """
     result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in frames])
     return np.asarray(result - result[0])
 

@@ -99,6 +99,20 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
 
     The colours are those of ``granular render --colour sides``: de Paula has green and red, which
     some eyes do not tell apart.
+
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the positions.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
     """
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
@@ -129,7 +143,22 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
 def plot_dislocations(
     dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector."""
+    """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector.
+
+    Parameters
+    ----------
+    dislocations : Dislocations
+        Dislocations of these positions.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax, 7.2, 4.2)
     points = 1e3 * np.asarray(positions)
     ax.plot(*points.T, ".", color=GREY, markersize=3.0)
@@ -150,7 +179,22 @@ def plot_dislocations(
 def plot_defect_paths(
     tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors."""
+    """Paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors.
+
+    Parameters
+    ----------
+    tracked : xarray.Dataset
+        Tracks, as `track_defects` makes them.
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patheffects import withStroke
 
@@ -191,7 +235,20 @@ def plot_defect_paths(
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Observable on ``frame`` or ``time``; one line for each value of a second dimension."""
+    """Observable on ``frame`` or ``time``; one line for each value of a second dimension.
+
+    Parameters
+    ----------
+    series : xarray.DataArray
+        Observable, as `per_frame` makes it.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     along = "time" if "time" in series.dims else "frame"
     time = series["time" if along == "time" else "frame_time"]
@@ -208,7 +265,20 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
 
 
 def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
-    """Piston force over piston height, down and up [D, Fig. 3.4]."""
+    """Piston force over piston height, down and up [D, Fig. 3.4].
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
     moving = np.gradient(height)
@@ -222,7 +292,20 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2]."""
+    """Local area fraction by depth below the piston, of one frame or of several [D, Fig. 3.2].
+
+    Parameters
+    ----------
+    profile : xarray.DataArray
+        Area fraction on ``depth`` [m], as `depth_profile` makes it.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
     for k in range(frames.sizes["frame"]):
@@ -245,7 +328,20 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
 
 
 def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """g(r) or g6(r) of a run, on ``distance``."""
+    """Correlation g(r) or g6(r) of a run, on ``distance``.
+
+    Parameters
+    ----------
+    function : xarray.DataArray
+        Correlation on ``distance`` [m], as `per_distance` makes it.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     ax.plot(1e3 * function["distance"], function)
     ax.set(xlabel="distance [mm]", ylabel=_label(function))
@@ -253,7 +349,20 @@ def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None
 
 
 def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = None) -> Axes:
-    """Probability density of the force on the grains, by species [D, Fig. 4.21]."""
+    """Probability density of the force on the grains, by species [D, Fig. 4.21].
+
+    Parameters
+    ----------
+    histograms : mapping of str to Histogram
+        Histogram of the forces [N] of each species.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     for k, (name, histogram) in enumerate(histograms.items()):
         ax.stairs(
@@ -273,6 +382,22 @@ def plot_forces(
 
     Each species' arrows are drawn over its greatest force, in a colour of its own; grains whose
     force (n, 2) is NaN have none.
+
+    Parameters
+    ----------
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+    forces : float64 (n, 2)
+        Force on each grain [N].
+    species : int (n,)
+        Species of each grain.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
     """
     ax = axes_or_new(ax, 7.2, 4.2)
     points, forces = 1e3 * np.asarray(positions), np.asarray(forces, dtype=np.float64)
@@ -291,7 +416,22 @@ def plot_forces(
 def plot_order_correlation(
     orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13]."""
+    """Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
+
+    Parameters
+    ----------
+    orders : float64 (k,)
+        Psi6 of each bed.
+    fractions : float64 (k,)
+        Fraction of hexagons of each bed.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax, 4.2, 3.4)
     orders, fractions = np.asarray(orders), np.asarray(fractions)
     known = np.isfinite(orders) & np.isfinite(fractions)
@@ -306,7 +446,24 @@ def plot_order_correlation(
 def plot_biexponential(
     fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None
 ) -> Axes:
-    """Return the samples and the fitted law [D, Fig. 4.8]."""
+    """Return the samples and the fitted law [D, Fig. 4.8].
+
+    Parameters
+    ----------
+    fit : BiexponentialFit
+        Fitted law.
+    x : float64 (k,)
+        Abscissae of the samples.
+    y : float64 (k,)
+        Ordinates of the samples.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     ax.plot(x, y, "o", markersize=4.0, label="samples")
     fine = np.linspace(np.min(x), np.max(x), 200)
@@ -317,7 +474,20 @@ def plot_biexponential(
 
 
 def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
-    """Amplitude ratio of each harmonic over the drive's frequency, with errors."""
+    """Amplitude ratio of each harmonic over the drive's frequency, with errors.
+
+    Parameters
+    ----------
+    responses : list of xarray.Dataset
+        Responses, as `stage_response` makes them.
+    ax : Axes, optional
+        Axes to draw on; new ones if not given.
+
+    Returns
+    -------
+    Axes
+        Axes that hold the drawing.
+    """
     ax = axes_or_new(ax)
     frequencies = [response.attrs["frequency"] for response in responses]
     for k, harmonic in enumerate(responses[0]["harmonic"].values):

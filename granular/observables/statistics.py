@@ -36,6 +36,11 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
     first, second : float (n,)
         Samples where one is NaN are ignored.
 
+    Returns
+    -------
+    Correlation
+        Coefficient, its interval, and its probability by chance.
+
     Raises
     ------
     InputError
@@ -90,6 +95,16 @@ def axial_order(vectors: np.ndarray) -> AxialOrder:
 
     Vectors that are NaN or 0 are left out. The probability is exp(-n R^2) with the first correction
     for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
+
+    Parameters
+    ----------
+    vectors : float64 (n, 2)
+        Vectors of any unit.
+
+    Returns
+    -------
+    AxialOrder
+        Both parameters from 0 to 1, with their directions [rad] and probabilities by chance.
 
     Raises
     ------
@@ -151,6 +166,11 @@ def dip_test(values: np.ndarray) -> DipTest:
     ----------
     values : float (n,)
         NaN is ignored.
+
+    Returns
+    -------
+    DipTest
+        Dip, and its probability under one mode.
 
     Raises
     ------
@@ -304,6 +324,16 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     """Histogram of the values in the bins of `knuth_bins`, from the least to the greatest.
 
     Values that are all the same have one bin about them, of width 1.
+
+    Parameters
+    ----------
+    values : float64 (k,)
+        Values of any unit; NaN is left out.
+
+    Returns
+    -------
+    Histogram
+        Counts, densities and edges of the bins.
 
     Raises
     ------

@@ -26,7 +26,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities : float (n, 2)
         [m/s]; NaN for absent grains.
     masses : float (n,)
-        [kg]
+        [kg].
 
     Returns
     -------
@@ -84,6 +84,7 @@ def configurational_temperature(
     Parameters
     ----------
     scene : Scene
+        Scene that the grains belong to.
     frames : float (f, n, 2)
         Positions [m].
     piston_height : float or float (f,), optional
@@ -91,6 +92,11 @@ def configurational_temperature(
     forces : float (f, n, 2), optional
         Forces of a run at these frames [N]: weight counts then, and so does the inertia of a shaken
         cell. Those of dipoles and walls if not given.
+
+    Returns
+    -------
+    float
+        Boltzmann's constant times the temperature [J].
 
     Raises
     ------

@@ -32,11 +32,12 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
     positions : float (n, 2)
         [m]; NaN for absent grains.
     wave_vectors : float (k, 2)
-        [1/m]
+        [1/m].
 
     Returns
     -------
     float (k,)
+        Structure factor, without unit; about 1 without order.
 
     Raises
     ------
@@ -59,6 +60,16 @@ def lattice_vector(positions: np.ndarray) -> np.ndarray:
 
     Where S(q) is greatest within `RING` of the length that the hexagonal lattice of the mean cell
     area has, in a half plane.
+
+    Parameters
+    ----------
+    positions : float64 (n, 2)
+        Positions of the grains [m]; NaN for absent ones.
+
+    Returns
+    -------
+    float64 (2,)
+        Reciprocal lattice vector [1/m].
 
     Raises
     ------
@@ -108,6 +119,11 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
     vector : float (2,), optional
         G, a reciprocal lattice vector [1/m]; `lattice_vector` of the positions if not given.
 
+    Returns
+    -------
+    float
+        Order parameter from 0 to 1.
+
     Raises
     ------
     InputError
@@ -122,7 +138,7 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
 def translational_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, vector: np.ndarray | None = None
 ) -> PairFunction:
-    """g_T(r) = Re <exp(i G (r_i - r_j))>, the mean over pairs of grains at the distance r.
+    """Correlation g_T(r) = Re <exp(i G (r_i - r_j))>, the mean over pairs at the distance r.
 
     It tends to a constant or falls algebraically in a crystal in two dimensions, and falls
     exponentially where dislocations are free (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979).
@@ -135,6 +151,11 @@ def translational_correlation(
         Edges of the bins [m]; as for `radial_distribution` if not given.
     vector : float (2,), optional
         As of `translational_order`.
+
+    Returns
+    -------
+    PairFunction
+        Correlation of each bin, without unit, and the number of its pairs.
 
     Raises
     ------

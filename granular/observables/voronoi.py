@@ -87,6 +87,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
+        Corners [m], neighbours and areas [m^2], and the grains whose cells are interior.
 
     Raises
     ------
@@ -140,6 +141,16 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     """Fractions of pentagons, hexagons, heptagons and all others among the interior cells.
 
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the grains.
+
+    Returns
+    -------
+    PolygonFractions
+        Four fractions, which add up to 1.
+
     Examples
     --------
     >>> import numpy as np
@@ -162,6 +173,16 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
 
 def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     """Corners of every interior cell, counter-clockwise, as float (k, 2) [m] by grain.
+
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the grains.
+
+    Returns
+    -------
+    dict of int to array
+        Corners [m] of each interior cell, float64 (k, 2), by the grain's number.
 
     Examples
     --------
@@ -264,6 +285,11 @@ def _spread(values: np.ndarray, positions: np.ndarray, count: int, absent: objec
 
 def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
     """Regularity of each interior hexagon, 1 for a regular one and less for any other.
+
+    Parameters
+    ----------
+    cells : VoronoiCells
+        Voronoi cells of the grains.
 
     Returns
     -------

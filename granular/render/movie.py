@@ -75,11 +75,6 @@ def movie(
     Path
         The file.
 
-    Warns
-    -----
-    UserWarning
-        If frames lie so far apart that the paths between them are guesses.
-
     Raises
     ------
     InputError
@@ -88,6 +83,11 @@ def movie(
         ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt
         After Ctrl-C, when the file is complete.
+
+    Warns
+    -----
+    UserWarning
+        If frames lie so far apart that the paths between them are guesses.
     """
     colouring(colour)
     path = Path(path)

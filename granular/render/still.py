@@ -47,6 +47,7 @@ def still(
     Returns
     -------
     matplotlib Figure
+        Picture, which `save` writes.
 
     Raises
     ------
@@ -87,6 +88,20 @@ def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) ->
 
 def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a picture as PNG, SVG or PDF, by the ending of the path.
+
+    Parameters
+    ----------
+    figure : Figure
+        Picture, as `still` makes it.
+    path : str or Path
+        File to read or write.
+    overwrite : bool
+        Replace a file that is there.
+
+    Returns
+    -------
+    Path
+        The file that was written.
 
     Raises
     ------

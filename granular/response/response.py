@@ -145,18 +145,25 @@ def frequency_response(
     scene : Scene
         With a host under a sine.
     frequencies : sequence of float
-        [Hz]
+        [Hz].
     amplitudes : sequence of float, optional
         Amplitudes of the force [N], or of the base's acceleration or displacement; the scene's own
         if not given.
     duration : float
-        [s]
+        [s].
     dt : float or str
         As of `simulate`.
     out : str or Path, optional
         Directory that keeps what is done; the same call goes on from there.
     workers : int, optional
         Processes.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Response
+        Amplitudes [m] and phases [rad] at each frequency [Hz].
 
     Raises
     ------
@@ -270,6 +277,18 @@ def save_response(response: Response, directory: str | Path) -> Path:
 
     Its numbers keep every bit.
 
+    Parameters
+    ----------
+    response : Response
+        Measured response.
+    directory : str or Path
+        Directory of the result.
+
+    Returns
+    -------
+    Path
+        The file that was written.
+
     Raises
     ------
     StoreError
@@ -288,6 +307,16 @@ def save_response(response: Response, directory: str | Path) -> Path:
 
 def load_response(directory: str | Path) -> Response:
     """Read a response that `save_response` or the command ``response`` wrote.
+
+    Parameters
+    ----------
+    directory : str or Path
+        Directory with ``response.json``.
+
+    Returns
+    -------
+    Response
+        The response, in SI units.
 
     Raises
     ------

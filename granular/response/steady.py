@@ -95,6 +95,13 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     change f' of the frequency and the decay rate delta, f' << delta^2/(2 pi). A hardening or
     softening machine jumps elsewhere upwards than downwards.
 
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+    points : int
+        Number of frequencies of the result.
+
     Returns
     -------
     xarray.Dataset

@@ -59,6 +59,13 @@ def run_sweep(
         As of `simulate`.
     out : str or Path, optional
         Directory that keeps the run, in ``run``; the same call goes on from there.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Response
+        Amplitudes [m] and phases [rad] over the frequency [Hz].
 
     Raises
     ------
@@ -239,6 +246,13 @@ def run_impulse(
     out : str or Path, optional
         Directory that keeps the run, in ``run``; the same call, also with another fraction or a
         longer duration, goes on from there.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Impulse
+        Motion after the impulse, and the settling time [s].
 
     Raises
     ------
@@ -310,6 +324,11 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
         Whose host is shaken by an impulse.
     fraction : float
         Above 0, below 1.
+
+    Returns
+    -------
+    float
+        Settling time [s].
 
     Raises
     ------

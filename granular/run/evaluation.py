@@ -58,10 +58,16 @@ def evaluate(
     Parameters
     ----------
     scene : Scene
+        Scene whose effects are evaluated.
     positions, velocities : float (n, 2)
         [m], [m/s]; at rest where no velocities are given. n is the scene's number of grains.
     piston_height : float, optional
         [m]; the scene's where not given.
+
+    Returns
+    -------
+    Evaluation
+        Forces [N], energies [J] and normal loads [N].
 
     Raises
     ------

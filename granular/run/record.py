@@ -124,6 +124,11 @@ class PistonRecord:
     def to_dataframe(self) -> pandas.DataFrame:
         """All columns as a table of pandas; units of its own ones in ``attrs``.
 
+        Returns
+        -------
+        pandas.DataFrame
+            One row a sample, in SI units.
+
         Examples
         --------
         >>> import numpy as np
@@ -140,7 +145,18 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the height [mm], or the angle [rad], over time."""
+        """Draw the height [mm], or the angle [rad], over time.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
         from granular.shared.plotting import axes_or_new
 
         ax = axes_or_new(ax)
@@ -167,6 +183,7 @@ class PistonRecord:
         Parameters
         ----------
         path : str or Path
+            File to read.
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
@@ -184,7 +201,17 @@ class PistonRecord:
     def from_csv(
         cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
     ) -> PistonRecord:
-        """Read a record from a file of text, whatever its name; see `from_file`."""
+        """Read a record from a file of text, whatever its name; see `from_file`.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+        units : mapping of str to str, optional
+            Units of the columns, instead of those in the file.
+        **said
+            As of `from_file`.
+        """
         from granular.readers.formats import TEXT
 
         return cls._read(Path(path), TEXT, units, said)
@@ -197,6 +224,15 @@ class PistonRecord:
 
         A unit stands behind a name, ``height [mm]``, or in the metadata of its field as ``units``
         (or ``unit``).
+
+        Parameters
+        ----------
+        path : str or Path
+            File to read.
+        units : mapping of str to str, optional
+            Units of the columns, instead of those in the file.
+        **said
+            As of `from_file`.
         """
         from granular.readers.formats import PARQUET
 
@@ -209,6 +245,15 @@ class PistonRecord:
         """Record in a DataFrame, an xarray object, or a mapping of names to arrays.
 
         Names and units are read as those of a file; see `from_file`.
+
+        Parameters
+        ----------
+        table : DataFrame, xarray object or mapping
+            Table with columns of time and height.
+        units : mapping of str to str, optional
+            Units of the columns, instead of those in the file.
+        **said
+            As of `from_file`.
 
         Raises
         ------
@@ -258,6 +303,11 @@ class PistonRecord:
     def from_interpretation(cls, meaning: Interpretation) -> PistonRecord:
         """Record that columns were taken for; see `granular.readers.interpretation`.
 
+        Parameters
+        ----------
+        meaning : Interpretation
+            Columns of a file with their roles and units.
+
         Raises
         ------
         RecordError
@@ -275,6 +325,11 @@ class PistonRecord:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; one that is there is replaced.
 
         Raises
         ------
@@ -295,6 +350,11 @@ class PistonRecord:
 
     def to_parquet(self, path: str | Path) -> None:
         """Write the record to a Parquet file that `from_parquet` reads back to the same bits.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; one that is there is replaced.
 
         Raises
         ------
@@ -322,6 +382,11 @@ class PistonRecord:
     def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
         """Record of such columns; those that are none of its own are further ones.
 
+        Parameters
+        ----------
+        columns : mapping of str to array (n,)
+            Columns in SI units; ``time`` and ``height`` are needed.
+
         Raises
         ------
         RecordError
@@ -339,6 +404,18 @@ class PistonRecord:
     def between(self, start: float, stop: float) -> PistonRecord:
         """Return the samples with start <= time <= stop [s].
 
+        Parameters
+        ----------
+        start : float
+            Least time [s].
+        stop : float
+            Greatest time [s].
+
+        Returns
+        -------
+        PistonRecord
+            Part of the record; its times are kept as they are.
+
         Examples
         --------
         >>> import numpy as np
@@ -351,11 +428,27 @@ class PistonRecord:
         return self._chosen((self.time >= start) & (self.time <= stop))
 
     def first(self, count: int) -> PistonRecord:
-        """First ``count`` samples."""
+        """First ``count`` samples.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples.
+
+        Returns
+        -------
+        PistonRecord
+            Beginning of the record.
+        """
         return self._chosen(slice(count))
 
     def from_zero(self) -> PistonRecord:
         """Return the same record with times that start at 0.
+
+        Returns
+        -------
+        PistonRecord
+            Record that begins at time 0.
 
         Examples
         --------
@@ -370,6 +463,18 @@ class PistonRecord:
 
     def mapped(self, shift: float, scale: float) -> PistonRecord:
         """Record of (height - shift)/scale.
+
+        Parameters
+        ----------
+        shift : float
+            Height at z = 0 [m].
+        scale : float
+            Height per unit of z [m].
+
+        Returns
+        -------
+        PistonRecord
+            Record in the coordinate z, without unit.
 
         Examples
         --------

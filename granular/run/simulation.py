@@ -62,6 +62,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene
+        Scene to run.
     dt : float or str
         Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
         `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to see what
@@ -90,6 +91,7 @@ def simulate(
     Returns
     -------
     Trajectory
+        Finished run with its data in SI units.
 
     Raises
     ------

@@ -48,6 +48,16 @@ def effect_names(scene: Scene) -> tuple[str, ...]:
 def scene_text(scene: Scene) -> str:
     """Scene for people to read.
 
+    Parameters
+    ----------
+    scene : Scene
+        Scene to describe.
+
+    Returns
+    -------
+    str
+        Lines about grains, effects and protocol.
+
     Examples
     --------
     >>> from granular import load_scene, scene_text
@@ -107,7 +117,18 @@ def run_figures(run: Trajectory) -> dict[str, Any]:
 
 
 def run_text(run: Trajectory) -> str:
-    """Run for people to read."""
+    """Run for people to read.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    str
+        Lines about steps, energy and stages.
+    """
     figures, scales = run_figures(run), Scales.of(run.scene.grains)
     lines = []
     for stage in run.stages:

@@ -109,7 +109,18 @@ class Trajectory:
         return (*self.scene.literature, *self.method.literature)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the piston's height over time; without a piston the kinetic energy of the grains."""
+        """Draw the piston's height over time; without a piston the kinetic energy of the grains.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
         from granular.shared.plotting import axes_or_new
 
         ax = axes_or_new(ax)
@@ -126,6 +137,11 @@ class Trajectory:
 
         ``run.view().save("view.html")`` writes it for a browser; it needs nothing else.
 
+        Returns
+        -------
+        LivePage
+            Page that a notebook shows and `save` writes.
+
         Raises
         ------
         InputError
@@ -139,6 +155,16 @@ class Trajectory:
 
     def stage(self, name: str) -> StageResult:
         """Return the result of a stage by its name.
+
+        Parameters
+        ----------
+        name : str
+            Name of a stage of the protocol.
+
+        Returns
+        -------
+        StageResult
+            How and when the stage ended.
 
         Raises
         ------
@@ -163,6 +189,11 @@ class Trajectory:
         stage : str, optional
             A stage's name. Without: the stage that the scene names as ``output.record``, and the
             whole run where it names none.
+
+        Returns
+        -------
+        PistonRecord
+            Times [s], heights [m], velocities [m/s] and forces [N].
 
         Raises
         ------
@@ -216,7 +247,13 @@ class Trajectory:
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
-        """Return the method, steps, versions and timings of the run."""
+        """Return the method, steps, versions and timings of the run.
+
+        Returns
+        -------
+        dict
+            Settings by name, as plain data.
+        """
         return dict(json.loads(self.dataset.attrs["settings"]))
 
     @property
@@ -227,6 +264,16 @@ class Trajectory:
 
 def load_trajectory(path: str | Path) -> Trajectory:
     """Run from its directory, also one that is unfinished or was cut off.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory of the run.
+
+    Returns
+    -------
+    Trajectory
+        The run, whose data are read when they are used.
 
     Raises
     ------

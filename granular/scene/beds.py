@@ -168,8 +168,17 @@ def bidisperse(
         Diameter of the big grains [m].
     mixing : str
         ``"interspersed"`` or de Paula's ``"every-kth"``; see `Grains`.
-    speed, relaxation, seed
-        As in `mono_bed`.
+    speed : float
+        Speed of the piston [m/s].
+    relaxation : float
+        Time that the bed relaxes before and after, in units of de Paula's T.
+    seed : int
+        Seed of the random start.
+
+    Returns
+    -------
+    Scene
+        Scene of the cycle.
 
     Raises
     ------
@@ -223,11 +232,16 @@ def damper(
         Number of grains; widths and heights are scaled by sqrt(count/368), so that the bed keeps
         its packing.
     drag : float
-        gamma of a grain [kg/s].
+        Gamma of a grain [kg/s].
     drop, lift : float
         Height that the piston falls from, for 368 grains, and height that it is lifted by [D].
     seed : int
         Seed of the arrangement.
+
+    Returns
+    -------
+    Scene
+        Scene of the damper.
 
     Raises
     ------

@@ -23,6 +23,11 @@ def _is_file(path: Path) -> bool:
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes.
 
+    Returns
+    -------
+    tuple of str
+        Names that `load_scene` takes.
+
     Examples
     --------
     >>> from granular import scene_names
@@ -34,6 +39,16 @@ def scene_names() -> tuple[str, ...]:
 
 def load_scene(source: str | Path) -> Scene:
     """Return the packaged scene by its name, or a scene from a TOML file.
+
+    Parameters
+    ----------
+    source : str or Path
+        Name of a packaged scene, or path of a TOML file.
+
+    Returns
+    -------
+    Scene
+        The scene, validated.
 
     Raises
     ------

@@ -127,7 +127,29 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
 
 
 class Scene(Section):
-    """A complete description of a run. See the attributes' classes for their keys."""
+    """A complete description of a run. See the attributes' classes for their keys.
+
+    Attributes
+    ----------
+    name : str
+        Name for titles and messages.
+    grains : Grains
+        Species, their number and how they are mixed.
+    cell : Cell
+        Width and sides of the cell.
+    piston : Piston or None
+        Piston above the bed.
+    effects : Effects
+        Forces, flows and frames that act; what is not named costs nothing.
+    pairs : Pairs
+        How the forces between grains are summed.
+    arrangement : Arrangement
+        Positions and velocities at the start.
+    protocol : tuple of Stage
+        What the piston does, one stage after another.
+    output : Output
+        What is recorded, and how often.
+    """
 
     name: str = text(default="scene")
     grains: Grains = nested(Grains)
@@ -182,6 +204,11 @@ class Scene(Section):
         """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
 
         They follow from arrangement, grains, cell and piston, and were checked with the scene.
+
+        Returns
+        -------
+        tuple of arrays
+            Positions [m] and velocities [m/s], float64 (n, 2) each.
         """
         return initial_motion(
             self.arrangement, self.grains, self.cell, self.piston,
@@ -242,7 +269,13 @@ class Scene(Section):
             raise error.within("pairs") from None
 
     def greatest_height(self) -> float:
-        """Greatest height of piston and grains that is known before the run [m]."""
+        """Greatest height of piston and grains that is known before the run [m].
+
+        Returns
+        -------
+        float
+            Height [m].
+        """
         height = self.piston.height if self.piston is not None else 0.0
         highest = [height, float(self.initial_motion()[0][:, 1].max(initial=0.0))]
         for stage in self.protocol:
@@ -294,6 +327,11 @@ class Scene(Section):
             list is named by its index or its ``name``. None takes an optional part away, and
             ``arrangement.positions`` what was said of the grid, which they stand instead of.
 
+        Returns
+        -------
+        Scene
+            The changed scene; this one stays as it is.
+
         Raises
         ------
         SceneError
@@ -316,7 +354,15 @@ class Scene(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Scene from plain data; the unit D means the diameter of the first species."""
+        """Scene from plain data; the unit D means the diameter of the first species.
+
+        Parameters
+        ----------
+        plain : mapping of str
+            Plain data, as `to_plain` makes them.
+        diameter : float, optional
+            Diameter that the unit D stands for [m].
+        """
         return super().from_plain(plain, diameter or _first_diameter(plain))
 
     def __repr__(self) -> str:
@@ -348,13 +394,24 @@ class Scene(Section):
         return latex_text(repr(self))
 
     def to_toml(self) -> str:
-        """Scene as a TOML file's text; `load_scene` reads an equal scene from it."""
+        """Scene as a TOML file's text; `load_scene` reads an equal scene from it.
+
+        Returns
+        -------
+        str
+            Text of the file.
+        """
         import tomli_w
 
         return tomli_w.dumps(self.to_plain())
 
     def save(self, path: str | Path) -> None:
         """Write the scene to a TOML file.
+
+        Parameters
+        ----------
+        path : str or Path
+            TOML file to write.
 
         Raises
         ------
@@ -374,7 +431,13 @@ class Scene(Section):
         write_text(Path(path), self.to_toml())
 
     def digest(self) -> str:
-        """Digest of the scene's content: equal scenes have equal digests."""
+        """Digest of the scene's content: equal scenes have equal digests.
+
+        Returns
+        -------
+        str
+            Hexadecimal digest.
+        """
         text = json.dumps(self.to_plain(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -44,7 +44,13 @@ class Scales:
 
     @classmethod
     def of(cls, grains: Grains) -> Scales:
-        """Natural units of a bed: those of its first species."""
+        """Natural units of a bed: those of its first species.
+
+        Parameters
+        ----------
+        grains : Grains
+            Grains of the bed.
+        """
         diameter = grains.species[0].diameter
         thickness, density, remanence = (
             float(grains.of_species(name)[0]) for name in ("thickness", "density", "remanence")
@@ -55,7 +61,18 @@ class Scales:
         return cls(diameter, density * volume, force, moment / diameter**2)
 
     def unit(self, text: str) -> float:
-        """Natural unit of a quantity that is given in such an SI unit, in SI."""
+        """Natural unit of a quantity that is given in such an SI unit, in SI.
+
+        Parameters
+        ----------
+        text : str
+            SI unit, such as ``m/s``.
+
+        Returns
+        -------
+        float
+            Size of the natural unit in that SI unit.
+        """
         length, mass, time, current = unit_size(text)[1]
         return float(
             self.length**length * self.mass**mass * self.time**time * self.current**current

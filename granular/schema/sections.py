@@ -282,6 +282,22 @@ def quantity(
 ) -> Any:
     """Return the number in an SI unit, also given as text with a unit of the same dimension.
 
+    Parameters
+    ----------
+    unit : str
+        SI unit of the number.
+    default : object
+        Value where a scene gives none; without it the key is needed.
+    above, least, below, most : float, optional
+        Bounds in that unit; ``above`` and ``below`` are left out of the range.
+    optional : bool
+        Allow None.
+
+    Returns
+    -------
+    field
+        Field of a section, with its checks.
+
     Examples
     --------
     >>> from granular import effect, quantity
@@ -381,6 +397,13 @@ class Section:
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
         """Section from plain data.
 
+        Parameters
+        ----------
+        plain : mapping of str
+            Plain data, as `to_plain` makes them.
+        diameter : float, optional
+            Diameter that the unit D stands for [m].
+
         Raises
         ------
         FieldError
@@ -404,7 +427,13 @@ class Section:
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as plain data, ready for TOML; `from_plain` makes an equal section of it."""
+        """Section as plain data, ready for TOML; `from_plain` makes an equal section of it.
+
+        Returns
+        -------
+        dict
+            Keys and plain values.
+        """
         out: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)

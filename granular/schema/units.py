@@ -67,6 +67,18 @@ def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
 def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimension]:
     """SI size and dimension of a unit such as ``"mm/s"`` or ``"kg m^2"``.
 
+    Parameters
+    ----------
+    unit : str
+        Unit as a text.
+    diameter : float, optional
+        Diameter that the unit D stands for [m].
+
+    Returns
+    -------
+    tuple of float and Dimension
+        Size in SI, and exponents of the base units.
+
     Raises
     ------
     SceneError
@@ -125,6 +137,11 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
         The SI unit that is wanted; its dimension is checked.
     diameter : float, optional
         Meaning of the unit D [m].
+
+    Returns
+    -------
+    float
+        Value in the SI unit.
 
     Raises
     ------

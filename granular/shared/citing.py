@@ -33,6 +33,11 @@ def cite(*things: Any) -> str:
     *things
         Anything with ``literature``: texts that name papers.
 
+    Returns
+    -------
+    str
+        Entries, one below the other.
+
     Raises
     ------
     InputError

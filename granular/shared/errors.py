@@ -94,7 +94,18 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{where}: {cause}; {remedy}")
 
     def blaming(self, words: str) -> Self:
-        """Return the same error, with what is to blame before its cause."""
+        """Return the same error, with what is to blame before its cause.
+
+        Parameters
+        ----------
+        words : str
+            What is to blame, such as a law of the user's own.
+
+        Returns
+        -------
+        RunError
+            Error of the same type.
+        """
         return type(self)(words + self.cause, **self._facts())
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -120,6 +120,7 @@ def sweep(
     Parameters
     ----------
     scene : Scene
+        Scene that is changed.
     grid : mapping of str to values
         Dotted keys and the values that each takes; all combinations are run. ``dt``, ``t_end`` and
         ``method`` are keys as well, for cases with their own.
@@ -128,8 +129,12 @@ def sweep(
     measure : function of Trajectory
         Results of a run to store, by name, as numbers. It must be a function that other
         processes can have.
-    dt, t_end, method
-        As in `simulate`, for cases that have none of their own; each run has one thread.
+    dt : float or str
+        Time step [s] of cases that have none of their own, as in `simulate`.
+    t_end : float, optional
+        End [s] of cases that have none of their own; each run has one thread.
+    method : str, Method or mapping
+        Method of cases that have none of their own.
     out : str or Path, optional
         Directory that keeps each outcome as soon as it is there. Called again, the sweep goes on:
         a case with the same scene, settings and measure is not computed twice, nor by two sweeps

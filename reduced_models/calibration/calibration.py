@@ -87,8 +87,10 @@ def calibrate(
         equation with the drive's column.
     confidence : float
         Of the intervals.
-    dt, method
-        As in `granular.simulate`.
+    dt : float or str
+        Time step [s], as in `granular.simulate`.
+    method : str
+        Integration method, as in `granular.simulate`.
     out : str or Path, optional
         Directory that keeps every simulation as soon as it is done; called again, the calibration
         goes on from there.
@@ -102,6 +104,7 @@ def calibrate(
     Returns
     -------
     Calibration
+        Calibrated values with intervals, and how the simulation compares with the record.
 
     Raises
     ------

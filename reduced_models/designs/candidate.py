@@ -79,7 +79,18 @@ class Candidate(NamedTuple):
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
-        """Damper that falls, comes to rest, is lifted by 0.2 D and released."""
+        """Damper that falls, comes to rest, is lifted by 0.2 D and released.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the random start.
+
+        Returns
+        -------
+        Scene
+            Scene of the damper.
+        """
         made = damper(self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed)
         changes: dict[str, Any] = {
             "name": "design",
@@ -94,7 +105,13 @@ class Candidate(NamedTuple):
         return made.replace(**changes)
 
     def coordinates(self) -> np.ndarray:
-        """Coordinates (4,) in the box, each from -1 to 1 inside it."""
+        """Coordinates (4,) in the box, each from -1 to 1 inside it.
+
+        Returns
+        -------
+        float64 (4,)
+            Coordinates without unit.
+        """
         plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
         low, high = _scale(LOWEST), _scale(HIGHEST)
         return 2.0 * (_scale(plain) - low) / (high - low) - 1.0

@@ -91,9 +91,12 @@ def design(
     out : str or Path, optional
         Directory for simulations, scene.toml, design.json and report.html; called again, what was
         simulated is used again.
-    executor, workers
-        As in `granular.sweep`.
+    executor : concurrent.futures.Executor, optional
+        Where the cases run, as in `granular.sweep`.
+    workers : int, optional
+        Number of processes; as many as there are processors if not given.
     progress : bool
+        Show a progress bar.
 
     Returns
     -------

@@ -141,6 +141,16 @@ class DamperMaps:
     def predict(self, damper: Candidate) -> Prediction:
         """Figures of a damper inside the box.
 
+        Parameters
+        ----------
+        damper : Candidate
+            Damper inside the box.
+
+        Returns
+        -------
+        Prediction
+            Figures of the damper with their errors.
+
         Raises
         ------
         InputError
@@ -163,11 +173,30 @@ class DamperMaps:
         )  # fmt: skip
 
     def at(self, name: str, coordinates: np.ndarray) -> float:
-        """Map at a place (4,); the logarithm of the first three figures."""
+        """Map at a place (4,); the logarithm of the first three figures.
+
+        Parameters
+        ----------
+        name : str
+            Name of a figure.
+        coordinates : float64 (4,)
+            Point of the box, each coordinate from -1 to 1.
+
+        Returns
+        -------
+        float
+            Value of the map.
+        """
         return float(_terms(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def view(self) -> LivePage:
-        """Return the maps under sliders, as a page; ``.save`` writes it for a browser."""
+        """Return the maps under sliders, as a page; ``.save`` writes it for a browser.
+
+        Returns
+        -------
+        LivePage
+            Page that a notebook shows and `save` writes.
+        """
         from granular.shared.html import LivePage
 
         surfaces = {
@@ -186,6 +215,11 @@ class DamperMaps:
 @functools.cache
 def damper_maps(path: Path = COMMITTED) -> DamperMaps:
     """Return maps of the study in a CSV file; of the one that comes with the package by default.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file of a study.
 
     Raises
     ------

@@ -133,8 +133,14 @@ def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
     Parameters
     ----------
     maps : DamperMaps
+        Maps of a study of dampers.
     fraction : float
         Of small grains, from 0 to 0.5.
+
+    Returns
+    -------
+    Figure
+        Picture with one panel a number of grains.
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
         for panel, count in zip(axes, COUNTS, strict=True):

@@ -94,9 +94,15 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     Parameters
     ----------
     maps : DamperMaps
+        Maps of a study of dampers.
     target : DesignTarget
         With neither grains nor mass fixed, the number of grains is 368 if that does, and else the
         nearest that does.
+
+    Returns
+    -------
+    Candidate
+        Damper inside the box of the maps.
 
     Raises
     ------

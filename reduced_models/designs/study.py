@@ -62,9 +62,12 @@ def run_study(
         Directory that keeps every case as soon as it is done; called again, the study goes on.
     points : int
         Of Sobol's sequence, a power of two.
-    executor, workers
-        As in `granular.sweep`.
+    executor : concurrent.futures.Executor, optional
+        Where the cases run, as in `granular.sweep`.
+    workers : int, optional
+        Number of processes; as many as there are processors if not given.
     progress : bool
+        Show a progress bar.
 
     Returns
     -------

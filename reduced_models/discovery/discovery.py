@@ -107,10 +107,10 @@ def discover(
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
     target : "acceleration", "height" or "force"
-        z''; or, for symbolic regression of one record, z(t) itself; or, with the library
+        Z''; or, for symbolic regression of one record, z(t) itself; or, with the library
         ``"memory"``, the measured force. The latter two are not polished.
     map : HeightMap or "auto"
-        z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
+        Z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
         farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
         that swings the furthest. With own terms or another library, which mean something by z, it
         is the height itself.
@@ -127,6 +127,7 @@ def discover(
     Returns
     -------
     Discovery
+        Equations that were found, best first, with their models.
 
     Raises
     ------

@@ -200,6 +200,11 @@ def score_drops(
     starts : int
         Random starts of each fit.
 
+    Returns
+    -------
+    DropScores
+        Errors of each law on each fall, over the height of the drop.
+
     Raises
     ------
     InputError

@@ -97,6 +97,16 @@ def predict(scene: Scene) -> PredictedLaw:
 
     Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a bed below a falling piston.
+
+    Returns
+    -------
+    PredictedLaw
+        Law with its numbers and where they come from.
+
     Raises
     ------
     InputError
@@ -267,6 +277,16 @@ def shaking_range(scene: Scene) -> ShakingRange:
     """Range in which ``annealing-bed`` may stand in for the bed of a scene.
 
     Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a bed below a falling piston.
+
+    Returns
+    -------
+    ShakingRange
+        Bounds of frequency [Hz] and amplitude [m].
 
     Raises
     ------

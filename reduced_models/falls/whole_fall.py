@@ -83,8 +83,14 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     Parameters
     ----------
     scene : Scene
+        Scene of a bed below a falling piston.
     height : float, optional
         Of the start [m]; that of the scene's piston if not given.
+
+    Returns
+    -------
+    WholeFall
+        Rest height [m], period [s], damping ratio and the fall itself.
 
     Raises
     ------

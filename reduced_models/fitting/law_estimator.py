@@ -62,11 +62,32 @@ class LawEstimator:
         return f"LawEstimator({given})"
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the arguments that the estimator was made with."""
+        """Return the arguments that the estimator was made with.
+
+        Parameters
+        ----------
+        deep : bool
+            As scikit-learn asks for; it changes nothing here.
+
+        Returns
+        -------
+        dict
+            Arguments by name.
+        """
         return {"law": self.law, "starts": self.starts, "test_fraction": self.test_fraction}
 
     def set_params(self, **parameters: Any) -> Self:
         """Change what it was made with.
+
+        Parameters
+        ----------
+        **parameters
+            New values of the arguments.
+
+        Returns
+        -------
+        LawEstimator
+            This estimator.
 
         Raises
         ------
@@ -81,6 +102,18 @@ class LawEstimator:
 
     def fit(self, X: Any, y: Any) -> Self:
         """Fit to heights y (n,) [m] at times X (n,) or (n, 1) [s], in any order.
+
+        Parameters
+        ----------
+        X : array (n,) or (n, 1)
+            Times [s], in any order.
+        y : array (n,)
+            Heights [m].
+
+        Returns
+        -------
+        LawEstimator
+            This estimator.
 
         Raises
         ------
@@ -100,6 +133,16 @@ class LawEstimator:
 
     def predict(self, X: Any) -> np.ndarray:
         """Heights (n,) [m] at times X (n,) or (n, 1) [s] from the start of the fitted record on.
+
+        Parameters
+        ----------
+        X : array (n,) or (n, 1)
+            Times [s], in any order.
+
+        Returns
+        -------
+        float64 (n,)
+            Heights [m].
 
         Raises
         ------
@@ -123,7 +166,20 @@ class LawEstimator:
         return self.model_.simulate(grid).height[np.searchsorted(grid, wanted)]
 
     def score(self, X: Any, y: Any) -> float:
-        """Coefficient of determination R^2 of the prediction; 0 where the heights are all one."""
+        """Coefficient of determination R^2 of the prediction; 0 where the heights are all one.
+
+        Parameters
+        ----------
+        X : array (n,) or (n, 1)
+            Times [s], in any order.
+        y : array (n,)
+            Heights [m].
+
+        Returns
+        -------
+        float
+            R^2, at most 1.
+        """
         wanted = _heights(y)
         left = ((wanted - self.predict(X)) ** 2).sum()
         spread = ((wanted - wanted.mean()) ** 2).sum()

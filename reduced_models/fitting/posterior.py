@@ -55,6 +55,7 @@ def posterior(
     model : ReducedModel, or a sequence of them
         As `fit` gave them for these records; one for each.
     record : PistonRecord, or a sequence of them
+        Records that the model was fitted to.
     own : sequence of str
         Parameters that each of several records has for itself. They are taken for draws from a
         normal population, in the search's units, whose mean and spread are found with them
@@ -62,6 +63,7 @@ def posterior(
     draws, warmup, chains : int
         Of each chain, the draws before them that tune it, and how many chains.
     seed : int
+        Seed of the draws.
 
     Returns
     -------

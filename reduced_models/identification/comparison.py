@@ -68,6 +68,11 @@ def compare(
     starts : int
         Random starts of each fit.
 
+    Returns
+    -------
+    Comparison
+        Table of the laws, best first, with a verdict.
+
     Raises
     ------
     InputError

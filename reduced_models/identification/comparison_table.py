@@ -106,7 +106,18 @@ class Comparison:
         return self.rows[0].models[0]
 
     def model_as_good(self, name: str) -> ReducedModel | None:
-        """Model of a law that predicts as well as the best one; None where it does not."""
+        """Model of a law that predicts as well as the best one; None where it does not.
+
+        Parameters
+        ----------
+        name : str
+            Name of a law.
+
+        Returns
+        -------
+        ReducedModel, optional
+            Its model, or None.
+        """
         limit = tie_limit(self.rows[0].error, self.noise)
         for row in self.rows:
             if row.name == name and len(row.models) == 1 and row.error <= limit:
@@ -114,7 +125,13 @@ class Comparison:
         return None
 
     def by_last_record(self) -> list[tuple[RollOut, str]]:
-        """Errors and names of the laws on the last held-out record, the best first."""
+        """Errors and names of the laws on the last held-out record, the best first.
+
+        Returns
+        -------
+        list of tuple
+            Roll-out and name of each law, the best first.
+        """
         scored = [(row.records[-1], row.name) for row in self.rows if row.records]
         return sorted(scored, key=lambda pair: pair[0].relative)
 
@@ -128,7 +145,13 @@ class Comparison:
         )  # fmt: skip
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Table as texts: errors in per cent of the rms swing, AIC and BIC above the least."""
+        """Table as texts: errors in per cent of the rms swing, AIC and BIC above the least.
+
+        Returns
+        -------
+        list of tuple of str
+            Rows of texts.
+        """
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
         lines = []
         for row in self.rows:
@@ -161,7 +184,13 @@ class Comparison:
         return f"{self.table}\n\n{self.verdict}"
 
     def to_plain(self) -> dict[str, Any]:
-        """Table and verdict as plain data."""
+        """Table and verdict as plain data.
+
+        Returns
+        -------
+        dict
+            Numbers, texts and lists.
+        """
         return {
             "verdict": self.verdict,
             "best": self.rows[0].name,
@@ -185,7 +214,13 @@ class Comparison:
         return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out."""
+        """Law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a law.
+        """
         import pandas
 
         rows = [
@@ -200,7 +235,18 @@ class Comparison:
         return pandas.DataFrame(rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the held-out errors of the laws, beside the noise and a piston at rest."""
+        """Draw the held-out errors of the laws, beside the noise and a piston at rest.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
+        """
         from granular.shared.plotting import COLOURS, GREY, axes_or_new, plain_label, plain_numbers
 
         sound = [row for row in self.rows if not row.failure][::-1]

@@ -98,6 +98,12 @@ def identify(
     executor : concurrent.futures.Executor, optional
         Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
+        Show what is being done.
+
+    Returns
+    -------
+    Identification
+        Models, verdict, engineering figures and checks.
 
     Raises
     ------

@@ -38,7 +38,18 @@ _MOST_LINES = 3  # of laws over a fall; more hide each other
 
 
 def comparison_page(table: Comparison) -> Page:
-    """Return a comparison of laws as a page."""
+    """Return a comparison of laws as a page.
+
+    Parameters
+    ----------
+    table : Comparison
+        Comparison of laws.
+
+    Returns
+    -------
+    Page
+        Page to show or save.
+    """
     page = Page("Laws compared", table.verdict)
     add_comparison(page, table)
     for row in table.rows:

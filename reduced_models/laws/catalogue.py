@@ -40,6 +40,16 @@ LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
 def law_named(name: str) -> Law:
     """Law of that name.
 
+    Parameters
+    ----------
+    name : str
+        Name in the catalogue, or an equation.
+
+    Returns
+    -------
+    Law
+        The law.
+
     Raises
     ------
     InputError

@@ -112,6 +112,16 @@ class Law:
         """Equation in z(t), with numbers where ``values`` gives them.
 
         Hidden states stay symbols; `sympy_hidden` has their equations.
+
+        Parameters
+        ----------
+        values : mapping of str to float, optional
+            Values of parameters; the others stay symbols.
+
+        Returns
+        -------
+        sympy.Eq
+            Equation z'' = f.
         """
         import sympy
 
@@ -128,7 +138,18 @@ class Law:
         return sympy.Eq(*sides, evaluate=False)
 
     def sympy_hidden(self, values: Mapping[str, float] | None = None) -> dict[str, sympy.Expr]:
-        """Rate of each hidden state, in z(t) and z'(t)."""
+        """Rate of each hidden state, in z(t) and z'(t).
+
+        Parameters
+        ----------
+        values : mapping of str to float, optional
+            Values of parameters; the others stay symbols.
+
+        Returns
+        -------
+        dict of str to sympy.Expr
+            Rate of each hidden state by its name.
+        """
         import sympy
 
         parsed, t = self.parsed, sympy.Symbol("t")

@@ -81,6 +81,16 @@ _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", 
 def compare_response(response: Response) -> ResponseComparison:
     """Solve the law for a response's scene and forces, between its frequencies.
 
+    Parameters
+    ----------
+    response : Response
+        Measured response.
+
+    Returns
+    -------
+    ResponseComparison
+        Peaks of law and simulation, with their frequencies.
+
     Raises
     ------
     InputError

@@ -82,6 +82,11 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     limit : float
         Greatest mass of piston and grains [kg].
 
+    Returns
+    -------
+    DamperDesign
+        The damper, and the peak [m] with and without it.
+
     Raises
     ------
     InputError

@@ -254,20 +254,26 @@ def predicted_response(
     Parameters
     ----------
     scene : Scene
+        Scene whose host is shaken.
     frequencies : sequence of float
-        [Hz]
+        [Hz].
     force : float, optional
         Amplitude [N]; the scene's own if not given.
 
-    Warns
-    -----
-    OutsideRangeWarning
-        Where the piston's stroke at the peak is outside `RANGE`.
+    Returns
+    -------
+    PredictedResponse
+        Amplitudes [m] of host and piston at each frequency.
 
     Raises
     ------
     InputError
         As `CoupledSystem.of`, or without a force.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        Where the piston's stroke at the peak is outside `RANGE`.
     """
     host = scene.effects.host
     law = CoupledSystem.of(scene)

@@ -107,7 +107,18 @@ class ReducedModel(FittedLaw):
         return prediction.correlation(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
-        """Heights (n,) of a record, that the model was fitted to, less those of the model [m]."""
+        """Heights (n,) of a record, that the model was fitted to, less those of the model [m].
+
+        Parameters
+        ----------
+        record : PistonRecord
+            Record that the model was fitted to.
+
+        Returns
+        -------
+        float64 (n,)
+            Residuals [m].
+        """
         return record.height - self.follow(record).height
 
     def prediction(
@@ -117,6 +128,20 @@ class ReducedModel(FittedLaw):
         confidence: float | None = None,
     ) -> prediction.Band:
         """Motion at increasing times [s] with its confidence band; see `simulate`.
+
+        Parameters
+        ----------
+        t : float64 (n,)
+            Increasing times [s].
+        inputs : mapping of str to array, optional
+            Inputs at these times.
+        confidence : float, optional
+            Confidence level; that of the fit if not given.
+
+        Returns
+        -------
+        prediction.Band
+            Heights [m] with lower and upper bounds.
 
         Raises
         ------
@@ -155,6 +180,18 @@ class ReducedModel(FittedLaw):
 
         Without a record: how it swings from the farthest height that it has seen. In a figure of
         its own what is left over of the record stands below.
+
+        Parameters
+        ----------
+        record : PistonRecord, optional
+            Motion of the piston.
+        ax : Axes, optional
+            Axes to draw on; new ones if not given.
+
+        Returns
+        -------
+        Axes
+            Axes that hold the drawing.
 
         Raises
         ------
@@ -201,6 +238,16 @@ class ReducedModel(FittedLaw):
     def score(self, record: PistonRecord) -> float:
         """Coefficient of determination R^2 of a prediction from the record's first period.
 
+        Parameters
+        ----------
+        record : PistonRecord
+            Record to predict.
+
+        Returns
+        -------
+        float
+            R^2, at most 1.
+
         Raises
         ------
         RecordError
@@ -211,17 +258,58 @@ class ReducedModel(FittedLaw):
         return 1.0 - roll_out(self, record).relative ** 2
 
     def decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
-        """Motion of a piston released so far above its level of rest [m]; see `response`."""
+        """Motion of a piston released so far above its level of rest [m]; see `response`.
+
+        Parameters
+        ----------
+        amplitude : float
+            Height above the level of rest at the release [m].
+        periods : float
+            Duration in periods of small swings.
+
+        Returns
+        -------
+        PistonRecord
+            Motion from the release on.
+        """
         return response.decay(self, amplitude, periods)
 
     def cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
-        """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`."""
+        """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
+
+        Parameters
+        ----------
+        amplitude : float
+            Amplitude about rest [m].
+        frequency : float, optional
+            Frequency [Hz]; that of the free swing if not given.
+
+        Returns
+        -------
+        response.HarmonicCycle
+            Stiffness, damping and energy of a cycle.
+        """
         return response.cycle(self, amplitude, frequency)
 
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
     ) -> response.SteadyAmplitudes:
-        """Steady amplitudes under a harmonic force, by describing functions; see `response`."""
+        """Steady amplitudes under a harmonic force, by describing functions; see `response`.
+
+        Parameters
+        ----------
+        force : float
+            Amplitude of the force [N/kg].
+        frequencies : float64 (k,)
+            Frequencies [Hz].
+        largest : float, optional
+            Greatest amplitude that is looked for [m].
+
+        Returns
+        -------
+        response.SteadyAmplitudes
+            Amplitudes [m] at each frequency.
+        """
         return response.frequency_response(self, force, frequencies, largest)
 
     @property
@@ -234,6 +322,16 @@ class ReducedModel(FittedLaw):
 
         ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
         ``.fmu`` (FMI 2.0, co-simulation, compiled by the C compiler that is there).
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; its ending names the language.
+
+        Returns
+        -------
+        str
+            Language of the file.
 
         Raises
         ------
@@ -248,7 +346,18 @@ class ReducedModel(FittedLaw):
         return export.equations_text(self)
 
     def outside(self, motion: PistonRecord) -> str:
-        """Warn in words of a motion that leaves the range of the fit; empty where none does."""
+        """Warn in words of a motion that leaves the range of the fit; empty where none does.
+
+        Parameters
+        ----------
+        motion : PistonRecord
+            Motion to judge.
+
+        Returns
+        -------
+        str
+            Warning, or an empty text.
+        """
         low, high = self.domain.get("height", (-math.inf, math.inf))
         margin = _MARGIN * (high - low)
         least, most = float(motion.height.min()), float(motion.height.max())
@@ -311,7 +420,13 @@ class ReducedModel(FittedLaw):
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """Model as plain data (numbers, texts, lists)."""
+        """Model as plain data (numbers, texts, lists).
+
+        Returns
+        -------
+        dict
+            Plain data for JSON.
+        """
         return {
             "format": FORMAT,
             "law": self.law.name,
@@ -343,12 +458,23 @@ class ReducedModel(FittedLaw):
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the model to a JSON file, which `load_model` reads back to the same bits."""
+        """Write the model to a JSON file, which `load_model` reads back to the same bits.
+
+        Parameters
+        ----------
+        path : str or Path
+            JSON file to write.
+        """
         write_json(Path(path), self.to_plain())
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
         """Model from plain data.
+
+        Parameters
+        ----------
+        plain : mapping of str
+            Plain data, as `to_plain` makes them.
 
         Raises
         ------
@@ -389,6 +515,16 @@ def _at_rest(plain: Mapping[str, Any]) -> AtRest:
 
 def load_model(path: str | Path) -> ReducedModel:
     """Model from the JSON file that `ReducedModel.save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON file, or the directory that holds ``model.json``.
+
+    Returns
+    -------
+    ReducedModel
+        The model.
 
     Raises
     ------

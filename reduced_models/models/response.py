@@ -170,6 +170,18 @@ def frequency_response(
 def forced_law(law: Law, name: str = "drive") -> Law:
     """Law under a force per kilogram, in the units of z'', that is an input of that name.
 
+    Parameters
+    ----------
+    law : Law
+        Law without that input.
+    name : str
+        Name of the input.
+
+    Returns
+    -------
+    Law
+        Law with one more input.
+
     Raises
     ------
     InputError

@@ -49,6 +49,18 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     Height and velocity at the start are fitted to the record's first period, with the parameters of
     the model as they are; all the rest is prediction.
 
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with numbers.
+    record : PistonRecord
+        Record to predict.
+
+    Returns
+    -------
+    RollOut
+        Motion and its error over the rms swing.
+
     Raises
     ------
     RecordError

@@ -96,8 +96,14 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     Parameters
     ----------
     record : PistonRecord
+        Swinging motion.
     derivative : str
         Estimator that finds the extremes, see `derivatives`.
+
+    Returns
+    -------
+    Envelope
+        Amplitude [m], frequency [Hz] and damping ratio of each cycle.
 
     Raises
     ------

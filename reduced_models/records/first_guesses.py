@@ -51,7 +51,20 @@ class FirstGuesses:
     rivals: tuple[float, ...] = ()
 
     def mapped(self, shift: float, scale: float) -> FirstGuesses:
-        """Return the same guesses for z = (height - shift)/scale."""
+        """Return the same guesses for z = (height - shift)/scale.
+
+        Parameters
+        ----------
+        shift : float
+            Height at z = 0 [m].
+        scale : float
+            Height per unit of z [m].
+
+        Returns
+        -------
+        FirstGuesses
+            Guesses in z.
+        """
         return dataclasses.replace(
             self,
             rest=(self.rest - shift) / scale,
@@ -86,18 +99,57 @@ class FirstGuesses:
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 
     def frequencies(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals."""
+        """Random starting frequencies [rad/s], log-uniform about the estimate and its rivals.
+
+        Parameters
+        ----------
+        random : numpy.random.Generator
+            Source of the random numbers.
+        count : int
+            Number of draws.
+
+        Returns
+        -------
+        float64 (count,)
+            Draws [rad/s].
+        """
         spread = self.frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
         return np.asarray(about * np.exp(random.uniform(-spread, spread, count)))
 
     def levels(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting levels of rest [m], uniform about the estimate."""
+        """Random starting levels of rest [m], uniform about the estimate.
+
+        Parameters
+        ----------
+        random : numpy.random.Generator
+            Source of the random numbers.
+        count : int
+            Number of draws.
+
+        Returns
+        -------
+        float64 (count,)
+            Draws [m].
+        """
         spread = 1.0 if self.poor else 0.1
         return np.asarray(self.rest + self.amplitude * random.uniform(-spread, spread, count))
 
     def decays(self, random: np.random.Generator, count: int) -> np.ndarray:
-        """Random starting decay rates [1/s], log-uniform about the estimate."""
+        """Random starting decay rates [1/s], log-uniform about the estimate.
+
+        Parameters
+        ----------
+        random : numpy.random.Generator
+            Source of the random numbers.
+        count : int
+            Number of draws.
+
+        Returns
+        -------
+        float64 (count,)
+            Draws [1/s].
+        """
         return np.asarray(self.decay * np.exp(random.uniform(-1.5, 1.5, count)))
 
 

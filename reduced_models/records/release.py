@@ -43,6 +43,16 @@ _DRIVES = ("force", "base", "drive", "input")
 def from_release(record: PistonRecord) -> PistonRecord:
     """Record from its release on, where it stands still before it moves; else as it is.
 
+    Parameters
+    ----------
+    record : PistonRecord
+        Record that may begin with a hold.
+
+    Returns
+    -------
+    PistonRecord
+        Record from the release on.
+
     Warns
     -----
     RecordWarning

@@ -99,8 +99,17 @@ def read_record(
 
     Parameters
     ----------
-    path, units, **said
+    path : str or Path
+        File to read.
+    units : mapping of str to str, optional
+        Units of the columns, instead of those in the file.
+    **said
         As of `PistonRecord.from_file`.
+
+    Returns
+    -------
+    PistonRecord
+        Motion in SI units.
 
     Raises
     ------

@@ -62,9 +62,11 @@ def work_precision(
     Parameters
     ----------
     scene : Scene
+        Scene to run.
     quantity : str or MeasuredQuantity
         One of `validation.quantities.QUANTITIES`, or one's own.
     settings : iterable of SolverSettings
+        Settings to try.
     reference : SolverSettings or float or ndarray, optional
         A setting to take the true value from, or the value; without, the quantity's exact value,
         or what `finest` gives.
@@ -76,6 +78,11 @@ def work_precision(
         error is then the mean of the deviations, with its standard error.
     repeats : int
         Runs of each setting from a start; those longer than `LONG` are run once.
+
+    Returns
+    -------
+    WorkPrecision
+        Error and time of each setting.
 
     Raises
     ------

@@ -26,6 +26,16 @@ NAMES = tuple(_PROBLEMS)
 def exact_problem(name: str) -> Problem:
     """Return the exact problem of that name.
 
+    Parameters
+    ----------
+    name : str
+        Name of a problem.
+
+    Returns
+    -------
+    Problem
+        Scene with its exact solution.
+
     Raises
     ------
     InputError

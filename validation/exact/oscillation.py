@@ -27,7 +27,20 @@ TIME = 0.12
 
 
 def problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
-    """Oscillation from a fraction of the height of rest above it."""
+    """Oscillation from a fraction of the height of rest above it.
+
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude over the height of rest.
+    time : float
+        Duration [s].
+
+    Returns
+    -------
+    Problem
+        Scene with its exact solution.
+    """
     height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
     return Problem(
@@ -48,7 +61,20 @@ def rest_height(scene: Scene) -> Number:
 
 
 def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
-    """Period with the amplitude correction [s], the amplitude in units of the height of rest."""
+    """Period with the amplitude correction [s], the amplitude in units of the height of rest.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of one grain on a wall.
+    amplitude : float
+        Amplitude over the height of rest.
+
+    Returns
+    -------
+    float
+        Period [s].
+    """
     from mpmath import mpf, pi, sqrt, workdps
 
     with workdps(DIGITS):

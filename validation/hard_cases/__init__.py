@@ -40,6 +40,11 @@ COSTLY = (
 def catalogue() -> tuple[HardCase, ...]:
     """All hard cases.
 
+    Returns
+    -------
+    tuple of HardCase
+        Cases in the order of the report.
+
     Examples
     --------
     >>> from validation import catalogue

@@ -81,7 +81,18 @@ _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
 
 
 def energy_change(run: Trajectory) -> float:
-    """Energy at the end over that at the start, minus one (no losses, no work)."""
+    """Energy at the end over that at the start, minus one (no losses, no work).
+
+    Parameters
+    ----------
+    run : Trajectory
+        Finished run, or one that was cut off.
+
+    Returns
+    -------
+    float
+        Relative change, without unit.
+    """
     data = run.dataset
     parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]
     total = np.sum(parts, axis=0)

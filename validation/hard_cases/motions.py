@@ -34,7 +34,18 @@ ENERGY_AFTERWARDS = Measure("relative change of the energy afterwards", energy_c
 
 
 def head_on(closest: float) -> Problem:
-    """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart."""
+    """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart.
+
+    Parameters
+    ----------
+    closest : float
+        Closest distance [D].
+
+    Returns
+    -------
+    Problem
+        Scene with its exact solution.
+    """
     from validation.exact.scattering import APART, problem
 
     scales = Scales.of(load_scene("single-particle").grains)
@@ -196,8 +207,14 @@ def near_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[],
     Parameters
     ----------
     fraction : float
+        Step over the longest stable one.
     amplitude : float
         Start above the place of rest, in units of its height.
+
+    Returns
+    -------
+    tuple of function and float
+        Function that makes the scene, and the step [s].
     """
     from validation.exact.oscillation import harmonic_period, problem
 
