@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
     options = parser().parse_args(arguments)
     if options.history is not None:
         _history(options)
-    elif options.costs is not None:
+    elif options.prices is not None:
         _prices(options)
     else:
         _benchmark(options)
@@ -89,12 +89,12 @@ def _prices(options: Any) -> None:
     from benchmarks.costs import costs, prices_text
 
     _alone(options, "--prices")
-    found = costs(Path(options.costs), progress=not options.quiet)
+    found = costs(Path(options.prices), progress=not options.quiet)
     emit(found, prices_text(found), options.json)
 
 
 def _alone(options: Any, name: str) -> None:
-    both = options.history is not None and options.costs is not None
+    both = options.history is not None and options.prices is not None
     if both or options.parts or options.out is not None or options.full:
         others = "--part, --out, --full and " + ("--prices" if name == "--history" else "--history")
         raise InputError(f"{name} measures what it does; leave {others} out")

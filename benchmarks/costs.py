@@ -198,6 +198,6 @@ def prices_text(found: Mapping[str, Any]) -> str:
         lines.append(f"{scene['name']} ({scene['starts']} starts): scatter {scene['floors']}")
         lines += [
             f"  {rung['method']} {rung['dt']}: {rung['seconds']:g} s, at most {rung['bounds']}"
-            for rung in scene["rungs"]
+            for rung in scene["entries"]
         ]
     return "\n".join(lines)

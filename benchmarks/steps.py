@@ -36,8 +36,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "shaking": {"effects.shaking": {"amplitude": "0.1 mm", "frequency": 20.0}},
     "two species": {
         "grains.species": [
-            {"name": "big", "diameter": "6 mm", "fraction": 0.5},
-            {"name": "small", "diameter": "4 mm", "fraction": 0.5},
+            {"name": "big", "diameter": "6 mm", "share": 0.5},
+            {"name": "small", "diameter": "4 mm", "share": 0.5},
         ]
     },
 }

@@ -65,7 +65,7 @@ long it is observed [s], if not given."""
     ),
     option("--length", type=in_unit("s"), metavar="T", help="of the impulse (20 ms)"),
     option(
-        "--share", type=in_unit("1"), metavar="S",
+        "--fraction", type=in_unit("1"), metavar="S",
         help="fraction of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
     ),
     option(
@@ -79,8 +79,8 @@ examples:
   %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
   %(prog)s machine --from 2.8Hz --to 3Hz --points 3 --dt 'auto*4' --force 5N --force 10N -o two
   %(prog)s machine --from 2.5Hz --to 3.5Hz --sweep 40s --dt 'auto*4' -o out/sweep
-  %(prog)s machine --impulse --force 500N --share 0.1 --dt 'auto*4' -o out/impulse
-  %(prog)s machine --impulse --force 500N --share 0.5 --duration 6s --dt 'auto*4'
+  %(prog)s machine --impulse --force 500N --fraction 0.1 --dt 'auto*4' -o out/impulse
+  %(prog)s machine --impulse --force 500N --fraction 0.5 --duration 6s --dt 'auto*4'
 
 Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found.""",
 )  # fmt: skip
@@ -95,7 +95,7 @@ def response(options: Any) -> None:
 def _shake(options: Any) -> None:
     """Run the sines, or the sweep, and say what is left."""
     require(options, lowest="--from", highest="--to")
-    refuse(options, "sines", "length", "share")
+    refuse(options, "sines", "length", "fraction")
     points = POINTS if options.points is None else options.points
     if not 0.0 < options.lowest < options.highest or points < 2:
         raise InputError(

@@ -42,9 +42,7 @@ def final_height(reference: float, species: Sequence[Species]) -> float:
     [1 + R (p - 1)] H_r [D, eq. 4.23].
     """
     first = species[0].diameter
-    return reference * math.fsum(
-        specy.fraction * (specy.diameter / first) ** 2 for specy in species
-    )
+    return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
 def _compression(
@@ -197,8 +195,8 @@ def bidisperse(
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
         raise InputError(f"ratio = {quote(ratio)}; give a fraction from 0 to 1")
     species = [
-        Species(name="big", diameter=big, fraction=1.0 - ratio),
-        Species(name="small", diameter=aspect * big, fraction=ratio),
+        Species(name="big", diameter=big, share=1.0 - ratio),
+        Species(name="small", diameter=aspect * big, share=ratio),
     ]
     heights = BIDISPERSE_START, final_height(_reference_height(big), species)
     mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}

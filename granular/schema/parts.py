@@ -22,7 +22,7 @@ class Species(Section):
     name : str
     diameter : float
         [m]
-    fraction : float
+    share : float
         Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
         Values of the species [m], [kg/m^3], [T], where they are not those of `Grains`.
@@ -30,7 +30,7 @@ class Species(Section):
 
     name: str = text(default="grain")
     diameter: float = quantity("m", above=0.0)
-    fraction: float = quantity("1", default=1.0, least=0.0, most=1.0)
+    share: float = quantity("1", default=1.0, least=0.0, most=1.0)
     thickness: float | None = quantity("m", above=0.0, default=None, optional=True)
     density: float | None = quantity("kg/m^3", above=0.0, default=None, optional=True)
     remanence: float | None = quantity("T", above=0.0, default=None, optional=True)
@@ -73,7 +73,7 @@ class Grains(Section):
     mixing: str = choice("interspersed", "every-kth", default="interspersed")
 
     def validate(self) -> None:
-        total = sum(specy.fraction for specy in self.species)
+        total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
         if self.spread == 0.0:
@@ -102,7 +102,7 @@ class Grains(Section):
     def assignment(self) -> np.ndarray:
         """Species index of each grain (n,)."""
         if self.mixing == "every-kth":
-            return _every_kth(self.count, self.species[1].fraction)
+            return _every_kth(self.count, self.species[1].share)
         counts = self._rounded_counts()
         indices = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
         owner = np.repeat(np.arange(len(counts)), counts)
@@ -110,7 +110,7 @@ class Grains(Section):
 
     def _rounded_counts(self) -> tuple[int, ...]:
         """Shares of ``count``, by largest remainder."""
-        exact = [self.count * specy.fraction for specy in self.species]
+        exact = [self.count * specy.share for specy in self.species]
         counts = [int(number + 1e-9) for number in exact]
         order = sorted(range(len(exact)), key=lambda k: counts[k] - exact[k])
         for k in order[: self.count - sum(counts)]:

@@ -99,8 +99,8 @@ class Candidate(NamedTuple):
         }
         if self.small_share > 0.0:
             changes["grains.species"] = [
-                {"name": "large", "diameter": DIAMETER, "fraction": 1.0 - self.small_share},
-                {"name": "small", "diameter": ASPECT * DIAMETER, "fraction": self.small_share},
+                {"name": "large", "diameter": DIAMETER, "share": 1.0 - self.small_share},
+                {"name": "small", "diameter": ASPECT * DIAMETER, "share": self.small_share},
             ]
         return made.replace(**changes)
 

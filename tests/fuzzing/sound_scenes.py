@@ -19,7 +19,7 @@ def species(random: Random) -> list[Plain]:
     fractions = random.dirichlet(np.ones(count))
     sizes = between(random, 1e-3, 2e-2) * random.uniform(0.4, 1.5, count)
     rows = zip(sizes.tolist(), fractions.tolist(), strict=True)
-    return [{"name": f"s{k}", "diameter": d, "fraction": s} for k, (d, s) in enumerate(rows)]
+    return [{"name": f"s{k}", "diameter": d, "share": s} for k, (d, s) in enumerate(rows)]
 
 
 def walls(random: Random, width: float, height: float, widest: float, piston: bool) -> Plain:

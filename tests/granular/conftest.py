@@ -19,8 +19,8 @@ def mixture(small_bed: Scene) -> Scene:
         **{
             "grains.count": COUNT,
             "grains.species": [
-                {"name": "big", "diameter": "5 mm", "fraction": 0.6},
-                {"name": "two words, 100 %", "diameter": "3 mm", "fraction": 0.4},
+                {"name": "big", "diameter": "5 mm", "share": 0.6},
+                {"name": "two words, 100 %", "diameter": "3 mm", "share": 0.4},
             ],
             "protocol": [
                 {"kind": "hold", "name": "relax", "duration": 1.0},

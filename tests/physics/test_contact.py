@@ -40,8 +40,8 @@ def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
 
 
 SPECIES = [
-    {"name": "big", "diameter": 0.006, "fraction": 0.5},
-    {"name": "small", "diameter": 0.004, "fraction": 0.5},
+    {"name": "big", "diameter": 0.006, "share": 0.5},
+    {"name": "small", "diameter": 0.004, "share": 0.5},
 ]
 
 

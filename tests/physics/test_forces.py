@@ -18,8 +18,8 @@ ALONE = {
     "all": {},
 }
 MIXTURE = [
-    {"name": "big", "diameter": 0.006, "fraction": 0.6},
-    {"name": "small", "diameter": 0.0036, "fraction": 0.4},
+    {"name": "big", "diameter": 0.006, "share": 0.6},
+    {"name": "small", "diameter": 0.0036, "share": 0.4},
 ]
 
 

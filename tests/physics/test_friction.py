@@ -59,8 +59,8 @@ def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
 def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     """N_i = q_i sum_j q_j K_ij/r^3 with both angles, written out once more."""
     species = [
-        {"name": "big", "diameter": 0.006, "fraction": fraction},
-        {"name": "small", "diameter": small, "fraction": 1.0 - fraction},
+        {"name": "big", "diameter": 0.006, "share": fraction},
+        {"name": "small", "diameter": small, "share": 1.0 - fraction},
     ]
     scene = load_scene("bed").replace(
         **{"grains.species": species, "grains.count": 20, "effects.friction": {}}
@@ -81,8 +81,8 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
 
 def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     alike = [
-        {"name": "one", "diameter": 0.006, "fraction": 0.5},
-        {"name": "other", "diameter": 0.006, "fraction": 0.5},
+        {"name": "one", "diameter": 0.006, "share": 0.5},
+        {"name": "other", "diameter": 0.006, "share": 0.5},
     ]
     mono = bed.replace(**{"effects.friction": {}})
     two = mono.replace(**{"grains.species": alike})

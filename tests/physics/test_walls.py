@@ -174,8 +174,8 @@ def test_bad_walls(bed: Scene, walls: dict, words: str) -> None:
 
 RUBBING = {
     "grains.species": [
-        {"name": "big", "diameter": 0.006, "fraction": 0.5},
-        {"name": "small", "diameter": 0.004, "fraction": 0.5},
+        {"name": "big", "diameter": 0.006, "share": 0.5},
+        {"name": "small", "diameter": 0.004, "share": 0.5},
     ],
     "effects.friction": {}, "effects.drag": None,
 }  # fmt: skip

@@ -154,8 +154,8 @@ def small(name: str, **more: Any) -> Scene:
         **{
             "grains.count": 9,
             "grains.species": [
-                {"name": "big", "diameter": "6 mm", "fraction": 0.6},
-                {"name": "small", "diameter": "4 mm", "fraction": 0.4},
+                {"name": "big", "diameter": "6 mm", "share": 0.6},
+                {"name": "small", "diameter": "4 mm", "share": 0.4},
             ],
             "cell.width": "6 D",
             "piston.height": "6 D",

@@ -135,9 +135,9 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     width, height = MESH_REACH[count]
     if around:
         width = height = max(2.0 * count**0.5, 17.5)
-    species = [{"name": "big", "diameter": "6 mm", "fraction": 1.0 if row["species"] == 1 else 0.6}]
+    species = [{"name": "big", "diameter": "6 mm", "share": 1.0 if row["species"] == 1 else 0.6}]
     if row["species"] == 2:
-        species.append({"name": "small", "diameter": "4 mm", "fraction": 0.4})
+        species.append({"name": "small", "diameter": "4 mm", "share": 0.4})
     acting = {"dipole": True} | ({} if around else {"walls": True})
     bed = load_scene("bed").to_plain()
     plain = {

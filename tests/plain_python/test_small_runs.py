@@ -78,8 +78,8 @@ TOUCHING = {
 """Grains of 6 mm that overlap a little."""
 SPECIES = {
     "grains.species": [
-        {"name": "big", "diameter": "6 mm", "fraction": 0.5},
-        {"name": "small", "diameter": "4 mm", "fraction": 0.5},
+        {"name": "big", "diameter": "6 mm", "share": 0.5},
+        {"name": "small", "diameter": "4 mm", "share": 0.5},
     ]
 }
 
@@ -307,8 +307,8 @@ def test_drag_beside_the_friction_of_the_source_takes_what_it_takes_alone() -> N
 
 def test_eddy_currents_brake_unlike_grains_alike_by_either_kind_of_method() -> None:
     """By the square of the moment over the mass; as a flow, and as a force of Runge-Kutta."""
-    species = [{"name": "large", "diameter": "6 mm", "fraction": 0.5},
-               {"name": "small", "diameter": "3 mm", "fraction": 0.5}]  # fmt: skip
+    species = [{"name": "large", "diameter": "6 mm", "share": 0.5},
+               {"name": "small", "diameter": "3 mm", "share": 0.5}]  # fmt: skip
     scene = small(
         **{
             "grains.species": species, "grains.count": 8,

@@ -96,7 +96,7 @@ def piston_cases() -> tuple[HardCase, ...]:
 def _sizes(**fractions: tuple[str, float]) -> Scene:
     """Bed of several species: diameter and fraction of each, by its name."""
     species = [
-        {"name": name, "diameter": diameter, "fraction": fraction}
+        {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
     ]
     return few_grains("bed", **{"grains.species": species, "effects.drag": None})

@@ -102,8 +102,8 @@ def _unequal(ratio: float) -> Scene:
     grains = {
         "count": 2,
         "species": [
-            {"name": "heavy", "diameter": 5e-3, "fraction": 0.5},
-            {"name": "light", "diameter": small, "fraction": 0.5},
+            {"name": "heavy", "diameter": 5e-3, "share": 0.5},
+            {"name": "light", "diameter": small, "share": 0.5},
         ],
     }
     plan = {

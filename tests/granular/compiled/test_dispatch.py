@@ -59,7 +59,7 @@ def _without(law: Any, at: float) -> int:
 
 
 LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
-FOLDERS = (None, np.array([0.5]), None, np.array([7.0]))
+WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
 
 forward, backward = sum_over("act", "values"), sum_over("act", "values", backward=True)
 greatest, last = greatest_over("reach", "at"), last_with("act", "values", _silent)
@@ -76,7 +76,7 @@ def every(laws: Any, workspaces: Any, values: Any) -> Any:
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
 def test_hooks_are_called_in_order_with_their_rooms_and_places(places: tuple[int, ...]) -> None:
-    laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, FOLDERS))
+    laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, WORKSPACES))
     values = np.array([0.0])
     found = every(laws, workspaces, values)
     acting = [place for place, law in enumerate(laws) if isinstance(law, Loud)]

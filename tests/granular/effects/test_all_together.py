@@ -62,8 +62,8 @@ class Haze:
 SCENE = load_scene("bed").replace(**{
     "grains.count": 300,
     "grains.species": [
-        {"name": "big", "diameter": "6 mm", "fraction": 0.6},
-        {"name": "small", "diameter": "4 mm", "fraction": 0.4, "remanence": "1 T"},
+        {"name": "big", "diameter": "6 mm", "share": 0.6},
+        {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "1 T"},
     ],
     "grains.spread": 0.05,
     "cell.width": "50 D", "piston.height": "22 D", "arrangement.height": "21 D",

@@ -139,7 +139,7 @@ def test_a_record_that_is_none_is_refused(tmp_path: Path) -> None:
         ("time [s],a [m]\n", "a: the unit 'm' does not fit; one of N is wanted"),
         ("time [m],F [N]\n", "time: the unit 'm' does not fit; one of s is wanted"),
         ("time [s],F [furlong]\n", "F: unknown unit 'furlong'"),
-        ("time,P [N],Q [N]\n", r"2 columns beside the time \('P', 'Q'\); leave one"),
+        ("time,P [N],Q [N]\n", r"2 columns besides the time \('P', 'Q'\); leave one"),
         ("time,value\n1_0,1\n", r"time of sample 0 \(line 2\) is '1_0', not a number"),
         ("time,value\n0,inf\n", r"value of sample 0 \(line 2\) is inf; values must be finite"),
     ],

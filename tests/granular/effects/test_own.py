@@ -111,7 +111,7 @@ def _apart(p: Any, r: float, first: Any, second: Any) -> Any:
 
 
 MIXED = [
-    {"name": name, "diameter": size, "fraction": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
+    {"name": name, "diameter": size, "share": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
 ]
 
 

@@ -79,7 +79,7 @@ def static(scene: Scene) -> Scene:
 def mixed(bed: Scene) -> Scene:
     """Three species, both laws of walls that depend on the distance alone."""
     species = [
-        {"name": name, "diameter": diameter, "fraction": fraction}
+        {"name": name, "diameter": diameter, "share": fraction}
         for name, diameter, fraction in (("a", "5 mm", 0.5), ("b", "3 mm", 0.3), ("c", "7 mm", 0.2))
     ]
     return bed.replace(

@@ -27,8 +27,8 @@ WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
 SLAB = {"law": "slab", "length": "0.6 m"}
 FORMULA = {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}
 TWO = [
-    {"name": "big", "diameter": 0.005, "fraction": 0.5},
-    {"name": "small", "diameter": 0.003, "fraction": 0.5},
+    {"name": "big", "diameter": 0.005, "share": 0.5},
+    {"name": "small", "diameter": 0.003, "share": 0.5},
 ]
 
 

@@ -24,8 +24,8 @@ from granular.shared.errors import InputError
 from .conftest import MakeRun
 
 TWO_SPECIES = [
-    {"name": "big", "diameter": "6 mm", "fraction": 0.5},
-    {"name": "small", "diameter": "3 mm", "fraction": 0.5},
+    {"name": "big", "diameter": "6 mm", "share": 0.5},
+    {"name": "small", "diameter": "3 mm", "share": 0.5},
 ]
 
 

@@ -32,7 +32,7 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
     }
 
 
-@pytest.mark.parametrize("place", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("slot", [np.nan, np.inf, -np.inf])
 def test_places_that_are_none(slot: float) -> None:
     workspace = close_pairs_workspace(3, 3)
     find_close_pairs(workspace, np.array([0.0, slot, 2.0]), np.zeros(3), 3, 1.0, None)

@@ -55,7 +55,7 @@ def test_commas_that_separate_and_are_decimal_ones(said: dict[str, str], tmp_pat
 def test_commas_that_may_be_either(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("0,5,1,2\n1,5,1,3\n2,5,1,4\n")
-    with pytest.raises(RecordError, match=r"4 whole numbers, or 2 with decimal commas; say"):
+    with pytest.raises(RecordError, match=r"4 integers, or 2 with decimal commas; say"):
         PistonRecord.from_file(path)
     with pytest.warns(UserWarning, match="time is column 1"):
         assert PistonRecord.from_file(path, decimal=".").height.tolist() == [5.0, 5.0, 5.0]

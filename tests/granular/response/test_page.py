@@ -128,14 +128,14 @@ REFUSED = [
         "give --force, --acceleration or --displacement",
     ),
     (("response", "machine", "--to", "4Hz"), "required: --from; see "),
-    ((*SWEEP, "60s", "--share", "0.1"), "--share does not go with sines"),
+    ((*SWEEP, "60s", "--fraction", "0.1"), "--fraction does not go with sines"),
     ((*STRUCK, "machine"), "required: --force"),
     ((*STRUCK, "machine", "--force", "5N", "--force", "9N"), "an impulse has one"),
     ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep does not go with --impulse"),
     ((*STRUCK, "machine", "--force", "5N", "--from", "2Hz"), "--from does not go with --impulse"),
     ((*STRUCK, "bed", "--force", "5N"), "has no host of bodies"),
     ((*STRUCK, "machine", "--force", "0N"), "give a force that is not 0"),
-    ((*STRUCK, "machine", "--force", "5N", "--share", "1.5"), "above 0 and below 1"),
+    ((*STRUCK, "machine", "--force", "5N", "--fraction", "1.5"), "above 0 and below 1"),
     ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
 ]  # fmt: skip
 

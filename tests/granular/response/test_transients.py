@@ -117,6 +117,6 @@ def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixtur
     found = json.loads(capsys.readouterr().out)
     assert found["alone"] == pytest.approx(math.log(10.0) / 2.0)
     assert found["seconds"] == pytest.approx(found["alone"], abs=math.pi / 20.0)
-    main([*struck, "--duration", "3s", "--share", "0.5", "--json"])
+    main([*struck, "--duration", "3s", "--fraction", "0.5", "--json"])
     assert json.loads(capsys.readouterr().out)["seconds"] < found["seconds"]
     assert len((tmp_path / "struck" / "impulse.csv").read_text().splitlines()) > 1000

@@ -38,7 +38,7 @@ def promises() -> Iterator[object]:
             yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
 
 
-@pytest.mark.parametrize(("prices", "quantity"), promises())
+@pytest.mark.parametrize(("costs", "quantity"), promises())
 def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(costs)

@@ -59,7 +59,7 @@ def test_table_of_the_source(
 
 
 @pytest.mark.parametrize(
-    ("share", "made"),
+    ("fraction", "made"),
     [(0.0, 0.0), (0.05, 0.05), (0.1, 0.1), (0.2, 0.2), (0.3, 0.3325), (0.4, 0.5), (0.45, 0.5),
      (0.5, 0.5), (0.55, 0.5), (0.7, 0.6675), (0.9, 0.9), (0.95, 0.95), (1.0, 1.0)],
 )  # fmt: skip
@@ -95,7 +95,7 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
     total = sum(weight for _, weight in kinds)
     count = 100 * total
     species = [
-        Species(name=f"s{k}", diameter=0.005 * size, fraction=weight / total)
+        Species(name=f"s{k}", diameter=0.005 * size, share=weight / total)
         for k, (size, weight) in enumerate(kinds)
     ]
     base = load_scene("bed").replace(

@@ -104,8 +104,8 @@ def test_items_are_named_or_numbered(damper: Scene) -> None:
 
 def test_species_are_shared_out_evenly() -> None:
     species = [
-        {"name": "big", "diameter": 0.005, "fraction": 0.7},
-        {"name": "small", "diameter": 0.003, "fraction": 0.3},
+        {"name": "big", "diameter": 0.005, "share": 0.7},
+        {"name": "small", "diameter": 0.003, "share": 0.3},
     ]
     scene = load_scene("bed").replace(**{"grains.species": species, "grains.count": 100})
     assert scene.grains.counts() == (70, 30)

@@ -15,12 +15,12 @@ MU0 = 4e-7 * math.pi
 
 def mixed(**changes: Any) -> Scene:
     """Big grains, and small ones of another remanence, density and thickness, that rub."""
-    small = {"name": "small", "diameter": "4 mm", "fraction": 0.4, "remanence": "0.9 T"}
+    small = {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "0.9 T"}
     return load_scene("bed").replace(
         **{
             "grains.count": 23,
             "grains.species": [
-                {"name": "big", "diameter": "6 mm", "fraction": 0.6},
+                {"name": "big", "diameter": "6 mm", "share": 0.6},
                 small | {"density": 5000.0, "thickness": "2.9 mm"},
             ],
             "cell.width": "15 D",

@@ -19,8 +19,8 @@ MIXTURE = damper().replace(
     **{
         "name": "mixture",
         "grains.species": [
-            {"name": "big", "diameter": D, "fraction": 0.5},
-            {"name": "small", "diameter": D / 2, "fraction": 0.5},
+            {"name": "big", "diameter": D, "share": 0.5},
+            {"name": "small", "diameter": D / 2, "share": 0.5},
         ],
         "piston.mass": 3.0,
     }
@@ -101,8 +101,8 @@ def test_the_scene_alone_tells_the_fall(count: int) -> None:
 def mixed(small: float, mass: float) -> Scene:
     """Grains of 6 mm and smaller ones, 1:1."""
     species = [
-        {"name": "big", "diameter": D, "fraction": 0.5},
-        {"name": "small", "diameter": small, "fraction": 0.5},
+        {"name": "big", "diameter": D, "share": 0.5},
+        {"name": "small", "diameter": small, "share": 0.5},
     ]
     return damper().replace(**{"grains.species": species, "piston.mass": mass})
 

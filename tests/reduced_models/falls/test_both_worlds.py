@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.reduced_models.falls.forces_at import PUSHED, Pushed
+from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 from granular import PistonRecord, Scene, damper, simulate
 from reduced_models.falls.theory import RESPONSE_ERROR

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.reduced_models.falls.forces_at import PUSHED
+from tests.reduced_models.falls.pushed import PUSHED
 
 from granular import damper
 from granular.shared.errors import InputError

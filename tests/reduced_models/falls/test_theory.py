@@ -64,7 +64,7 @@ def test_the_law_stands_for_falls_of_the_packaged_damper() -> None:
 def test_a_mixture_of_equals_is_the_bed_itself() -> None:
     plain = damper()
     (one,) = plain.grains.species
-    halves = [{**one.to_plain(), "name": name, "fraction": 0.5} for name in ("a", "b")]
+    halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
     mixed = plain.replace(**{"grains.species": halves})
     assert parameters_of(mixed) == pytest.approx(parameters_of(plain))
 
