@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 from granular import PistonRecord, Scene, damper, simulate
 from reduced_models.falls.theory import RESPONSE_ERROR
@@ -16,6 +15,7 @@ from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.solution import solution
+from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 D = 0.006
 LAW = LAWS["annealing-bed"]

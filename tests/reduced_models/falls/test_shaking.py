@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from tests.reduced_models.falls.pushed import PUSHED
 
 from granular import damper
 from granular.shared.errors import InputError
 from reduced_models import shaking_range
 from reduced_models.falls.theory import RESPONSE_ERROR
+from tests.reduced_models.falls.pushed import PUSHED
 
 
 def test_errors_are_those_that_were_measured() -> None:
