@@ -41,7 +41,7 @@ from validation import convergence, exact_problem
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
-DISCOVERY = DOCS / "guide" / "discovery.md"
+DISCOVERY = DOCS / "results" / "discovery.md"
 DIAMETER = 0.006
 GRAVITY = 9.8
 
@@ -776,7 +776,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "machine-design": write_machine_design,
     "prices": write_prices,
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
-    "falls": lambda: write_block("falls", falls(), DOCS / "guide" / "damper-to-equation.md"),
+    "falls": lambda: write_block("falls", falls(), DOCS / "results" / "laws.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
     "guarantees": draw_guarantees,
     "verification": draw_verification,

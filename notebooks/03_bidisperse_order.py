@@ -194,7 +194,7 @@ plt.show()
 # %% [markdown]
 # ## What came out
 #
-# The least distance is below the published one; `docs/guide/misprints.md` and the report on the
+# The least distance is below the published one; `docs/results/misprints.md` and the report on the
 # published values name what moves it (the regularised friction law, and the width of the cell).
 
 # %%

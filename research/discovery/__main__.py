@@ -53,7 +53,7 @@ def _seeds(count: int | None) -> int:
 
 def blocks(results: Results) -> Mapping[str, Block]:
     """Tables and words for the guide."""
-    return {"rates": Block("docs/guide/discovery.md", markdown(results))}
+    return {"rates": Block("docs/results/discovery.md", markdown(results))}
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:

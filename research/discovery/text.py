@@ -47,12 +47,14 @@ def summary(found: Results) -> dict[str, Any]:
 
 
 def rates_table(found: Results) -> TextTable:
-    """Rates of each method by noise and library, over all systems."""
+    """Rates of each method by noise and library, over all systems; nothing where none was run."""
     header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
     rows = []
     for noise in NOISES:
         for library in LIBRARIES:
             rates = [found.rate(method, library, noise) for method in METHODS]
+            if not any(rate.run for rate in rates):
+                continue
             rows.append([
                 f"{100 * noise:g} %", library, *map(rate_words, rates),
                 NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",

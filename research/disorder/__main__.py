@@ -15,7 +15,7 @@ from research.disorder.text import TEXTS, summary, text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE = "docs/guide/defects.md"
+PAGE = "docs/results/melting-and-disorder.md"
 
 
 def run(options: Any) -> Results:

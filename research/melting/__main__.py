@@ -31,7 +31,7 @@ def run(options: Any) -> Results:
 
 def blocks(results: Results) -> Mapping[str, Block]:
     """Table and transitions for the guide."""
-    return {"table": Block("docs/guide/defects.md", markdown(results))}
+    return {"table": Block("docs/results/melting-and-disorder.md", markdown(results))}
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:

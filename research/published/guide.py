@@ -23,10 +23,10 @@ from research.published.statements import counted_statements
 WIDTH = 110
 PAGES: Mapping[str, str] = {
     "summary": "README.md",
-    "counts": "docs/guide/verification.md",
-    "figures": "docs/guide/verification.md",
-    "packaged damper": "docs/guide/verification.md",
-    "damper law": "docs/guide/damper-to-equation.md",
+    "counts": "docs/results/verification.md",
+    "figures": "docs/results/verification.md",
+    "packaged damper": "docs/results/verification.md",
+    "damper law": "docs/results/laws.md",
 }
 """Files by the blocks that they hold."""
 

@@ -20,7 +20,7 @@ def run(options: Any) -> Plain:
 
 def blocks(found: Plain) -> Mapping[str, Block]:
     """The table for the guide."""
-    return {"table": Block("docs/guide/real-records.md", recovery_markdown(found))}
+    return {"table": Block("docs/results/real-records.md", recovery_markdown(found))}
 
 
 def add_options(one: Parser) -> None:

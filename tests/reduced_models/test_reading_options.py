@@ -184,7 +184,9 @@ def test_options_that_the_guide_names_are_there() -> None:
     """Beside a form they work everywhere, else on a command that the page is about."""
     pages = ROOT / "docs" / "guide"
     word = re.compile(r"`(--[a-z-]+)")
-    forms = set(word.findall((pages / "laboratory-forms.md").read_text(encoding="utf-8")))
+    forms = set(
+        word.findall((ROOT / "docs" / "reference" / "laboratory-forms.md").read_text("utf-8"))
+    )
     assert {"--columns", "--units", "--flip", "--skip"} <= forms
     for name in COMMANDS:
         assert forms <= options(name), name

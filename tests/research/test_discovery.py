@@ -135,4 +135,4 @@ def test_an_unknown_system_is_refused() -> None:
 def test_the_guide_shows_the_committed_results() -> None:
     found = CAMPAIGN.committed()
     assert CAMPAIGN.different(found) == []
-    assert CAMPAIGN.different(EMPTY) == ["docs/guide/discovery.md: rates"]
+    assert CAMPAIGN.different(EMPTY) == ["docs/results/discovery.md: rates"]

@@ -202,7 +202,7 @@ def test_guide_says_what_the_results_say() -> None:
     assert results.layers
     assert CAMPAIGN.different(results) == []
     assert CAMPAIGN.different(results._replace(layers=results.layers[1:])) == [
-        "docs/guide/defects.md: table"
+        "docs/results/melting-and-disorder.md: table"
     ]
 
 

@@ -43,7 +43,7 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 
 def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same columns, and all systems of the whole run."""
-    guide = (Path(__file__).parents[2] / "docs" / "guide" / "real-records.md").read_text("utf-8")
+    guide = (Path(__file__).parents[2] / "docs" / "results" / "real-records.md").read_text("utf-8")
     lines = guide.splitlines()
     monkeypatch.setattr(
         programme, "_fitted", lambda _: {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
@@ -58,7 +58,7 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
     assert "(`python -m research.recovery --full` on 20" in guide
     found = CAMPAIGN.committed()
     assert CAMPAIGN.different(found) == []
-    assert CAMPAIGN.different({**found, "reached": 0}) == ["docs/guide/real-records.md: table"]
+    assert CAMPAIGN.different({**found, "reached": 0}) == ["docs/results/real-records.md: table"]
 
 
 def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

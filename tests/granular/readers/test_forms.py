@@ -44,7 +44,7 @@ def test_most_forms_are_after_a_public_source() -> None:
     assert len(FORMS) >= 45
     assert 3 * len(cited) >= 2 * len(every)
     pages = ROOT / "docs" / "guide"
-    guide = (pages / "laboratory-forms.md").read_text(encoding="utf-8")
+    guide = (ROOT / "docs" / "reference" / "laboratory-forms.md").read_text(encoding="utf-8")
     assert f"lists {len(FORMS)} forms" in (pages / "laboratory-record.md").read_text("utf-8")
     for name, source in cited.items():
         assert re.fullmatch(r"https?://[\w.-]+\.[a-z]+/\S*", source), name
