@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from research.published.protocols import PUBLISHED, QUICK, Protocol
+from research.published.protocols import ACCELERATED, PUBLISHED, QUICK, Protocol
 from research.published.series import Series, fall, mixture, mono, pressed
+from research.published.start_and_creep import both_at, creep, grid_of_height, regularised
 from validation.published import duration
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
@@ -124,6 +125,9 @@ def full_plan() -> list[Group]:
         Group("shorter steps", _steps()),
         Group("every pair by the mesh", _meshes()),
         Group("de Paula's friction and protocol, 368 grains", _source_cycle((368,))),
+        Group("both causes of the hysteresis", both_at(SIZES, ACCELERATED, (1, 2, 3))),
+        Group("creep", creep(368)),
+        Group("both causes, de Paula's protocol", both_at((92, 184), PUBLISHED, (1,))),
         Group("de Paula's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
         Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
     ]
@@ -226,15 +230,10 @@ def _steps() -> list[Series]:
     ]
 
 
-def _regularised(period: float, diameter: float) -> dict[str, Any]:
-    """De Paula's friction, with its threshold of 1e-6 D/T; its step is 1e-6 T."""
-    return {"scheme": "regularised", "threshold": 1e-6 * diameter / period}
-
-
 def _source_friction(count: int) -> dict[str, Any]:
     """Step and friction of a bed of equal grains, as the thesis has them."""
     period = duration(count, PUBLISHED.speed)
-    return {"step": 1e-6 * period, "effects__friction": _regularised(period, 0.006)}
+    return {"step": 1e-6 * period, "effects__friction": regularised(period)}
 
 
 def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
@@ -258,21 +257,15 @@ def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
                  effects__friction={"static": 0.3, "dynamic": 0.225}),
             mono(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
             mono(f"{name}, all together", n, QUICK, seeds=two if n < 736 else (1,),
-                 **own, **wide, **_loose(n)),
+                 **own, **wide, **grid_of_height(n, LOOSE)),
         ]  # fmt: skip
     return [*made, _rounded_184()] if 184 in sizes else made
 
 
 def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
-    return [mono(f"direct {n}, loose start", n, protocol, **_loose(n)) for n in sizes]
-
-
-def _loose(count: int) -> dict[str, Any]:
-    """Grains that stand farther apart at first, under a piston that starts higher."""
-    scene = mono("", count, QUICK).scene(1)
-    start = scene.arrangement.height
-    assert start is not None
-    return {"arrangement__height": LOOSE * start, "piston__height": 1.1 * LOOSE * start}
+    return [
+        mono(f"direct {n}, loose start", n, protocol, **grid_of_height(n, LOOSE)) for n in sizes
+    ]
 
 
 def _rounded_184() -> Series:
@@ -291,7 +284,7 @@ def _mixture_causes() -> list[Series]:
     The step is 1e-6 T of the thesis's own compression.
     """
     friction: dict[str, Any] = {
-        "step": 1e-6 * MIXTURE_PERIOD, "effects__friction": _regularised(MIXTURE_PERIOD, 0.005),
+        "step": 1e-6 * MIXTURE_PERIOD, "effects__friction": regularised(MIXTURE_PERIOD, 0.005),
     }  # fmt: skip
     wide: dict[str, Any] = {"cell__width": WIDE_CELL}
     beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]

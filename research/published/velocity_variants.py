@@ -1,0 +1,138 @@
+"""De Paula's friction in an independent loop: what its velocity was.
+
+[D, eq. 2.17] takes the velocity at a step from the position after it, which friction is to decide.
+The thesis does not say which velocity friction had. Two that a position-Verlet loop has at hand:
+the last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] of the step before, (x_n - x_(n-2))/2h.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from granular.scene.scene import Scene
+from granular.schema.scales import Scales
+
+TILT = 0.0126585
+"""N_i = K sum_j r_ij^-3 of 6 mm grains [D, eq. 2.15]."""
+STATIC, DYNAMIC = 0.6, 0.45
+RELAXATION = 5.0
+"""In units of T."""
+
+
+@numba.njit(cache=True)
+def _forces(
+    x: np.ndarray, y: np.ndarray, width: float, piston: float, gravity: float, force: np.ndarray
+) -> None:
+    """Magnetic forces, weight and sum of r^-3 of every grain, in natural units."""
+    force[0, :] = 0.5 * (x**-3.5 - (width - x) ** -3.5)
+    force[1, :] = 0.5 * (y**-3.5 - (piston - y) ** -3.5) - gravity
+    force[2, :] = 0.0
+    for i in range(x.size):
+        fx, fy, load = 0.0, 0.0, 0.0
+        for j in range(i):
+            dx, dy = x[i] - x[j], y[i] - y[j]
+            square = dx * dx + dy * dy
+            cube = 1.0 / (square * math.sqrt(square))
+            ratio = 0.75 * cube / square
+            fx += ratio * dx
+            fy += ratio * dy
+            load += cube
+            force[0, j] -= ratio * dx
+            force[1, j] -= ratio * dy
+            force[2, j] += cube
+        force[0, i] += fx
+        force[1, i] += fy
+        force[2, i] += load
+
+
+@numba.njit(cache=True)
+def _half_mean_distance(x: np.ndarray, y: np.ndarray) -> float:
+    total = 0.0
+    for i in range(x.size):
+        for j in range(i):
+            total += math.hypot(x[i] - x[j], y[i] - y[j])
+    return total / (x.size * (x.size - 1))
+
+
+@numba.njit(cache=True)
+def _height(time: float, heights: tuple[float, float, float]) -> float:
+    """Of the piston, at a time in T after the start of the relaxation [D, 2.3.2]."""
+    top, start, end = heights
+    if time < RELAXATION:
+        bottom = math.exp(-RELAXATION)
+        return top - (top - start) * (math.exp(time - RELAXATION) - bottom) / (1.0 - bottom)
+    if time < RELAXATION + 1.0:
+        return start - (start - end) * (time - RELAXATION)
+    return min(start, end + (start - end) * (time - RELAXATION - 1.0))
+
+
+@numba.njit(cache=True)
+def _cycle(
+    positions: np.ndarray, velocities: np.ndarray, width: float, gravity: float,
+    heights: tuple[float, float, float], period: float, step: float, threshold: float, late: bool,
+) -> tuple[float, float]:  # fmt: skip
+    """Half the mean distance before the compression and at t = 3 T."""
+    now = positions.copy()
+    before = now - step * velocities
+    earlier = before - step * velocities
+    force = np.zeros((3, now.shape[1]))
+    begun, last = round(RELAXATION * period / step), round((RELAXATION + 3.0) * period / step)
+    start = 0.0
+    for k in range(last):
+        if k == begun:
+            start = _half_mean_distance(now[0], now[1])
+        height = _height(k * step / period, heights)
+        _forces(now[0], now[1], width, height, gravity, force)
+        for i in range(now.shape[1]):
+            if late:
+                vx = 0.5 * (now[0, i] - earlier[0, i]) / step
+                vy = 0.5 * (now[1, i] - earlier[1, i]) / step
+            else:
+                vx, vy = (now[0, i] - before[0, i]) / step, (now[1, i] - before[1, i]) / step
+            load, fx, fy = TILT * force[2, i], force[0, i], force[1, i]
+            speed = math.sqrt(vx * vx + vy * vy)
+            if math.sqrt(fx * fx + fy * fy) <= STATIC * load and speed < threshold:
+                fx, fy = 0.0, 0.0
+            else:
+                brake = DYNAMIC * load / (speed + threshold)
+                fx, fy = fx - brake * vx, fy - brake * vy
+            for axis, one in ((0, fx), (1, fy)):
+                after = 2.0 * now[axis, i] - before[axis, i] + step * step * one
+                earlier[axis, i] = before[axis, i]
+                before[axis, i] = now[axis, i]
+                now[axis, i] = after
+    return start, _half_mean_distance(now[0], now[1])
+
+
+def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
+    """Half the mean distance at start and end of a bed's cycle [D].
+
+    Parameters
+    ----------
+    scene : Scene
+        One of `research.published.series.mono`, with the regularised friction.
+    step : float
+        Time step [s].
+    late : bool
+        Friction by [D, eq. 2.17] of the step before, instead of the last difference.
+    """
+    friction, piston = scene.effects.friction, scene.piston
+    assert piston is not None
+    scales, stages = Scales.of(scene.grains), scene.protocol
+    heights = [stages[0].final_height(), stages[1].final_height()]
+    assert heights[0] is not None
+    assert heights[1] is not None
+    span = stages[1].span(heights[0])
+    assert span is not None
+    place, velocity, *_ = scene.initial_motion()
+    start, end = _cycle(
+        np.ascontiguousarray(place.T / scales.length),
+        np.ascontiguousarray(velocity.T / scales.velocity),
+        scene.cell.width / scales.length, 9.8 / scales.acceleration,
+        (piston.height / scales.length, heights[0] / scales.length, heights[1] / scales.length),
+        span / scales.time, step / scales.time, friction.threshold / scales.velocity, late,
+    )  # fmt: skip
+    return float(start), float(end)
