@@ -307,26 +307,6 @@ def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFi
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
 
-def gaps_at_the_end(results: Results) -> str:
-    """Where the bed after the cycle is narrower or wider than published, beyond the interval."""
-    words = []
-    for n in SIZES:
-        samples = (results.sample(f"direct {n}", "half_end_D", one) for one in BEST_FIRST)
-        found = next((one.finding() for one in samples if one is not None), None)
-        printed = published_figure(f"direct {n}", "half_end_D")
-        if found is None or printed is None:
-            continue
-        half = found.half_width()
-        if half is not None and abs(found.value - printed) > half + ROUNDING:
-            words.append(f"{found.value:.2f} D ({printed:.2f}) at N = {n}, {found.protocol}")
-    if not words:
-        return ""
-    return (
-        "Not explained: the half mean distance after the cycle is not as published (in brackets) "
-        f"beyond its interval: {'; '.join(words)}."
-    )
-
-
 def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
     """The mean distances at start and end of the bed that a comparison is of."""
     beside = [

@@ -17,6 +17,9 @@ NOT_COMPARABLE = "not comparable"
 NOT_RUN = "not run"
 VERDICTS = (AGREES, DIFFERS, BY_CONSTRUCTION, NOT_COMPARABLE, NOT_RUN)
 
+UNEXPLAINED = "Not explained: tried "
+"""How the note of a difference begins whose cause is not known."""
+
 CONFIDENCE = 0.95
 """Of the interval of a difference: outside of it means differ."""
 
@@ -24,7 +27,8 @@ PUBLISHED_STARTS = 3
 """Runs behind a published deviation [D, Tables 3.2, 5.2, A.2]."""
 
 SHARP = 0.1
-"""A comparison can fail if its interval is narrower than this part of the published value."""
+"""A comparison can fail if its interval, from end to end twice this, is below a fifth of the
+published value."""
 
 
 class Rule(NamedTuple):
@@ -39,18 +43,21 @@ class Rule(NamedTuple):
         machine.
     constructed : bool
         True where ours was made from the published number, so that it cannot differ.
-    scale : float
-        Size that the interval of a number near zero is measured by; 0 for the published value.
+    draws : int
+        Runs behind a published number without a deviation.
+    looks : int
+        Values of which the worst is judged: its interval has a confidence of 1 - 0.05/looks.
     """
 
     limit: str = ""
     comparable: bool = True
     constructed: bool = False
-    scale: float = 0.0
+    draws: int = 1
+    looks: int = 1
 
 
 PLAIN = Rule()
-"""Means by Welch's interval; numbers without scatter by their printed digits."""
+"""Means by Welch's interval, single draws by a prediction interval, exact numbers by digits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +80,10 @@ class Entry:
     covers : tuple of str
         Further keys that say the same.
     note : str
-        Why ours differs, or cannot be compared; shown where it does.
+        Why ours differs, or cannot be compared; shown where it does. It names a cause that was
+        run, or begins with `UNEXPLAINED` and says what was tried.
+    reference : float, optional
+        What ours is compared with where it is not the value at the key.
     """
 
     key: str
@@ -85,6 +95,7 @@ class Entry:
     digits: int = 2
     covers: tuple[str, ...] = ()
     note: str = ""
+    reference: float | None = None
 
 
 class Verdict(NamedTuple):
@@ -97,12 +108,15 @@ class Verdict(NamedTuple):
     allowed : float or None
         The difference up to which ours would agree; None where that is not asked.
     can_fail : bool
-        Whether that is less than `SHARP` of the published value, or of the rule's scale.
+        Whether that is less than `SHARP` of the published value.
+    p : float or None
+        Probability of so great a difference by chance; None where nothing is random.
     """
 
     words: str
     allowed: float | None = None
     can_fail: bool = False
+    p: float | None = None
 
     @property
     def agrees(self) -> bool | None:
@@ -116,9 +130,10 @@ def verdict(
     """Whether ours differs from the published value.
 
     The difference of two means is judged by Student's interval of 95 % with the standard errors of
-    both (Welch 1947). A published mean without a deviation has half of its last printed digit for
-    an error, and nothing else: what its own scatter was de Paula does not say. Where ours has no
-    scatter, the printed digits decide.
+    both (Welch 1947). A published number without a deviation is one draw, with our own scatter: it
+    is judged by a prediction interval, whose variance is the scatter's times 1 + 1/n for n starts
+    of ours. Half of the last printed digit comes on top. Where ours has no scatter, the printed
+    digits decide.
 
     Parameters
     ----------
@@ -135,27 +150,45 @@ def verdict(
         return Verdict(BY_CONSTRUCTION)
     if not rule.comparable:
         return Verdict(NOT_COMPARABLE)
-    allowed = half_width(published_spread, found) + 0.5 * 10.0**-digits * 1.000001
+    rounding = 0.5 * 10.0**-digits * 1.000001
+    error, freedom = error_of_difference(published_spread, found, rule.draws)
+    allowed = quantile(freedom, rule.looks) * error + rounding
     difference = found.value - published
-    if rule.limit:
-        beyond = difference if rule.limit == "most" else -difference
-        return Verdict(DIFFERS if beyond > allowed else AGREES, allowed, True)
-    size = rule.scale or abs(published)
-    words = AGREES if abs(difference) <= allowed else DIFFERS
-    return Verdict(words, float(allowed), bool(allowed < SHARP * size))
+    beyond = {"most": difference, "least": -difference}.get(rule.limit, abs(difference))
+    words = AGREES if beyond <= allowed else DIFFERS
+    p = None if error == 0.0 else _probability((beyond - rounding) / error, freedom, rule.looks)
+    return Verdict(words, float(allowed), bool(allowed < SHARP * abs(published)), p)
 
 
-def half_width(published_spread: float | None, found: Finding) -> float:
-    """Half the width of Welch's interval of the difference; 0 where neither has a scatter."""
-    from scipy.special import stdtrit
+def error_of_difference(
+    published_spread: float | None, found: Finding, draws: int = 1
+) -> tuple[float, float]:
+    """Standard error of the difference, and its degrees of freedom; 0 where nothing scatters.
 
-    parts = []
-    if published_spread is not None and math.isfinite(published_spread):
-        parts.append((published_spread**2 / PUBLISHED_STARTS, PUBLISHED_STARTS - 1.0))
-    if found.error is not None and found.freedom > 0.0:
-        parts.append((found.error**2, found.freedom))
+    Of a published number without a deviation: of a prediction. Where ours has no scatter of single
+    starts but an error, the published one, found in the same way, has the same.
+    """
+    ours, freedom = found.error or 0.0, found.freedom
+    if published_spread is None or not math.isfinite(published_spread):
+        own = ours if found.spread is None else found.spread / math.sqrt(draws)
+        return (math.hypot(ours, own), freedom) if ours > 0.0 and freedom > 0.0 else (0.0, 0.0)
+    parts = [(published_spread**2 / PUBLISHED_STARTS, PUBLISHED_STARTS - 1.0)]
+    if ours > 0.0 and freedom > 0.0:
+        parts.append((ours**2, freedom))
     variance = sum(part for part, _ in parts)
     if variance <= 0.0:
-        return 0.0
-    freedom = variance**2 / sum(part**2 / free for part, free in parts)
-    return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE)) * math.sqrt(variance)
+        return 0.0, 0.0
+    return math.sqrt(variance), variance**2 / sum(part**2 / free for part, free in parts)
+
+
+def quantile(freedom: float, looks: int = 1) -> float:
+    """Student's, of an interval of 95 %, or of the worst of some values; 0 without a freedom."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / looks)) if freedom > 0.0 else 0.0
+
+
+def _probability(t: float, freedom: float, looks: int) -> float:
+    from scipy.special import stdtr
+
+    return min(1.0, 2.0 * looks * float(stdtr(freedom, -max(t, 0.0))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from research.campaign import Block
-from research.published.causes import comparisons, gaps_at_the_end, verdict_on_hysteresis
+from research.published.both_causes import words_on_both, words_on_creep
 from research.published.entry import AGREES, DIFFERS
 from research.published.judging import Judged, counts, judged, said
 from research.published.page import FIRST, words_of
@@ -76,8 +76,7 @@ def _figures(results: Results) -> str:
     lines = ["| figure | published | here | verdict |", "|---|---|---|---|"]
     lines += [_row(rows[key]) for key in FIRST]
     modes = _modes(results)
-    lines += ["", _wrapped(verdict_on_hysteresis(comparisons(results)))]
-    lines += ["", _wrapped(one)] if (one := gaps_at_the_end(results)) else []
+    lines += ["", _wrapped(words_on_both(results)), "", _wrapped(words_on_creep(results))]
     lines += ["", _wrapped(modes)] if modes else []
     return "\n".join(lines)
 

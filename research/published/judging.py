@@ -11,8 +11,10 @@ from research.campaign import Plain
 from research.published.catalogue import entries
 from research.published.entry import (
     AGREES,
+    CONFIDENCE,
     DIFFERS,
     NOT_COMPARABLE,
+    UNEXPLAINED,
     VERDICTS,
     Entry,
     Verdict,
@@ -68,13 +70,29 @@ class Judged(NamedTuple):
             "verdict": self.verdict.words,
             "allowed": None if self.verdict.allowed is None else _short(self.verdict.allowed),
             "can_fail": self.verdict.can_fail,
+            "p": None if self.verdict.p is None else _short(self.verdict.p),
             "note": self.note,
         }
 
 
 def judged(results: Results) -> list[Judged]:
-    """All entries."""
-    return [judge(entry, results) for entry in entries()]
+    """All entries; those of them differ that a false discovery rate over all lets stand.
+
+    Of many comparisons some differ by chance. By Benjamini and Hochberg (1995) at most 5 % of the
+    differences that are left are expected to be of that kind.
+    """
+    from scipy.stats import false_discovery_control
+
+    rows = [judge(entry, results) for entry in entries()]
+    places = [k for k, row in enumerate(rows) if row.verdict.p is not None]
+    if not places:
+        return rows
+    adjusted = false_discovery_control([rows[k].verdict.p for k in places])
+    for k, p in zip(places, adjusted, strict=True):
+        said = rows[k].verdict
+        words = AGREES if p > 1.0 - CONFIDENCE else said.words
+        rows[k] = rows[k]._replace(verdict=said._replace(words=words))
+    return rows
 
 
 def counts(rows: Sequence[Judged]) -> dict[str, int]:
@@ -85,8 +103,13 @@ def counts(rows: Sequence[Judged]) -> dict[str, int]:
 
 def strength(rows: Sequence[Judged]) -> dict[str, int]:
     """How many entries were judged by an interval that they could fail, and by whose protocol."""
+    differ = [row for row in rows if row.verdict.words == DIFFERS]
+    unexplained = sum(row.note.startswith(UNEXPLAINED) for row in differ)
+    agree = [row for row in rows if row.verdict.words == AGREES]
     return {
-        "could have failed": sum(row.verdict.can_fail for row in rows),
+        "differ by a cause that was run": len(differ) - unexplained,
+        "differ and are not explained": unexplained,
+        "agree and could have failed": sum(row.verdict.can_fail for row in agree),
         "rest on de Paula's own protocol": sum(row.by_the_sources_protocol for row in rows),
     }
 
@@ -102,7 +125,7 @@ _PLURALS = {AGREES: "agree", DIFFERS: "differ"}
 
 def judge(entry: Entry, results: Results) -> Judged:
     """One entry."""
-    published = float(published_value(entry.key))
+    published = float(published_value(entry.key) if entry.reference is None else entry.reference)
     spread = float(published_value(entry.spread_key)) if entry.spread_key else None
     spread = None if spread is None or math.isnan(spread) else spread
     found = entry.measure(results)

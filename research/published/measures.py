@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import partial
 
 import numpy as np
 
@@ -15,16 +15,44 @@ from research.published.results import Results, Sample
 Measure = Callable[[Results], Finding | None]
 
 
-def mean_of(name: str, figure: str, scale: float = 1.0) -> Measure:
-    """Mean and deviation of a figure of one series."""
+def mean_of(
+    name: str,
+    figure: str,
+    scale: float = 1.0,
+    pool: Sequence[str] = (),
+    protocol: str | None = None,
+) -> Measure:
+    """Mean and deviation of a figure of one series.
+
+    The deviation is that of all series of ``pool`` together, whose starts scatter alike: of three
+    starts alone it is known so badly that hardly any difference would show.
+    """
 
     def measure(results: Results) -> Finding | None:
-        sample = results.sample(name, figure)
+        sample = results.sample(name, figure, protocol)
         if sample is None:
             return None
-        return sample._replace(values=scale * sample.values).finding()
+        found = sample._replace(values=scale * sample.values).finding()
+        pooled = pooled_deviation(results, pool, figure, sample.protocol)
+        if pooled is None:
+            return found
+        spread, freedom = scale * pooled[0], pooled[1]
+        error = spread / math.sqrt(len(sample.values))
+        return found._replace(spread=spread, error=error, freedom=float(freedom))
 
     return measure
+
+
+def pooled_deviation(
+    results: Results, names: Sequence[str], figure: str, protocol: str
+) -> tuple[float, int] | None:
+    """Deviation of single starts by several series together, and its degrees of freedom."""
+    samples = [results.sample(name, figure, protocol) for name in names]
+    values = [one.values for one in samples if one is not None and len(one.values) > 1]
+    freedom = sum(len(one) - 1 for one in values)
+    if not freedom:
+        return None
+    return math.sqrt(sum(len(one) * float(one.var()) for one in values) / freedom), freedom
 
 
 def calculation(name: str, figure: str) -> Measure:
@@ -296,44 +324,29 @@ def force_ratio(name: str, last: str) -> Measure:
     return measure
 
 
-def biexponential(ratios: Sequence[float], names: Sequence[str], place: int) -> Measure:
-    """A parameter (A, lambda1, B, lambda2) of the fit to F_max(R)/F_max(1) over all starts.
-
-    Its standard error is half the half-width of its interval of 95 %.
-    """
+def over_curve(
+    curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]
+) -> Measure:
+    """F(R)/F(1) over a published curve of it, at the R where the two differ by most errors."""
 
     def measure(results: Results) -> Finding | None:
         found = together(names, "force", results)
         if found is None:
             return None
-        last = found[ratios.index(1.0)].values.mean()
-        pairs = [
-            (ratio, float(force / last))
-            for ratio, one in zip(ratios, found, strict=True)
-            for force in one.values
+        last = found[ratios.index(1.0)].finding()
+        forces = [one.finding() for r, one in zip(ratios, found, strict=True) if r != 1.0]
+        printed = [curve(r) for r in ratios if r != 1.0]
+        over = [
+            _of_ratio(one, last, partial(_over, at), 1.0 / at)
+            for one, at in zip(forces, printed, strict=True)
         ]
-        value, low, high = _biexponential(tuple(pairs))[place]
-        error = (high - low) / 4.0 if np.isfinite(high - low) else None
-        return without_error(value, found)._replace(error=error, freedom=len(pairs) - 4.0)
+        return max(over, key=lambda one: abs(one.value - 1.0) / (one.error or math.inf))
 
     return measure
 
 
-@cache
-def _biexponential(pairs: tuple[tuple[float, float], ...]) -> list[tuple[float, float, float]]:
-    """A, lambda1, B, lambda2 (lambda1 < lambda2, as in de Paula's table) with their intervals."""
-    from granular.observables import biexponential_fit
-
-    x, y = np.array(pairs).T
-    fit = biexponential_fit(x, y)
-    return [
-        (float(values[k]), float(intervals[k][0]), float(intervals[k][1]))
-        for k in (0, 1)
-        for values, intervals in (
-            (fit.amplitudes, fit.amplitude_intervals),
-            (fit.rates, fit.rate_intervals),
-        )
-    ]
+def _over(divisor: float, value: float) -> float:
+    return value / divisor
 
 
 def greatest_pair_difference(names: Sequence[str]) -> Measure:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from research.published.entry import half_width
+from research.published.both_causes import (
+    CREEP_SIZE,
+    creep_over_step,
+    grid_of_steps,
+    with_both_causes,
+)
+from research.published.entry import error_of_difference, quantile
 from research.published.finding import Finding
 from research.published.judging import Judged
 from research.published.measures import together
@@ -48,7 +55,8 @@ def beside(page: Page, rows: Sequence[Judged]) -> None:
         for place, row in enumerate(reversed(there)):
             found, size = row.found, abs(row.published)
             assert found is not None
-            theirs = half_width(row.published_spread, Finding(0.0)) + 0.5 * 10.0**-row.entry.digits
+            error, freedom = error_of_difference(row.published_spread, Finding(0.0))
+            theirs = quantile(freedom) * error + 0.5 * 10.0**-row.entry.digits
             axes.errorbar(1.0, place + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
                           label="published" if place == 0 else None, capsize=2.0)  # fmt: skip
             ours, half = found.value / row.published, (found.half_width() or 0.0) / size
@@ -62,6 +70,43 @@ def beside(page: Page, rows: Sequence[Judged]) -> None:
         axes.legend(fontsize=8)
         page.figure(drawing, "Ours and the published values, over the latter; bars are intervals "
                     "of 95 % of the means, or half of the last printed digit.")  # fmt: skip
+
+
+def both_causes(page: Page, results: Results) -> None:
+    """Add what start and end are off by, without and with both causes, and creep over the step."""
+    if not (with_both_causes(results) and creep_over_step(results)):
+        return
+    with figure(1, 2, width=1.3 * WIDTH) as (drawing, axes):
+        draw_both_causes(axes[0], axes[1], results)
+        page.figure(drawing, BOTH_CAPTION)
+
+
+BOTH_CAPTION = (
+    "Left: half the mean distance at start and end, less the published one, by the exact law from "
+    "the usual grid, and with both causes; bars are half prediction intervals. Right: the end of "
+    "the cycle of 368 grains over the time step; dotted: published."
+)
+
+
+def draw_both_causes(left: Any, right: Any, results: Results) -> None:
+    """Draw start and end over size on the left, creep over the step on the right."""
+    rows = with_both_causes(results)
+    looks = (("start", False), ("start", True), ("end", False), ("end", True))
+    for k, (what, both) in enumerate(looks):
+        chosen = [one for one in rows if one.what == what]
+        off = [(one.both if both else one.usual).value - one.published for one in chosen]
+        left.errorbar([one.grains + 6 * (k - 1.5) for one in chosen], off,
+                      [one.allowed for one in chosen] if both else None, color=COLOURS[k],
+                      linestyle=STYLES[k], marker="o", markersize=4, linewidth=1.0,
+                      label=f"{what}, {'both causes' if both else 'exact law'}")  # fmt: skip
+    left.axhline(0.0, color=GREY, linewidth=0.8)
+    left.set(xlabel="number of grains", ylabel="here less published [D]")
+    left.legend(fontsize=8)
+    steps, ends, errors = grid_of_steps(creep_over_step(results))
+    right.errorbar(steps, ends, errors, color=COLOURS[0], marker="o", markersize=4)
+    printed = published_value(f"half_mean_distance.end[{SIZES.index(CREEP_SIZE)}]")
+    right.axhline(printed, color=GREY, linestyle=":")
+    right.set(xlabel="time step [1e-6 T]", ylabel="half mean distance\nat the end [D]")
 
 
 def _points(

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from granular.shared.files import make_directory, write_json
 from research.campaign import RESULTS, Plain, write_results
+from research.published.both_causes import summary_of_both, with_both_causes
 from research.published.calculations import calculated
 from research.published.causes import comparisons
 from research.published.collecting import checked, collected, former_of, missing, still_stale
@@ -180,6 +181,7 @@ def summary(results: Results) -> dict[str, Any]:
              "figures": None if check is None else check.figures}
             for one, check in checks
         ],
+        "both_causes": summary_of_both(with_both_causes(results)),
         "statement_counts": counted_statements(results),
         "comparisons": [
             {"change": one.change, "bed": one.bed, "figure": one.figure, "unit": one.unit,
@@ -201,7 +203,7 @@ def text(found: dict[str, Any]) -> str:
         for one in shown["entries"]
         if one["ours"] is not None or shown is found
     ]  # fmt: skip
-    both = shown["summary"] | shown["strength"]
+    both = shown["summary"] | shown["strength"] | shown["both_causes"]
     numbers = ", ".join(f"{count} {name}" for name, count in both.items())
     series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
     shape = ("what", "published", "ours", "protocol", "verdict")

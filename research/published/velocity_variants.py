@@ -121,6 +121,7 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     """
     friction, piston = scene.effects.friction, scene.piston
     assert piston is not None
+    assert friction is not None
     scales, stages = Scales.of(scene.grains), scene.protocol
     heights = [stages[0].final_height(), stages[1].final_height()]
     assert heights[0] is not None

@@ -1,4 +1,4 @@
-"""Verdicts: Welch's interval, printed digits, bounds, and what is not judged."""
+"""Verdicts: Welch's and prediction intervals, printed digits, bounds, and what is not judged."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from research.published.entry import Rule, Verdict, half_width, verdict
+from research.published.entry import Rule, Verdict, error_of_difference, verdict
 from research.published.finding import Finding
 from research.published.results import Sample
 
@@ -28,11 +28,12 @@ def test_means_are_judged_as_by_welch(shift: float, random: np.random.Generator)
     assert said.agrees is bool(p >= 0.05)
 
 
-def test_the_deviation_of_single_starts_allows_nothing() -> None:
+def test_the_scatter_of_single_starts_is_allowed_to_one_draw_alone() -> None:
     """Ten starts that scatter widely have a mean that is well known."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
-    assert verdict(15.26, None, found(ours), Rule(), 2).words == "differs"
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
+    assert verdict(15.26, None, found(ours), Rule(draws=10), 2).words == "differs"
+    assert verdict(15.26, None, found(ours), Rule(), 2).words == "agrees"
 
 
 def test_half_of_the_last_digit_is_rounding() -> None:
@@ -64,9 +65,41 @@ def test_wide_intervals_are_said_to_hardly_fail() -> None:
     assert not verdict(15.26, 0.24, wide, Rule(), 2).can_fail
     assert verdict(15.26, 0.24, sharp, Rule(), 2).can_fail
     assert not verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(), 2).can_fail
-    assert verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(scale=100.0), 2).can_fail
+    # The difference that is allowed is half the interval, which is to be below a fifth.
+    edge = found([0.95, 1.0, 1.05])
+    allowed = verdict(1.0, 0.0, edge, Rule(), 12).allowed
+    assert allowed is not None
+    for size, sharp in ((9.9 * allowed, False), (10.1 * allowed, True)):
+        assert verdict(size, 0.0, edge, Rule(), 12).can_fail is sharp
 
 
 def test_a_single_start_has_no_interval() -> None:
-    assert half_width(None, found([3.0])) == 0.0
+    assert error_of_difference(None, found([3.0])) == (0.0, 0.0)
+    assert verdict(3.0, None, found([3.0]), Rule(), 2).p is None
     assert found([3.0]).half_width() is None
+
+
+@pytest.mark.parametrize(("starts", "draws"), [(3, 1), (3, 3), (10, 1), (10, 10)])
+def test_a_published_draw_lies_in_the_prediction_interval_as_often_as_it_says(
+    starts: int, draws: int, random: np.random.Generator
+) -> None:
+    rule, agreed, p = Rule(draws=draws), [], []
+    for _ in range(3000):
+        theirs, ours = random.normal(size=draws).mean(), random.normal(size=starts)
+        said = verdict(theirs, None, found(list(ours)), rule, 12)
+        agreed.append(said.agrees)
+        p.append(said.p)
+    assert np.mean(agreed) == pytest.approx(0.95, abs=0.02)
+    assert stats.kstest(p, "uniform").pvalue > 1e-4
+
+
+def test_the_worst_of_several_values_is_allowed_more(random: np.random.Generator) -> None:
+    agreed = []
+    for _ in range(2000):
+        rows = [
+            (random.normal(), Finding(random.normal(), 1.0, 100, error=0.1, freedom=99.0))
+            for _ in range(10)
+        ]
+        theirs, ours = max(rows, key=lambda one: abs(one[1].value - one[0]))
+        agreed.append(verdict(theirs, None, ours, Rule(looks=10), 12).agrees)
+    assert np.mean(agreed) == pytest.approx(0.95, abs=0.02)
