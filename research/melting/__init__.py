@@ -1,1 +1,1 @@
-"""Melting of a layer of dipoles under a bath: where order is lost, beside published values."""
+"""Melting of a layer of dipoles under a bath: where its order is lost."""

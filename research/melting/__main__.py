@@ -48,7 +48,7 @@ def add_options(one: Parser) -> None:
 
 CAMPAIGN = Campaign(
     name="melting",
-    purpose="Where a layer of dipoles melts, beside published values.",
+    purpose="Where a layer of dipoles loses its order.",
     quick="three layers of 256 grains, seconds",
     full="layers of 4096 grains at fifteen temperatures, in an hour",
     run=run,

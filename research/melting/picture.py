@@ -18,8 +18,7 @@ def draw(results: Results) -> Figure:
     import numpy as np
     from matplotlib import colormaps
 
-    from granular.shared.plotting import COLOURS, READABLE, figure
-    from research.melting.published import PUBLISHED
+    from granular.shared.plotting import READABLE, figure
 
     layers, orders = results.layers, results.orders
     gammas = [one.gamma for one in orders]
@@ -52,12 +51,6 @@ def draw(results: Results) -> Figure:
         ends = np.array([gammas[0], gammas[-1]])
         axes[1, 1].plot(ends, scale * cold * ends, "k:", linewidth=1.0, label="crystal at rest")
         axes[1, 1].set(xlabel="Γ", ylabel="K/16π")
-        for k, other in enumerate(PUBLISHED):
-            name = other.source.split(",")[0] + " et al."
-            colour = COLOURS[k + 1]
-            axes[1, 0].axvline(other.hexatic, color=colour, linewidth=1.0, label=name)
-            axes[1, 1].axvline(other.crystal, color=colour, linewidth=1.0, label=name)
-        axes[1, 0].legend(fontsize="small")
         axes[1, 1].legend(fontsize="small")
     return drawing
 

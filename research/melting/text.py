@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 from research.campaign import markdown_table
-from research.melting.published import PUBLISHED
 from research.melting.results import Results
 from research.melting.transitions import Interval
 
@@ -26,7 +25,6 @@ def summary(results: Results) -> dict[str, Any]:
         "transitions": {
             name: _plain(value) for name, value in results.transitions._asdict().items()
         },
-        "published": [one._asdict() for one in PUBLISHED],
     }
 
 
@@ -63,8 +61,8 @@ def sentences(results: Results) -> str:
     return "\n".join(
         f"{what}: {'not reached' if one is None else _gamma(one)}"
         for what, one in (
-            ("eta6 is 1/4, and the liquid begins, at Gamma", found.hexatic),
-            ("K is 16 pi, and the crystal ends, at Gamma", found.crystal),
+            ("eta6 is 1/4 at Gamma", found.hexatic),
+            ("K is 16 pi at Gamma", found.crystal),
             ("the plateau of the Lindemann parameter is 0.033 at Gamma", found.lindemann),
             ("there is a crystal down to Gamma", found.kept),
             ("there is none up to Gamma", found.lost),
@@ -89,7 +87,7 @@ def text(results: Results) -> str:
 
 
 def markdown(results: Results) -> str:
-    """The table and the transitions beside published ones, for the guide."""
+    """The table and the transitions, for the guide."""
     head = (
         "Γ", "translation", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "plateau", "Lindemann",
         "growth", "defects",
@@ -97,14 +95,10 @@ def markdown(results: Results) -> str:
     lines = [markdown_table(head, rows_of(results))]
     found = results.transitions
     lines += [
-        "", "| | liquid below | crystal above | how |", "|---|---|---|---|",
+        "", "| | η6 is 1/4 at Γ | K is 16π at Γ | how |", "|---|---|---|---|",
         f"| here | {_cell(found.hexatic)} | {_cell(found.crystal)} | simulation, "
-        f"{results.layers[0]['grains']} grains, η6 = 1/4 and K = 16π |",
+        f"{results.layers[0]['grains']} grains, one start from the crystal |",
     ]  # fmt: skip
-    lines += [
-        f"| {one.source}, from memory | {one.hexatic:g} | {one.crystal:g} | {one.how} |"
-        for one in PUBLISHED
-    ]
     lines += ["", *(f"- {one}" for one in sentences(results).splitlines())]
     return "\n".join(lines)
 

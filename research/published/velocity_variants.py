@@ -126,7 +126,7 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     heights = [stages[0].final_height(), stages[1].final_height()]
     assert heights[0] is not None
     assert heights[1] is not None
-    span = stages[1].span(heights[0])
+    span = stages[1].total_duration(heights[0])
     assert span is not None
     place, velocity, *_ = scene.initial_motion()
     start, end = _cycle(

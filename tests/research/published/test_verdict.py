@@ -97,7 +97,7 @@ def test_the_worst_of_several_values_is_allowed_more(random: np.random.Generator
     agreed = []
     for _ in range(2000):
         rows = [
-            (random.normal(), Finding(random.normal(), 1.0, 100, error=0.1, freedom=99.0))
+            (random.normal(), Finding(random.normal(0.0, 0.1), 1.0, 100, error=0.1, freedom=99.0))
             for _ in range(10)
         ]
         theirs, ours = max(rows, key=lambda one: abs(one[1].value - one[0]))
