@@ -5,13 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
 from research.campaign import Block, Campaign, Plain, add_workers, checked_workers
 from research.published import guide, rerun
 from research.published.programme import Length, Shown, compare, summary, text
 from research.published.results import EMPTY, Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def run(options: Any) -> Shown:
@@ -47,6 +50,14 @@ def blocks(shown: Shown) -> Mapping[str, Block]:
     return guide.blocks(shown.results)
 
 
+def pictures(shown: Shown) -> Mapping[str, Figure]:
+    """The picture of both causes of the hysteresis, once they are run."""
+    from research.published.plots import both_causes_figure
+
+    drawing = both_causes_figure(shown.results)
+    return {} if drawing is None else {"docs/images/hysteresis.png": drawing}
+
+
 def add_options(one: Parser) -> None:
     """One entry instead of all, and how many processes."""
     one.add_argument(
@@ -76,6 +87,7 @@ CAMPAIGN = Campaign(
     text=words,
     summary=report_of,
     blocks=blocks,
+    pictures=pictures,
     add_options=add_options,
     instead=instead,
     show=run,

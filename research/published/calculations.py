@@ -168,6 +168,21 @@ def symbolic(_: bool) -> Numbers:
         return {}
 
 
+def late_velocity(full: bool) -> Numbers:
+    """Starts and ends with the velocity of [D, eq. 2.17] a step late; only in full."""
+    from research.published.plan import SIZES
+    from research.published.velocity_variants import late_cycles
+
+    return late_cycles(SIZES) if full else {}
+
+
+def falls(full: bool) -> Numbers:
+    """Errors of many falls by a law that was fitted to one; only in full."""
+    from research.published.falls import fall_errors
+
+    return fall_errors() if full else {}
+
+
 CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
     one.__name__: one
     for one in (
@@ -179,6 +194,8 @@ CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
         oscillator,
         loop_times,
         symbolic,
+        late_velocity,
+        falls,
     )
 }
 

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 
 from research.campaign import Block
 from research.published.both_causes import words_on_both, words_on_creep
+from research.published.causes import words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
+from research.published.falls import words_on_falls
 from research.published.judging import Judged, counts, judged, said
 from research.published.page import FIRST, words_of
 from research.published.plan import (
@@ -19,6 +21,7 @@ from research.published.plan import (
 )
 from research.published.results import Results, counted
 from research.published.statements import counted_statements
+from validation.published import keys
 
 WIDTH = 110
 PAGES: Mapping[str, str] = {
@@ -27,6 +30,7 @@ PAGES: Mapping[str, str] = {
     "figures": "docs/results/verification.md",
     "packaged damper": "docs/results/verification.md",
     "damper law": "docs/results/laws.md",
+    "falls": "docs/results/laws.md",
 }
 """Files by the blocks that they hold."""
 
@@ -35,7 +39,7 @@ def blocks(results: Results) -> dict[str, Block]:
     """The text of every block."""
     makers: Mapping[str, Callable[[Results], str]] = {
         "summary": _summary, "counts": _counts, "figures": _figures, "damper law": _damper_law,
-        "packaged damper": _packaged_damper,
+        "packaged damper": _packaged_damper, "falls": _falls,
     }  # fmt: skip
     return {name: Block(PAGES[name], make(results)) for name, make in makers.items()}
 
@@ -45,7 +49,8 @@ def _summary(results: Results) -> str:
     number = counts(rows)
     left = f"{number['not run']} are not run yet" if number["not run"] else "none is left to run"
     return _wrapped(
-        f"- Of {len(rows)} numbers that de Paula (2025) prints, {number[AGREES]} agree, "
+        f"- Of {sum(1 for _ in keys())} numbers that de Paula (2025) prints, judged as {len(rows)} "
+        f"entries, {number[AGREES]} agree, "
         f"{number[DIFFERS]} differ and {left}; the others hold by construction or cannot be "
         "compared "
         f"(`{made.get('command', '')}`, {made.get('date', '')})."
@@ -57,7 +62,7 @@ def _counts(results: Results) -> str:
     series = counted(results)
     made = results.made
     sentences = [
-        f"Of {len(rows)} published numbers: {said(rows)}.",
+        f"Of {len(rows)} entries, of {sum(1 for _ in keys())} published numbers: {said(rows)}.",
         f"Of {sum(counted_statements(results).values())} statements: "
         f"{words_of(counted_statements(results))}.",
         f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "
@@ -77,6 +82,7 @@ def _figures(results: Results) -> str:
     lines += [_row(rows[key]) for key in FIRST]
     modes = _modes(results)
     lines += ["", _wrapped(words_on_both(results)), "", _wrapped(words_on_creep(results))]
+    lines += ["", _wrapped(large)] if (large := words_on_large_beds(results)) else []
     lines += ["", _wrapped(modes)] if modes else []
     return "\n".join(lines)
 
@@ -158,6 +164,10 @@ def _damper_law(results: Results) -> str:
         f"{unit.values.mean():.3f} s would make omega its 1.05."
     )
     return "\n".join([*lines, "", _wrapped(tail)])
+
+
+def _falls(results: Results) -> str:
+    return _wrapped(words_on_falls(results.calculations.get("falls", {})))
 
 
 def _wrapped(text: str) -> str:

@@ -9,7 +9,12 @@ from granular.shared.html import Page
 from research.campaign import Plain
 from research.published import plots
 from research.published.both_causes import with_both_causes, words_on_both, words_on_creep
-from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis
+from research.published.causes import (
+    ChangedFigure,
+    comparisons,
+    verdict_on_hysteresis,
+    words_on_large_beds,
+)
 from research.published.entry import AGREES, DIFFERS
 from research.published.finding import Finding
 from research.published.judging import Judged, judged, said
@@ -223,12 +228,13 @@ def _both(made: Page, results: Results) -> None:
     rows = [
         (str(one.grains), one.what, f"{one.published:.2f} D", ours_of(one.usual, "D"),
          "yes" if one.usual_within else "no", ours_of(one.both, "D"), f"{one.allowed:.2g}",
-         "yes" if one.within else "no")
+         "yes" if one.within else "no", ours_of(one.late, "D"), f"{one.late_allowed:.2g}",
+         "yes" if one.late_within else "no")
         for one in with_both_causes(results)
     ]  # fmt: skip
     if rows:
         head = ("grains", "half mean distance", "published", "exact law", "within", "both causes",
-                "allowed", "within")  # fmt: skip
+                "allowed", "within", "his velocity too", "allowed", "within")  # fmt: skip
         made.table(head, rows)
 
 
@@ -236,6 +242,8 @@ def _causes(made: Page, results: Results, found: Sequence[ChangedFigure]) -> Non
     made.section("Causes")
     _both(made, results)
     made.text(verdict_on_hysteresis(found))
+    if large := words_on_large_beds(results):
+        made.text(large)
     made.text(
         "The same bed with one thing changed, or with several: what matters moves a mean beyond "
         "Student's interval of 95 % for the starts that were run; what explains brings it to the "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from research.published.plan import (
 )
 from research.published.results import Results
 from validation.published import published_value
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WIDTH = 6.4
 _PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredgewidth": 1.6}
@@ -74,16 +77,24 @@ def beside(page: Page, rows: Sequence[Judged]) -> None:
 
 def both_causes(page: Page, results: Results) -> None:
     """Add what start and end are off by, without and with both causes, and creep over the step."""
-    if not (with_both_causes(results) and creep_over_step(results)):
-        return
-    with figure(1, 2, width=1.3 * WIDTH) as (drawing, axes):
-        draw_both_causes(axes[0], axes[1], results)
+    drawing = both_causes_figure(results)
+    if drawing is not None:
         page.figure(drawing, BOTH_CAPTION)
+
+
+def both_causes_figure(results: Results) -> Figure | None:
+    """Draw the same; None where the runs are not there."""
+    if not (with_both_causes(results) and creep_over_step(results)):
+        return None
+    with figure(1, 2, width=11.0, height=4.4) as (drawing, axes):
+        draw_both_causes(axes[0], axes[1], results)
+    return drawing
 
 
 BOTH_CAPTION = (
     "Left: half the mean distance at start and end, less the published one, by the exact law from "
-    "the usual grid, and with both causes; bars are half prediction intervals. Right: the end of "
+    "the usual grid, with both causes, and with the velocity of equation 2.17 a step late; bars "
+    "are prediction intervals. Right: the end of "
     "the cycle of 368 grains over the time step; dotted: published."
 )
 
@@ -91,14 +102,15 @@ BOTH_CAPTION = (
 def draw_both_causes(left: Any, right: Any, results: Results) -> None:
     """Draw start and end over size on the left, creep over the step on the right."""
     rows = with_both_causes(results)
-    looks = (("start", False), ("start", True), ("end", False), ("end", True))
-    for k, (what, both) in enumerate(looks):
+    labels = ("exact law", "both causes", "his velocity too")
+    for k, what in enumerate(("start", "end")):
         chosen = [one for one in rows if one.what == what]
-        off = [(one.both if both else one.usual).value - one.published for one in chosen]
-        left.errorbar([one.grains + 6 * (k - 1.5) for one in chosen], off,
-                      [one.allowed for one in chosen] if both else None, color=COLOURS[k],
-                      linestyle=STYLES[k], marker="o", markersize=4, linewidth=1.0,
-                      label=f"{what}, {'both causes' if both else 'exact law'}")  # fmt: skip
+        for m, label in enumerate(labels):
+            off = [(one.usual, one.both, one.late)[m].value - one.published for one in chosen]
+            bars = [one.late_allowed for one in chosen] if m == 2 else None
+            left.errorbar([one.grains + 10 * k for one in chosen], off, bars, color=COLOURS[k],
+                          linestyle=STYLES[m], marker="osD"[m], markersize=4, linewidth=1.0,
+                          label=f"{what}, {label}")  # fmt: skip
     left.axhline(0.0, color=GREY, linewidth=0.8)
     left.set(xlabel="number of grains", ylabel="here less published [D]")
     left.legend(fontsize=8)

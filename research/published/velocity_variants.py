@@ -3,26 +3,36 @@
 [D, eq. 2.17] takes the velocity at a step from the position after it, which friction is to decide.
 The thesis does not say which velocity friction had. Two that a position-Verlet loop has at hand:
 the last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] of the step before, (x_n - x_(n-2))/2h.
+With the first a grain that chatters drifts by its acceleration times the step, with the toolkit's
+two kicks a step by half of that.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numba
 import numpy as np
 
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
+from research.published.protocols import PUBLISHED
+from research.published.series import mono
+from research.published.start_and_creep import GRID, grid_of_height, regularised
+from validation.published import duration
 
 TILT = 0.0126585
 """N_i = K sum_j r_ij^-3 of 6 mm grains [D, eq. 2.15]."""
 STATIC, DYNAMIC = 0.6, 0.45
+LATE_HASTE = 8.0
+"""Speed of the cycle and length of the step over de Paula's, as in `start_and_creep`."""
+LATE_SEEDS = (1,)
 RELAXATION = 5.0
 """In units of T."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=True)
 def _forces(
     x: np.ndarray, y: np.ndarray, width: float, piston: float, gravity: float, force: np.ndarray
 ) -> None:
@@ -48,7 +58,7 @@ def _forces(
         force[2, i] += load
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=True)
 def _half_mean_distance(x: np.ndarray, y: np.ndarray) -> float:
     total = 0.0
     for i in range(x.size):
@@ -57,7 +67,7 @@ def _half_mean_distance(x: np.ndarray, y: np.ndarray) -> float:
     return total / (x.size * (x.size - 1))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=True)
 def _height(time: float, heights: tuple[float, float, float]) -> float:
     """Of the piston, at a time in T after the start of the relaxation [D, 2.3.2]."""
     top, start, end = heights
@@ -69,7 +79,7 @@ def _height(time: float, heights: tuple[float, float, float]) -> float:
     return min(start, end + (start - end) * (time - RELAXATION - 1.0))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=True)
 def _cycle(
     positions: np.ndarray, velocities: np.ndarray, width: float, gravity: float,
     heights: tuple[float, float, float], period: float, step: float, threshold: float, late: bool,
@@ -137,3 +147,25 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
         span / scales.time, step / scales.time, friction.threshold / scales.velocity, late,
     )  # fmt: skip
     return float(start), float(end)
+
+
+def late_cycle(count: int, seed: int) -> tuple[float, float]:
+    """Half the mean distance at start and end of a bed with both causes [D].
+
+    With [D, eq. 2.17] of the step before, through a cycle that is `LATE_HASTE` times faster.
+    """
+    period = duration(count, PUBLISHED.speed)
+    bed = mono(
+        "", count, PUBLISHED, speed=LATE_HASTE * PUBLISHED.speed,
+        effects__friction=regularised(period), **grid_of_height(count, GRID),
+    )  # fmt: skip
+    return cycle(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
+
+
+def late_cycles(sizes: Sequence[int]) -> dict[str, float]:
+    """Starts and ends of `late_cycle` by bed and seed."""
+    made = {}
+    for count in sizes:
+        for seed in LATE_SEEDS:
+            made[f"start {count}, {seed}"], made[f"end {count}, {seed}"] = late_cycle(count, seed)
+    return made

@@ -39,6 +39,7 @@ from research.published.plan import (
 )
 from research.published.programme import summary
 from research.published.results import EMPTY, Results, committed, counted, read
+from research.published.velocity_variants import LATE_SEEDS
 from validation.published import published_value
 
 
@@ -309,8 +310,8 @@ def test_a_cause_that_mostly_misses_is_no_explanation() -> None:
 
 
 def test_distances_with_both_causes_are_counted() -> None:
-    """A distance that is met with both causes and not without, and one that is missed."""
-    beds = []
+    """A bed that is met with both causes and not without, and one that is met by neither."""
+    beds, late = [], {}
     for n, printed, hit in ((368, (14.95, 13.96, 0.99), True), (736, (19.89, 18.82, 1.06), False)):
         for name, protocol, shift in (
             (f"direct {n}", "published", 0.4),
@@ -321,12 +322,18 @@ def test_distances_with_both_causes_are_counted() -> None:
             )
             beds.append(series(name, protocol, half_start_D=start, half_end_D=end,
                                hysteresis_D=gap))  # fmt: skip
-    found = results(*beds)
-    rows = with_both_causes(found)
-    assert summary_of_both(rows) == {
+        for seed in LATE_SEEDS:
+            late[f"start {n}, {seed}"] = printed[0] if hit else printed[0] - 0.3
+            late[f"end {n}, {seed}"] = printed[1]
+    found = Results(results(*beds).series, {"late_velocity": late}, {})
+    assert summary_of_both(with_both_causes(found)) == {
         "distances": 6, "within by the exact law": 0, "within with both causes": 3,
+        "within with his velocity too": 4,
     }  # fmt: skip
-    assert "start at 736 (19.59 for 19.89 D)" in words_on_both(found)
+    words = words_on_both(found)
+    assert "start at 736 (19.59 for 19.89 D)" in words
+    assert "hysteresis at 736 (0.77 for 1.06 D)" in words
+    assert "at 368" not in words
     assert "not run" in words_on_both(EMPTY)
     assert "not run" in words_on_creep(found)
 
