@@ -228,8 +228,9 @@ def _both(made: Page, results: Results) -> None:
     rows = [
         (str(one.grains), one.what, f"{one.published:.2f} D", ours_of(one.usual, "D"),
          "yes" if one.usual_within else "no", ours_of(one.both, "D"), f"{one.allowed:.2g}",
-         "yes" if one.within else "no", ours_of(one.late, "D"), f"{one.late_allowed:.2g}",
-         "yes" if one.late_within else "no")
+         "yes" if one.within else "no", ours_of(one.late, "D"),
+         "" if one.late is None else f"{one.late_allowed:.2g}",
+         "" if one.late is None else "yes" if one.late_within else "no")
         for one in with_both_causes(results)
     ]  # fmt: skip
     if rows:

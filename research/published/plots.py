@@ -106,11 +106,13 @@ def draw_both_causes(left: Any, right: Any, results: Results) -> None:
     for k, what in enumerate(("start", "end")):
         chosen = [one for one in rows if one.what == what]
         for m, label in enumerate(labels):
-            off = [(one.usual, one.both, one.late)[m].value - one.published for one in chosen]
-            bars = [one.late_allowed for one in chosen] if m == 2 else None
-            left.errorbar([one.grains + 10 * k for one in chosen], off, bars, color=COLOURS[k],
-                          linestyle=STYLES[m], marker="osD"[m], markersize=4, linewidth=1.0,
-                          label=f"{what}, {label}")  # fmt: skip
+            found = [((one.usual, one.both, one.late)[m], one) for one in chosen]
+            known = [(value, one) for value, one in found if value is not None]
+            bars = [one.allowed for _, one in known] if m == 1 else None
+            left.errorbar([one.grains + 10 * k for _, one in known],
+                          [value.value - one.published for value, one in known], bars,
+                          color=COLOURS[k], linestyle=STYLES[m], marker="osD"[m], markersize=4,
+                          linewidth=1.0, label=f"{what}, {label}")  # fmt: skip
     left.axhline(0.0, color=GREY, linewidth=0.8)
     left.set(xlabel="number of grains", ylabel="here less published [D]")
     left.legend(fontsize=8)
