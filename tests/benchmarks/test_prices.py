@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks import costs as module
+from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from granular import Scene
 from granular.run import work_precision as stored
 from validation.runner import Plain
