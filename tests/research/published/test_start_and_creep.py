@@ -1,0 +1,84 @@
+"""Beds with de Paula's friction and a higher first grid, and the independent loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular import simulate
+from granular.observables import mean_pair_distance
+from research.published.both_causes import creep_over_step
+from research.published.protocols import ACCELERATED, HASTE, PUBLISHED
+from research.published.results import EMPTY, committed
+from research.published.series import mono
+from research.published.start_and_creep import both_causes, grid_of_height, regularised
+from research.published.velocity_variants import _forces, _height, cycle, late_cycle
+from validation.published import duration
+
+DIAMETER = 0.006
+
+
+def test_the_accelerated_cycle_takes_as_much_step_times_time() -> None:
+    slow, fast = (both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
+    stages = [one.scene(1).protocol for one in (slow, fast)]
+    heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
+    assert heights[0] == heights[1]
+    lengths = [some[0].total_duration(heights[0]) for some in stages]
+    assert lengths[0] == pytest.approx(HASTE * lengths[1])
+    assert float(fast.step) == pytest.approx(HASTE * float(slow.step))
+    frictions = [one.scene(1).effects.friction for one in (slow, fast)]
+    assert frictions[0] == frictions[1]
+
+
+def test_forces_of_the_loop_are_the_models(random: np.random.Generator) -> None:
+    x, y = random.uniform(1.0, 9.0, (2, 7))
+    force = np.zeros((3, 7))
+    _forces(x, y, 10.0, 10.0, 0.01, force)
+    for i in range(7):
+        dx, dy = x[i] - np.delete(x, i), y[i] - np.delete(y, i)
+        r = np.hypot(dx, dy)
+        wall = [0.5 * (one**-3.5 - (10.0 - one) ** -3.5) for one in (x[i], y[i])]
+        assert force[0, i] == pytest.approx((0.75 * dx / r**5).sum() + wall[0])
+        assert force[1, i] == pytest.approx((0.75 * dy / r**5).sum() + wall[1] - 0.01)
+        assert force[2, i] == pytest.approx((1.0 / r**3).sum())
+
+
+def test_the_piston_of_the_loop_goes_through_the_cycle() -> None:
+    heights = (90.0, 75.0, 20.0)
+    times = (0.0, 5.0, 6.0, 7.0, 8.0)
+    assert [_height(one, heights) for one in times] == pytest.approx([90.0, 75.0, 20.0, 75.0, 75.0])
+    assert _height(6.5, heights) == pytest.approx(47.5)
+    assert _height(2.5, heights) > 88.0
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
+    """At a step so short that nothing creeps, whatever velocity friction has."""
+    threshold = regularised(duration(20, PUBLISHED.speed))
+    bed = mono("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
+    scene = bed.scene(1)
+    start, end = cycle(scene, 2e-5, late=late)
+    run = simulate(scene, dt=2e-5, progress=False)
+    times, places = run.dataset["frame_time"].values, run.dataset["position"].values
+    first = int(np.abs(times - run.stage("relax").end).argmin())
+    wanted = [0.5 * mean_pair_distance(one) / DIAMETER for one in (places[first], places[-1])]
+    assert [start, end] == pytest.approx(wanted, rel=0.02)
+
+
+def test_a_higher_grid_begins_higher() -> None:
+    low, high = (mono("", 92, PUBLISHED, **grid_of_height(92, one)).scene(1) for one in (1.0, 1.2))
+    tops = [one.initial_motion()[0][:, 1].max() for one in (low, high)]
+    assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
+
+
+def test_committed_creep_grows_with_the_step() -> None:
+    ends = [one.end.value for one in creep_over_step(committed())]
+    assert len(ends) == 5
+    assert ends == sorted(ends)
+    assert creep_over_step(EMPTY) == []
+
+
+def test_the_committed_loop_is_found_again_within_its_scatter() -> None:
+    found = committed()
+    ends = [found.number("late_velocity", f"{when} 92, 1") for when in ("start", "end")]
+    assert late_cycle(92, 1) == pytest.approx(ends, rel=1e-2)
