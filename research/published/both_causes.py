@@ -14,7 +14,7 @@ from research.published.plan import SIZES
 from research.published.protocols import ACCELERATED, HASTE
 from research.published.results import Results
 from research.published.start_and_creep import FITTED_SIZE, GRID, STEPS, creep_name
-from research.published.velocity_variants import LATE_SEEDS
+from research.published.velocity_variants import LATE_HASTE, LATE_SEEDS
 from validation.published import published_value
 
 COLUMNS = (
@@ -111,8 +111,8 @@ def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
         "distances": len(rows),
         "within by the exact law": sum(one.usual_within for one in rows),
         "within with both causes": sum(one.within for one in rows),
-        "run with his velocity": sum(one.late is not None for one in rows),
-        "within with his velocity": sum(one.late_within for one in rows),
+        "run with equation 2.17 late": sum(one.late is not None for one in rows),
+        "within with equation 2.17 late": sum(one.late_within for one in rows),
     }
 
 
@@ -151,12 +151,18 @@ def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
         for one in late
         if one.what == "end" and one.late is not None
     )
+    missed = "; ".join(
+        f"{one.what} at {one.grains} ({one.late.value:.2f} for {one.published:.2f} D)"
+        for one in late
+        if one.late is not None and not one.late_within
+    )
     return (
         " How fast chattering grains creep depends on the velocity that friction is given. With "
         "equation 2.17 of the step before, which is all that a loop has when it needs the "
         f"friction, the ends are, published in brackets, {ends}; by this independent loop, one "
-        "start each, "
-        f"{sum(one.late_within for one in late)} of {len(late)} distances lie in their intervals."
+        f"start each, through a cycle {LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times "
+        f"longer, {sum(one.late_within for one in late)} of {len(late)} distances lie in their "
+        "intervals" + (f", all but {missed}." if missed else ".")
     )
 
 

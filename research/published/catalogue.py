@@ -63,7 +63,8 @@ SCALED_BY_EYE = (
 UNIT = "In 1/s. A unit of time of 0.038 s would make it 1.05, which the thesis does not have."
 HYSTERESIS = (
     "De Paula's friction at its step lets grains creep, which widens the bed at the end, and the "
-    "first grid, whose height is not printed, moves the start; run together under Causes."
+    "first grid, whose height is not printed, moves the start. Run together they give it or come "
+    "near it; see Causes."
 )
 ROUNDED_CELL = (
     "In a cell whose scale, the root of 1/2, is rounded to 0.70 the least is 7.56 D and the start "

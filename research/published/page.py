@@ -235,7 +235,7 @@ def _both(made: Page, results: Results) -> None:
     ]  # fmt: skip
     if rows:
         head = ("grains", "half mean distance", "published", "exact law", "within", "both causes",
-                "allowed", "within", "his velocity too", "allowed", "within")  # fmt: skip
+                "allowed", "within", "equation 2.17 late", "allowed", "within")  # fmt: skip
         made.table(head, rows)
 
 

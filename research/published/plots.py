@@ -102,7 +102,7 @@ BOTH_CAPTION = (
 def draw_both_causes(left: Any, right: Any, results: Results) -> None:
     """Draw start and end over size on the left, creep over the step on the right."""
     rows = with_both_causes(results)
-    labels = ("exact law", "both causes", "his velocity too")
+    labels = ("exact law", "both causes", "equation 2.17 late")
     for k, what in enumerate(("start", "end")):
         chosen = [one for one in rows if one.what == what]
         for m, label in enumerate(labels):

@@ -328,14 +328,14 @@ def test_distances_with_both_causes_are_counted() -> None:
     found = Results(results(*beds).series, {"late_velocity": late}, {})
     assert summary_of_both(with_both_causes(found)) == {
         "distances": 6, "within by the exact law": 0, "within with both causes": 3,
-        "run with his velocity": 6, "within with his velocity": 4,
+        "run with equation 2.17 late": 6, "within with equation 2.17 late": 4,
     }  # fmt: skip
     words = words_on_both(found)
     assert "start at 736 (19.59 for 19.89 D)" in words
     assert "hysteresis at 736 (0.76 for 1.06 D)" in words
     assert not any(f"{one} at 368" in words for one in ("start", "end", "hysteresis"))
     assert "13.96 D (13.96) at 368, 18.82 D (18.82) at 736" in words
-    assert "4 of 6 distances lie" in words
+    assert "4 of 6 distances lie in their intervals, all but start at 736 (19.59 for 19.89" in words
     assert "not run" in words_on_both(EMPTY)
     assert "not run" in words_on_creep(found)
 
