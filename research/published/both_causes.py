@@ -61,27 +61,29 @@ class WithBoth(NamedTuple):
 
 def with_both_causes(results: Results) -> list[WithBoth]:
     """Every distance whose runs are there, column by column."""
-    made = []
+    rows = []
     beds = [f"direct {n}" for n in SIZES]
     changed = [f"{name}, both causes" for name in beds]
     for what, figure, key in COLUMNS:
-        for place, count in enumerate(SIZES):
-            usual = mean_of(beds[place], figure, pool=beds)(results)
-            both = mean_of(changed[place], figure, pool=changed, protocol=ACCELERATED.name)(results)
+        for k, count in enumerate(SIZES):
+            usual = mean_of(beds[k], figure, pool=beds)(results)
+            both = mean_of(changed[k], figure, pool=changed, protocol=ACCELERATED.name)(results)
             late = _late(results, what, count, figure, changed)
             if usual is None or both is None:
                 continue
-            published = float(published_value(f"{key}[{place}]"))
-            said = [verdict(published, None, one, PLAIN, 2) for one in (usual, both, late)]
-            allowed = [one.allowed or 0.0 for one in said]
-            within = [one.agrees is True for one in said]
-            made.append(
+            published = float(published_value(f"{key}[{k}]"))
+            verdicts = [
+                verdict(published, None, finding, PLAIN, 2) for finding in (usual, both, late)
+            ]
+            allowed = [judged.allowed or 0.0 for judged in verdicts]
+            within = [judged.agrees is True for judged in verdicts]
+            rows.append(
                 WithBoth(
                     count, what, published, usual, both, late, allowed[1], allowed[2], within[0],
                     within[1], within[2],
                 )
             )  # fmt: skip
-    return made
+    return rows
 
 
 def _late(
@@ -90,7 +92,7 @@ def _late(
     """The independent loop's, with the scatter of the beds with both causes."""
     names = [f"{count}, {seed}" for seed in LATE_SEEDS]
     ends = {
-        when: [results.number("late_velocity", f"{when} {one}") for one in names]
+        when: [results.number("late_velocity", f"{when} {name}") for name in names]
         for when in ("start", "end")
     }
     pooled = pooled_deviation(results, beds, figure, ACCELERATED.name)
@@ -109,10 +111,10 @@ def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
     """How many distances lie in their prediction intervals, without and with both causes."""
     return {
         "distances": len(rows),
-        "within by the exact law": sum(one.usual_within for one in rows),
-        "within with both causes": sum(one.within for one in rows),
-        "run with equation 2.17 late": sum(one.late is not None for one in rows),
-        "within with equation 2.17 late": sum(one.late_within for one in rows),
+        "within by the exact law": sum(row.usual_within for row in rows),
+        "within with both causes": sum(row.within for row in rows),
+        "run with equation 2.17 late": sum(row.late is not None for row in rows),
+        "within with equation 2.17 late": sum(row.late_within for row in rows),
     }
 
 
@@ -123,9 +125,9 @@ def words_on_both(results: Results) -> str:
         return "Both causes of the hysteresis together: not run."
     number = summary_of_both(rows)
     missed = "; ".join(
-        f"{one.what} at {one.grains} ({one.both.value:.2f} for {one.published:.2f} D)"
-        for one in rows
-        if not one.within
+        f"{row.what} at {row.grains} ({row.both.value:.2f} for {row.published:.2f} D)"
+        for row in rows
+        if not row.within
     )
     tail = f" Missed: {missed}." if missed else ""
     return (
@@ -143,25 +145,25 @@ def words_on_both(results: Results) -> str:
 
 def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
     """How the velocity that friction is given moves the distances."""
-    late = [one for one in rows if one.late is not None]
+    late = [row for row in rows if row.late is not None]
     if not late:
         return ""
     ends = ", ".join(
-        f"{one.late.value:.2f} D ({one.published:.2f}) at {one.grains}"
-        for one in late
-        if one.what == "end" and one.late is not None
+        f"{row.late.value:.2f} D ({row.published:.2f}) at {row.grains}"
+        for row in late
+        if row.what == "end" and row.late is not None
     )
     missed = "; ".join(
-        f"{one.what} at {one.grains} ({one.late.value:.2f} for {one.published:.2f} D)"
-        for one in late
-        if one.late is not None and not one.late_within
+        f"{row.what} at {row.grains} ({row.late.value:.2f} for {row.published:.2f} D)"
+        for row in late
+        if row.late is not None and not row.late_within
     )
     return (
         " How fast chattering grains creep depends on the velocity that friction is given. With "
         "equation 2.17 of the step before, which is all that a loop has when it needs the "
         f"friction, the ends are, published in brackets, {ends}; by this independent loop, one "
         f"start each, through a cycle {LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times "
-        f"longer, {sum(one.late_within for one in late)} of {len(late)} distances lie in their "
+        f"longer, {sum(row.late_within for row in late)} of {len(late)} distances lie in their "
         "intervals" + (f", all but {missed}." if missed else ".")
     )
 
@@ -177,36 +179,36 @@ def creep_over_step(results: Results) -> list[Creep]:
     """Of `CREEP_SIZE` grains, from the exact law (step 0) on."""
     names: list[tuple[float, str, str | None]] = [(0.0, f"direct {CREEP_SIZE}", None)]
     names += [(x, f"direct {CREEP_SIZE}, {creep_name(x)}", ACCELERATED.name) for x in STEPS]
-    found = [(x, mean_of(name, "half_end_D", protocol=how)(results)) for x, name, how in names]
-    return [Creep(x, one) for x, one in found if one is not None]
+    ends = [(x, mean_of(name, "half_end_D", protocol=how)(results)) for x, name, how in names]
+    return [Creep(x, end) for x, end in ends if end is not None]
 
 
 def words_on_creep(results: Results) -> str:
     """How creep grows with step, time and threshold."""
-    found = creep_over_step(results)
+    points = creep_over_step(results)
     name = f"direct {CREEP_SIZE}, threshold ten times"
     wide = mean_of(name, "half_end_D", protocol=ACCELERATED.name)(results)
-    if len(found) < 2 or wide is None:
+    if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
-    listed = ", ".join(f"{one.end.value - found[0].end.value:.2f} D at {one.step:g}"
-                       for one in found[1:])  # fmt: skip
+    listed = ", ".join(f"{point.end.value - points[0].end.value:.2f} D at {point.step:g}"
+                       for point in points[1:])  # fmt: skip
     same = _same_creep(results)
     return (
         f"Creep widens a bed of {CREEP_SIZE} grains at the end of the cycle by {listed} times de "
         "Paula's step of 1e-6 T: in proportion to the step, until the bed can give way no more. "
         f"A threshold of ten times de Paula's leaves the end at {wide.value:.2f} D (with de "
-        f"Paula's {_at_one(found):.2f} D). A grain that chatters drifts along the force on it at "
-        "about a step times its acceleration, so that creep is step times time: a cycle that is "
-        f"{HASTE:g} times faster at a step {HASTE:g} times longer creeps as far{same}."
+        f"Paula's {_at_source_step(points):.2f} D). A grain that chatters drifts along the force "
+        "on it at about a step times its acceleration, so that creep is step times time: a cycle "
+        f"that is {HASTE:g} times faster at a step {HASTE:g} times longer creeps as far{same}."
     )
 
 
-def _at_one(found: Sequence[Creep]) -> float:
-    return next(one.end.value for one in found if one.step == 1.0)
+def _at_source_step(points: Sequence[Creep]) -> float:
+    return next(point.end.value for point in points if point.step == 1.0)
 
 
 def _same_creep(results: Results) -> str:
-    """Ends by de Paula's own cycle, and by the accelerated one."""
+    """Ends by de Paula's own cycle, and by the accelerated point."""
     words = []
     for n in SIZES:
         slow = mean_of(f"direct {n}, source's friction", "half_end_D", protocol="published")
@@ -217,6 +219,8 @@ def _same_creep(results: Results) -> str:
     return f" ({', '.join(words)} grains)" if words else ""
 
 
-def grid_of_steps(found: Sequence[Creep]) -> np.ndarray:
+def grid_of_steps(points: Sequence[Creep]) -> np.ndarray:
     """Steps, ends and half intervals as columns."""
-    return np.array([(one.step, one.end.value, one.end.half_width() or 0.0) for one in found]).T
+    return np.array(
+        [(point.step, point.end.value, point.end.half_width() or 0.0) for point in points]
+    ).T

@@ -61,7 +61,7 @@ def fall_errors() -> dict[str, float]:
     level = level_of(record)
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
     others = [fall(scene, h, FITTED_SEED + 1 + k) for k, h in enumerate(heights)]
-    made: dict[str, float] = {"falls": float(FALLS)}
+    numbers: dict[str, float] = {"falls": float(FALLS)}
     for words, fixed in (("six", {}), ("three", {name: theory[name] for name in THEORY})):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -70,16 +70,18 @@ def fall_errors() -> dict[str, float]:
                 start={name: value for name, value in theory.items() if name not in fixed},
                 initial={"height": float(record.height[0]), "velocity": 0.0},
             )  # fmt: skip
-        errors = 100.0 * np.array([fall_error(model, one, level) for one in others])
-        made |= _named(words, errors)
-        made |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
-    made |= {f"theory_{name}": value for name, value in theory.items()}
-    simulated = float(np.mean([level_of(one) for one in others]))
-    made["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
+        errors = 100.0 * np.array([fall_error(model, other, level) for other in others])
+        numbers |= _named(words, errors)
+        numbers |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
+    numbers |= {f"theory_{name}": value for name, value in theory.items()}
+    simulated = float(np.mean([level_of(other) for other in others]))
+    numbers["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
     heavy = damper(HEAVY)
     levels = [level_of(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
-    made["rest_off_heavy"] = 100.0 * (parameters_of(heavy)["rest"] / float(np.mean(levels)) - 1.0)
-    return made
+    numbers["rest_off_heavy"] = 100.0 * (
+        parameters_of(heavy)["rest"] / float(np.mean(levels)) - 1.0
+    )
+    return numbers
 
 
 def _named(words: str, errors: np.ndarray) -> dict[str, float]:

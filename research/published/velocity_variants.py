@@ -89,10 +89,10 @@ def _cycle(
     before = now - step * velocities
     earlier = before - step * velocities
     force = np.zeros((3, now.shape[1]))
-    begun, last = round(RELAXATION * period / step), round((RELAXATION + 3.0) * period / step)
+    first, last = round(RELAXATION * period / step), round((RELAXATION + 3.0) * period / step)
     start = 0.0
     for k in range(last):
-        if k == begun:
+        if k == first:
             start = _half_mean_distance(now[0], now[1])
         height = _height(k * step / period, heights)
         _forces(now[0], now[1], width, height, gravity, force)
@@ -109,8 +109,8 @@ def _cycle(
             else:
                 brake = DYNAMIC * load / (speed + threshold)
                 fx, fy = fx - brake * vx, fy - brake * vy
-            for axis, one in ((0, fx), (1, fy)):
-                after = 2.0 * now[axis, i] - before[axis, i] + step * step * one
+            for axis, acceleration in ((0, fx), (1, fy)):
+                after = 2.0 * now[axis, i] - before[axis, i] + step * step * acceleration
                 earlier[axis, i] = before[axis, i]
                 before[axis, i] = now[axis, i]
                 now[axis, i] = after
@@ -136,15 +136,15 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     heights = [stages[0].final_height(), stages[1].final_height()]
     assert heights[0] is not None
     assert heights[1] is not None
-    span = stages[1].total_duration(heights[0])
-    assert span is not None
-    place, velocity, *_ = scene.initial_motion()
+    period = stages[1].total_duration(heights[0])
+    assert period is not None
+    position, velocity = scene.initial_motion()
     start, end = _cycle(
-        np.ascontiguousarray(place.T / scales.length),
+        np.ascontiguousarray(position.T / scales.length),
         np.ascontiguousarray(velocity.T / scales.velocity),
         scene.cell.width / scales.length, 9.8 / scales.acceleration,
         (piston.height / scales.length, heights[0] / scales.length, heights[1] / scales.length),
-        span / scales.time, step / scales.time, friction.threshold / scales.velocity, late,
+        period / scales.time, step / scales.time, friction.threshold / scales.velocity, late,
     )  # fmt: skip
     return float(start), float(end)
 
@@ -164,8 +164,10 @@ def late_cycle(count: int, seed: int) -> tuple[float, float]:
 
 def late_cycles(sizes: Sequence[int]) -> dict[str, float]:
     """Starts and ends of `late_cycle` by bed and seed."""
-    made = {}
+    distances = {}
     for count in sizes:
         for seed in LATE_SEEDS:
-            made[f"start {count}, {seed}"], made[f"end {count}, {seed}"] = late_cycle(count, seed)
-    return made
+            distances[f"start {count}, {seed}"], distances[f"end {count}, {seed}"] = late_cycle(
+                count, seed
+            )
+    return distances
