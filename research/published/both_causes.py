@@ -177,9 +177,13 @@ class Creep(NamedTuple):
 
 def creep_over_step(results: Results) -> list[Creep]:
     """Of `CREEP_SIZE` grains, from the exact law (step 0) on."""
-    names: list[tuple[float, str, str | None]] = [(0.0, f"direct {CREEP_SIZE}", None)]
-    names += [(x, f"direct {CREEP_SIZE}, {creep_name(x)}", ACCELERATED.name) for x in STEPS]
-    ends = [(x, mean_of(name, "half_end_D", protocol=how)(results)) for x, name, how in names]
+    usual = mean_of(f"direct {CREEP_SIZE}", "half_end_D")(results)
+    names = [f"direct {CREEP_SIZE}, {creep_name(step)}" for step in STEPS]
+    creeping = [
+        mean_of(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results)
+        for name in names
+    ]
+    ends = zip((0.0, *STEPS), (usual, *creeping), strict=True)
     return [Creep(x, end) for x, end in ends if end is not None]
 
 

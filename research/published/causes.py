@@ -328,19 +328,22 @@ def words_on_large_beds(results: Results) -> str:
         if (usual := results.sample(f"direct {n}", "force", QUICK.name)) is not None
         and (half := results.sample(f"direct {n}, half the friction", "force")) is not None
     ]
-    crept = [results.sample(name, "force", how) for name, how in (
-        ("direct 736", PUBLISHED.name), ("direct 736, both causes", ACCELERATED.name)
-    )]  # fmt: skip
-    if not off or not weights or crept[0] is None or crept[1] is None:
+    crept = []
+    for n in (736, LARGE[0]):
+        usual = results.sample(f"direct {n}", "force", PUBLISHED.name)
+        both = results.sample(f"direct {n}, both causes", "force", ACCELERATED.name)
+        if usual is not None and both is not None:
+            before, after = float(usual.values.mean()), float(both.values.mean())
+            crept.append(f"{after:.1f} N for {before:.1f} N at {n}")
+    if not off or not weights or not crept:
         return ""
-    before, after = (float(one.values.mean()) for one in crept if one is not None)
     return (
         f"On the largest beds the force is higher here: {', '.join(off)} grains. Every pair was "
         "printed of one run each, which lie in or near their prediction intervals; but the list, "
         "of three runs, is off alike, so that a common cause is likely. Not explained: tried de "
-        f"Paula's friction at its step with the higher grid, at 736 grains ({after:.1f} N for "
-        f"{before:.1f} N). Friction's weight in the force grows with the bed: half the "
-        f"coefficients take {' and '.join(weights)} off."
+        f"Paula's friction at its step with the higher grid ({', '.join(crept)} grains). "
+        "Friction's weight in the force grows with the bed: half the coefficients take "
+        f"{' and '.join(weights)} off."
     )
 
 

@@ -126,7 +126,8 @@ def full_plan() -> list[Group]:
         Group("every pair by the mesh", _meshes()),
         Group("de Paula's friction and protocol, 368 grains", _source_cycle((368,))),
         Group("both causes of the hysteresis", both_at(SIZES, ACCELERATED, (1, 2))),
-        Group("creep", creep(368, (1,))),
+        Group("creep", creep(368)),
+        Group("both causes, a large bed", both_at(LARGE[:1], ACCELERATED, (1,))),
         Group("de Paula's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
         Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
     ]
