@@ -35,7 +35,7 @@ KEPT = 1e-6
 
 
 def averaging() -> str:
-    """Amplitudes and frequencies of made laws by elliptic averaging, beside their own."""
+    """Amplitudes and frequencies of made laws by elliptic averaging, next to their own."""
     head = "| made law | damping | last amplitude | averaged | last frequency | averaged |"
     rows = [head, "| --- " * 6 + "|"]
     for lam, k, beta in DUFFING:
@@ -94,7 +94,7 @@ def falls() -> str:
 
 
 def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
-    """Three seconds after the piston is let go [D]."""
+    """Three seconds after the piston is released [D]."""
     changes = {
         "piston.height": f"{height} D", "arrangement.height": f"{height - 1} D",
         "arrangement.seed": seed, "output.record": "drop",

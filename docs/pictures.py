@@ -70,7 +70,7 @@ def draw_motion() -> None:
 
 
 def draw_damper() -> None:
-    """The bed 0.2 s after the piston was let go."""
+    """The bed 0.2 s after the piston was released."""
     keep(still(damper_run(), 2, colour="speed"), "damper")
 
 
@@ -96,7 +96,7 @@ def draw_fall() -> None:
 
 
 def draw_theory() -> None:
-    """The force of the bed over its height, and its losses, beside what theory says of them."""
+    """The force of the bed over its height, and its losses, next to what theory says of them."""
     scene, data = damper(), damper_run().dataset
     chosen = data["time"] < 2.0
     time = data["time"].values[chosen]
@@ -294,7 +294,7 @@ def noisy(record: PistonRecord) -> PistonRecord:
 
 
 def draw_pendulum() -> None:
-    """A pendulum let go at two radians: the linear law, and the pendulum's own."""
+    """A pendulum released at two radians: the linear law, and the pendulum's own."""
     times = np.linspace(0.0, 20.0, 1000)
     start = PistonRecord(times, 2.0 * np.exp(-0.1 * times) * np.cos(1.3 * times))
     true = fit(start, "z'' + c*z' + k*sin(z) = 0", start={"c": 0.2, "k": 2.0}).simulate(times)
@@ -429,7 +429,7 @@ def draw_machine() -> None:
 
 
 def write_machine_law() -> None:
-    """Peaks of the packaged machine from three starts beside the law and two linear ones.
+    """Peaks of the packaged machine from three starts next to the law and two linear ones.
 
     What is simulated is kept in out/machine-law, and found there again.
     """
@@ -516,7 +516,7 @@ def fastest(scene: WorkPrecisionTable, quantity: str, level: float) -> str:
 
 
 def draw_guarantees() -> None:
-    """A run cut and resumed, and one that rounds otherwise, beside the run in one piece."""
+    """A run cut and resumed, and one that rounds otherwise, next to the run in one piece."""
     scene = damper(count=92)
     whole = simulated(scene, t_end=2.0).dataset
     with tempfile.TemporaryDirectory() as name:

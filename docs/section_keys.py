@@ -1,6 +1,6 @@
 """Tell, in the reference, what each key of a scene's section may be: its default and its limits.
 
-The docstrings of sections say what a key means and its unit; the declarations beside them hold
+The docstrings of sections say what a key means and its unit; the declarations next to them hold
 default and limits. This extension of griffe puts the latter behind the former, from the source
 text alone.
 """

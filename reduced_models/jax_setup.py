@@ -29,7 +29,7 @@ def _cache_folder() -> Path | None:
 
 
 def _check_platform(chosen: str) -> None:
-    """Refuse a device that JAX is told to take and does not find, before anything is computed.
+    """Refuse a device that JAX is set to take and does not find, before anything is computed.
 
     Raises
     ------

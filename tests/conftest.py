@@ -46,7 +46,7 @@ LONG_FILES = (
 )
 """Files that take longest where nothing is compiled yet, some ten seconds and more.
 
-Fits and simulations take turns: two workers that start beside each other then seldom compile the
+Fits and simulations take turns: two workers that start next to each other then seldom compile the
 same code twice.
 """
 

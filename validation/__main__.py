@@ -54,7 +54,7 @@ def _measuring(default: str = "") -> Option:
 
 
 @command(
-    "report", "all parts: report.html, and report.json beside it",
+    "report", "all parts: report.html, and report.json next to it",
     option(
         "scenes", metavar="SCENE", nargs="*",
         help="only what accuracy and effects cost, in these scenes: packaged names, or TOML files",

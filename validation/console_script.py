@@ -1,6 +1,6 @@
 """The command ``granular-damper``: the commands of all three packages under one name.
 
-It lives here because imports go one way, and only this package knows the other two.
+It lives here because imports go in one direction, and only this package knows the other two.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FORMER = {
 """Commands that are options of others now."""
 
 _VALIDATE = "validate"
-"""Name of the validation's ``report``, which would not say of what beside other commands."""
+"""Name of the validation's ``report``, which would not say of what next to other commands."""
 
 
 def main() -> int:

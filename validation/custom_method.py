@@ -1,4 +1,4 @@
-"""A user's own methods on a user's own scene: order, energy and cost, beside the built-in ones."""
+"""A user's own methods on a user's own scene: order, energy and cost, next to the built-in ones."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def method_report(
     """Measure methods, and write ``report.html`` and ``report.json``.
 
     Their order of convergence on every exact problem that they fit, the trend of the energy over a
-    long run, and error against wall time on a scene; each beside methods that are built in.
+    long run, and error against wall time on a scene; each next to methods that are built in.
 
     >>> method_report("out", [Method("mine", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 

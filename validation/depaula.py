@@ -7,7 +7,7 @@ the error at the end against its finest step, and prints a greatest difference o
 little. In the position form h^2 a is added to a number 1e10 times as large, so most of its digits
 are lost. The same sequence in increments, d_n = d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both
 sums compensated (Kahan 1965, doi:10.1145/363707.363723), has the truncation without the rounding;
-what the two differ by is rounding. The toolkit's own compensated sums are run beside them.
+what the two differ by is rounding. The toolkit's own compensated sums are run next to them.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ class DepaulaExperiment(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height over time at the finest step, beside free fall."""
+        """Draw the height over time at the finest step, next to free fall."""
         axes = axes_or_new(ax)
         run = self.of(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)

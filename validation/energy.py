@@ -100,7 +100,7 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
 
     Every method on a grain that swings above the wall, at steps at which the controls' trend is
     still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
-    and 1e6 of the frictionless bed, with the controls beside them.
+    and 1e6 of the frictionless bed, with the controls next to them.
     """
     swings = tuple(
         swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
@@ -152,7 +152,7 @@ def _bed(method: str, dt: float, time: float) -> EnergyRun:
 
 
 def _with_records(scene: Scene, dt: float, time: float) -> Scene:
-    """Scene with so many records, whole numbers of steps apart, and frames of a lone grain."""
+    """Scene with so many records, integers of steps apart, and frames of a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     return scene.replace(**{"output.scalars": record, "output.frames": every * record})

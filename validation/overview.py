@@ -53,7 +53,7 @@ MANY_STARTS, FEW_STARTS = 8, 3
 """Starts of a scene whose runs are short, and of one whose are long."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods beside Verlet's, in steps as long as their fraction of the time allows."""
+"""Methods next to Verlet's, in steps as long as their fraction of the time allows."""
 
 FRACTION = 0.25
 """Fraction of the time for each other method."""
@@ -291,7 +291,7 @@ def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
         f"runs: {plain['step']:.3g} with all effects, {plain['nothing']:.2g} with none. An effect "
         "that is added to others may share their work: both prices stand where they differ by "
         "more than a fifth. What a scene does not name leaves nothing in its step; "
-        '"python -m benchmarks --part absent" times that beside steps written by hand.'
+        '"python -m benchmarks --part absent" times that next to steps written by hand.'
     )
     tabulate(page, effect_table(plain))
     sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())

@@ -68,8 +68,8 @@ def small_swing(record: PistonRecord) -> tuple[float, float]:
     """Period [s] and damping ratio of a swing that dies out.
 
     From its turning points (parabolas through the samples about each): the distance of those of
-    one side, and the slope of the logarithm of the way from each to the next, which needs no level
-    of rest. Non-linearity shows in both where the swing is not small.
+    one side, and the slope of the logarithm of the displacement from each to the next, which needs
+    no level of rest. Non-linearity shows in both where the swing is not small.
 
     Raises
     ------

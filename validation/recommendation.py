@@ -108,7 +108,7 @@ class Recommendation(PlainData):
         price = duration(self.starts * self.seconds)
         return (
             f"{what}any of these: the starts scatter by {self.study.floor:.2g}, which no step "
-            f"mends; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
+            f"corrects; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
             f"  {self.command}    ({error} in {self.seconds:.3g} s)"
         )
 

@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything in it, and its figures as JSON beside it."""
+"""The report: one HTML file with everything in it, and its figures as JSON next to it."""
 
 from __future__ import annotations
 

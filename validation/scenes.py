@@ -1,4 +1,4 @@
-"""Scenes that the report measures beside those of the package."""
+"""Scenes that the report measures next to those of the package."""
 
 from __future__ import annotations
 

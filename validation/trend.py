@@ -90,7 +90,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     Returns
     -------
     Trend
-        Slope over the run with its interval, and whether it is told from none.
+        Slope over the run with its interval, and whether it differs from none.
 
     Raises
     ------

@@ -68,7 +68,10 @@ def observe(options: Any) -> None:
     option("--start", type=in_unit("s"), metavar="T", default=0.0, help="first time"),
     option("--stop", type=in_unit("s"), metavar="T", help="last time"),
     option(
-        "--reach", type=float, metavar="A", help="farthest way from frame to frame, in spacings"
+        "--reach",
+        type=float,
+        metavar="A",
+        help="largest displacement from frame to frame, in spacings",
     ),
     option("--memory", type=int, metavar="N", help="frames that a defect may be out of sight"),
     option("--least", type=int, metavar="N", help="leave out what was seen in fewer frames"),

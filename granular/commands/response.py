@@ -36,7 +36,7 @@ long it is observed [s], if not given."""
 
 
 @command(
-    "response", "frequency response of a machine that carries a damper, or how soon it comes down",
+    "response", "frequency response of a machine that carries a damper, or how soon it settles",
     SCENE, CHANGES,
     option("--from", dest="lowest", type=in_unit("Hz"), metavar="F",
            help="lowest frequency of the sine"),

@@ -129,5 +129,5 @@ def _causes(study: Study) -> str:
     errors = [outcome["error"] for outcome in study.outcomes if "cause" in outcome]
     return (
         f"{len(errors)} of {len(study.cases)} cases could not be computed, the first because of "
-        f"{errors[0]}; mend that, and the same command goes on with them"
+        f"{errors[0]}; correct that, and the same command goes on with them"
     )

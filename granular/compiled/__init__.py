@@ -1,4 +1,4 @@
-"""The one way in which kernels are compiled: cached on disk, strict in arithmetic, without the GIL.
+"""The one place where kernels are compiled: cached on disk, strict in arithmetic, without the GIL.
 
 `compiled` makes a kernel that other kernels call, `entry` one that Python calls. What Python needs
 to call a kernel takes about a sixth of the time of compiling it, so most kernels have none of it.

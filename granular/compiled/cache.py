@@ -1,7 +1,8 @@
 """Compiled kernels on disk: one file for each kernel, types of arguments, and processor.
 
 Numba's own cache looks at the file of the function that is called alone, keeps an index that two
-processes may write at once, names its files by line numbers, and loads whatever it finds. Here
+processes may write simultaneously, names its files by line numbers, and loads whatever it finds.
+Here
 
 - one digest of all kernels' sources stands for them all, since kernels call each other: editing one
   compiles all afresh, and nothing stale is ever run (see `granular.compiled.source`);

@@ -110,7 +110,7 @@ def _compare(definition: Definition, name: str, result: float, slope: float, siz
     if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
         raise InputError(
             f"{definition.title}: {name!r} gives {result:.6g} where its energy asks for "
-            f"{slope:.6g} (natural units); mend one of them"
+            f"{slope:.6g} (natural units); correct one of them"
         )
 
 
@@ -160,6 +160,6 @@ def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
         total = _value(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
             raise InputError(
-                f"{definition.title}: 'flow' over two spans is not that over both at once; "
+                f"{definition.title}: 'flow' over two spans is not that over both together; "
                 "solve it exactly, as v*exp(-rate*dt)"
             )

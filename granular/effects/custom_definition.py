@@ -148,5 +148,5 @@ def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[st
 def failed(definition: Definition, what: str, error: BaseException) -> InputError:
     """Error of a user's code, in one line."""
     return InputError(
-        f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; mend it"
+        f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it"
     )

@@ -228,8 +228,8 @@ def _sticks(
 ) -> bool:
     """Return whether force and friction stop the grain within ``dt``, and friction then holds it.
 
-    A grain must not be carried through rest to the other side, where dynamic friction would let go
-    of what static friction holds.
+    A grain must not be carried through rest to the other side, where dynamic friction would release
+    it of what static friction holds.
     """
     vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
     against = -(vx * fx + vy * fy)

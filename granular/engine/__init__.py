@@ -50,7 +50,7 @@ far field
     that a look sees whole ones. The field at the stage's beginning is *held*: it acts in every
     step, like any other force, and the impulses give what the field differs from it by. (Where the
     scene dissipates, the present field is held anew every so many ticks.) Where dry friction must
-    see the whole force at once, and with methods other than Verlet's, the far field is computed in
+    see the whole force together, and with methods other than Verlet's, the far field is computed in
     every step and there are no impulses.
 
 A run changes a `State` of plain arrays, and reads `Constants`

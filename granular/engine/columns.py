@@ -29,7 +29,7 @@ distance of two grains, the greatest speed, and the bound of the highest angular
 bed can meet; the number of grains; the energy turned over so far. Behind them stand the energy of
 each law, what each of them took, and the laws' own records. In natural units."""
 
-# Kernels take whole numbers, not texts; a test holds both lists together.
+# Kernels take integers, not texts; a test holds both lists together.
 (
     TIME,
     HEIGHT,

@@ -13,7 +13,7 @@ from granular.run.trajectory import Trajectory, load_trajectory
 from granular.shared.errors import InputError
 
 BLOCK = 64
-"""Frames that are read at once: few enough to fit into memory with any bed."""
+"""Frames that are read together: few enough to fit into memory with any bed."""
 
 
 class BedFrame(NamedTuple):

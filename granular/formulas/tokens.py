@@ -66,7 +66,7 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
         raise FormulaError("there is no formula; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
         raise FormulaError(
-            f"{len(tokens)} numbers, names and signs are too many; at most {MAX_TOKENS} make a "
+            f"{len(tokens)} numbers, names and operators are too many; at most {MAX_TOKENS} make a "
             "formula: write it shorter"
         )
     depth = signs = 0
@@ -142,7 +142,7 @@ def error_at(token: Token, what: str, remedy: str) -> FormulaError:
 
 def too_deep(token: Token) -> FormulaError:
     """Error of what is nested deeper than is read."""
-    what = f"more than {MAX_DEPTH} brackets, signs or powers within each other"
+    what = f"more than {MAX_DEPTH} brackets, operators or powers within each other"
     return error_at(token, what, "write it with fewer")
 
 

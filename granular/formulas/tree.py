@@ -30,7 +30,7 @@ class Name:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Applied:
-    """A sign or a function, applied to its operands.
+    """Operator or function, applied to its operands.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ class Method:
             failed = failed_tree(self.tableau, self.order)
         if failed is not None:
             raise InputError(
-                f"method {quote(self.name)} declares order {self.order}: {failed}; mend the "
+                f"method {quote(self.name)} declares order {self.order}: {failed}; correct the "
                 "coefficients, or declare the order that they have"
             )
 
@@ -162,7 +162,7 @@ def _check_words(method: Method) -> None:
         raise InputError(f"source = {quote(method.source)} of a method; give words")
     if type(method.order) is not int or not 1 <= method.order <= HIGHEST_ORDER:
         raise InputError(
-            f"order = {quote(method.order)} of method {quote(method.name)}; give a whole number "
+            f"order = {quote(method.order)} of method {quote(method.name)}; give an integer "
             f"from 1 to {HIGHEST_ORDER}"
         )
     for name in ("variable", "compensated"):

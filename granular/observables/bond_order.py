@@ -196,7 +196,7 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
     """
     array = check_frames(frames)
     if not blocks or min(blocks) < 1:
-        raise InputError(f"blocks {tuple(blocks)}; give whole numbers from 1 up")
+        raise InputError(f"blocks {tuple(blocks)}; give integers from 1 up")
     low, high = np.nanmin(array, axis=(0, 1)), np.nanmax(array, axis=(0, 1))
     sums = {number: np.zeros((len(array), number**2), dtype=complex) for number in blocks}
     counts = {number: np.zeros((len(array), number**2)) for number in blocks}

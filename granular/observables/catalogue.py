@@ -222,7 +222,7 @@ def _value(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
     except Exception as error:
         raise InputError(
             f"observable {quote(name)} fails at {frame.time:g} s: "
-            f"{type(error).__name__}: {error}; mend its function"
+            f"{type(error).__name__}: {error}; correct its function"
         ) from error
 
 

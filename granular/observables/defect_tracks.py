@@ -162,7 +162,7 @@ def _assign_tracks(
     if not open_ones or not known:
         return {}
     farthest = (reach * defects.spacing) ** 2
-    # Leaving a track and a defect alone costs as much as the farthest way.
+    # Leaving a track and a defect alone costs as much as the largest displacement.
     costs = np.full((len(open_ones), len(known)), 2.0 * farthest)
     for row, track in enumerate(open_ones):
         for column, k in enumerate(known):

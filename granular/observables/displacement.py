@@ -89,7 +89,7 @@ def check_lags(lags: np.ndarray | None, count: int) -> np.ndarray:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
-        raise InputError("lags are whole numbers of frames; give an array of them")
+        raise InputError("lags are integers of frames; give an array of them")
     if array.min() < 1 or array.max() >= count:
         raise InputError(f"lags from {array.min()} to {array.max()}; take 1 to {count - 1} frames")
     return array
@@ -306,7 +306,7 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     frames = run.dataset["position"].values
     result = np.full(frames.shape[:2], np.nan)
     for k in range(every, len(frames)):
-        # To where the neighbours are, in a periodic cell; the ways between frames stay.
+        # To where the neighbours are, in a periodic cell; the displacements between frames stay.
         home = run.scene.cell.inside(frames[k - every]) - frames[k - every]
         result[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
     return xarray.DataArray(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 BLOCK = 512
-"""Grains whose pairs are in memory at once."""
+"""Grains whose pairs are in memory simultaneously."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (

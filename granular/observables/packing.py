@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 BLOCK = 1024
-"""Grains whose distances to all others are held at once."""
+"""Grains whose distances to all others are held simultaneously."""
 
 
 def packing_fraction(diameters: np.ndarray, width: float, height: float | np.ndarray) -> np.ndarray:

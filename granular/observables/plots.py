@@ -229,7 +229,7 @@ def plot_defect_paths(
         ]
         ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
         if sides is not None:
-            sides.set_clip_on(False)  # it stands beside the axes
+            sides.set_clip_on(False)  # it stands next to the axes
             ax.add_artist(sides)
     return _as_map(ax)
 

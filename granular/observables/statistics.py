@@ -224,9 +224,9 @@ def dip(values: np.ndarray) -> float:
         gap = max(gaps.max(), others.max())
         if gap <= result:
             return 0.5 * result
-        beside = np.abs(upper[part] - minorant)[: left + 1].max()
+        adjacent = np.abs(upper[part] - minorant)[: left + 1].max()
         beyond = np.abs(majorant - lower[part])[right:].max()
-        result = max(result, beside, beyond)
+        result = max(result, adjacent, beyond)
         if (left, right) == (0, stop - start) or gap <= result:
             return 0.5 * result
         start, stop = start + left, start + right

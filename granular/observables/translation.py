@@ -96,7 +96,7 @@ def _peak_on_a_mesh(points: np.ndarray, length: float) -> np.ndarray:
     """About where S(q) is greatest, from grains that are counted in the meshes of a grid."""
     mesh = 2.0 * math.pi / length / _MESHES
     indices = np.floor((points - points.min(axis=0)) / mesh).astype(int)
-    # Room of the same size beside the bed: a peak is then at least two points wide.
+    # Room of the same size next to the bed: a peak is then at least two points wide.
     shape = 2 * (indices.max(axis=0) + 1)
     counts = np.zeros(shape)
     np.add.at(counts, tuple(indices.T), 1.0)

@@ -148,8 +148,8 @@ def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int
     if column + 1 < columns:
         result = _look_into(cells, x, y, i, cells.cell[i] + 1, reach, result)
     if row + 1 < rows:
-        for beside in range(max(column - 1, 0), min(column + 2, columns)):
-            result = _look_into(cells, x, y, i, (row + 1) * columns + beside, reach, result)
+        for adjacent in range(max(column - 1, 0), min(column + 2, columns)):
+            result = _look_into(cells, x, y, i, (row + 1) * columns + adjacent, reach, result)
     return result
 
 

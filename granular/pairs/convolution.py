@@ -220,7 +220,7 @@ convolve = _plain_convolve if config.DISABLE_JIT else _convolve
 Parameters
 ----------
 source, out : float64 (p,)
-    Lines one after another; beside every one there are zeros for the reach of the table.
+    Lines one after another; next to every one there are zeros for the reach of the table.
 along, across : float64 (groups, reach, `TERMS`)
     By the distance, from 0 on, where it is halved.
 rows : float64 (q,)

@@ -28,8 +28,8 @@ STILL = 5e-4
 """Way of a grain [D] up to which the far field counts as unchanged where grains rub.
 
 In a bed as dense as a full compression, grain against grain, it changes by at most 25 rho / r_c^3
-times twice this way, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of what the
-mesh may be off by. Beds whose grains move together change it by far less."""
+times twice this displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of
+what the mesh may be off by. Beds whose grains move together change it by far less."""
 
 STILL_EXACT = 5e-5
 """The same where the far field is a sum over pairs: 3e-6 F*, for there is no mesh's error."""

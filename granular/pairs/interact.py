@@ -14,7 +14,7 @@ from llvmlite import ir
 from granular.pairs.lanes import INDEX, Code, constant, flags, inverse_fifth
 
 _AWAY = 1e100
-"""Square of a way [D^2] that no two grains are apart."""
+"""Square of a displacement [D^2] that no two grains are apart."""
 
 
 class Sums(NamedTuple):

@@ -270,15 +270,15 @@ def prolong_around(mesh: Mesh, level: int) -> None:
     coarse, stride = first_point(mesh, level) - margin, mesh.strides[level]
     fine, fine_stride = first_point(mesh, level - 1), mesh.strides[level - 1]
     for line in range(mesh.windows[level - 1, UP]):
-        # Copies of lines stand beside the first and the last one.
+        # Copies of lines stand next to the first and the last one.
         middle = coarse + line // 2 * stride
         below, above = middle - stride, middle + stride
         odd = line % 2 == 1
-        own, beside, behind = (half, 0.0, half) if odd else (total, rest, rest)
+        own, adjacent, behind = (half, 0.0, half) if odd else (total, rest, rest)
         for p in range(stride):
             row[p] = (
                 own * potential[middle + p]
-                + beside * potential[below + p]
+                + adjacent * potential[below + p]
                 + behind * potential[above + p]
             )
         for column in range(mesh.windows[level, ACROSS]):

@@ -1,4 +1,4 @@
-"""The potential on a mesh: sources go up the levels, each level's own part of it comes down."""
+"""The potential on a mesh: sources go up the levels, each level's own part of it is passed down."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ def _prolong(mesh: Mesh, level: int) -> None:
         middle = _line_begin(at_line, lines, start, stride, outside)
         below = _line_begin(at_line - 1, lines, start, stride, outside)
         above = _line_begin(at_line + 1, lines, start, stride, outside)
-        own, beside = (half, 0.0) if line % 2 == 1 else (total, rest)
+        own, adjacent = (half, 0.0) if line % 2 == 1 else (total, rest)
         next_one = half if line % 2 == 1 else rest
         for point in range(stride):
             p = np.uintp(point)
             row[p] = (
                 own * potential[middle + p]
-                + beside * potential[below + p]
+                + adjacent * potential[below + p]
                 + next_one * potential[above + p]
             )
         # The first point's place is odd, too, where the window's is: one more before it.

@@ -25,7 +25,7 @@ _POLYNOMIALS = (
     (0.5, -1.0, 0.5, 0.0, -0.5, 1.5, -1.5, 0.5),
     (-1 / 6, 0.5, -0.5, 1 / 6, 0.0, 0.0, 0.0, 0.0),
 )
-"""By the power of the way: the splines of the four points, and behind them their slopes."""
+"""Splines of the four points by the power of the displacement, and behind them their slopes."""
 
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 

@@ -24,7 +24,7 @@ SYNONYMS = {
         "acceleration", "accel", "acc", "a", "az", "ay", "ax", "beschleunigung", "accelerometer",
     ),
 }  # fmt: skip
-"""What a column may be called, in lower case, without signs; the first that is there is taken."""
+"""Names of columns in lower case, without punctuation; the first that is there is taken."""
 
 UNITS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s",
@@ -101,7 +101,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
 
 
 def normalize_name(name: str) -> str:
-    """Name in lower case, without a run's number; one space for signs that are no letters."""
+    """Name in lower case, without a run's number; one space for characters that are no letters."""
     return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
 
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 UNSTEADY = 0.05
-"""Change of the amplitude, while it is taken, from which on a reader is told."""
+"""Change of the amplitude, while it is taken, from which on a note says so."""
 PACE = 0.3
-"""Of a sweep (`pace_of_sweep`), from which on a reader is told."""
+"""Of a sweep (`pace_of_sweep`), from which on a note says so."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Frequencies from which on points are not marked."""
@@ -57,21 +57,21 @@ class PageComparison:
 
 
 def response_page(
-    response: Response, beside: PageComparison | None = None, missing: str = ""
+    response: Response, comparison: PageComparison | None = None, missing: str = ""
 ) -> Page:
     """Report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
     page = Page(f"The response of scene {response.scene.name!r}", response_words(response))
-    _curves(page, response, beside)
+    _curves(page, response, comparison)
     _peaks(page, response)
     add_steadiness(page, response)
-    if beside is not None:
-        page.section(beside.title)
-        page.table(beside.header, beside.rows)
-        page.text(beside.words)
-        for words in beside.notes:
+    if comparison is not None:
+        page.section(comparison.title)
+        page.table(comparison.header, comparison.rows)
+        page.text(comparison.words)
+        for words in comparison.notes:
             page.note(words)
     elif missing:
         page.note(missing)
@@ -99,7 +99,7 @@ def response_words(response: Response) -> str:
     )
 
 
-def _curves(page: Page, response: Response, beside: PageComparison | None) -> None:
+def _curves(page: Page, response: Response, comparison: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -110,39 +110,39 @@ def _curves(page: Page, response: Response, beside: PageComparison | None) -> No
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
             if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
-        names = _beside_lines(axes, response, beside)
+        names = _comparison_lines(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend([*handles, *names.values()], [*words, *names], loc="outside upper left",
                        ncols=1 if len(words) + len(names) < 4 else 2)  # fmt: skip
-        page.figure(drawing, _caption(response, beside))
+        page.figure(drawing, _caption(response, comparison))
 
 
-def _beside_lines(
-    axes: Axes, response: Response, beside: PageComparison | None
+def _comparison_lines(
+    axes: Axes, response: Response, comparison: PageComparison | None
 ) -> Mapping[str, object]:
     """Draw the curves to compare; return a line of each name for the legend."""
     from matplotlib.lines import Line2D
 
     handles: dict[str, object] = {}
-    if beside is None:
+    if comparison is None:
         return handles
     sizes = response.dataset.amplitude.values.tolist()
-    for (name, curves), look in zip(beside.curves.items(), _DASHES, strict=False):
+    for (name, curves), look in zip(comparison.curves.items(), _DASHES, strict=False):
         for size, curve in curves.items():
             colour = COLOURS[sizes.index(size) % len(COLOURS)]
-            axes.plot(beside.frequencies, 1e3 * curve, color=colour, linestyle=look, lw=1.3)
+            axes.plot(comparison.frequencies, 1e3 * curve, color=colour, linestyle=look, lw=1.3)
         handles[name] = Line2D([], [], color=COLOURS[-1], linestyle=look, lw=1.3)
     return handles
 
 
-def _caption(response: Response, beside: PageComparison | None) -> str:
+def _caption(response: Response, comparison: PageComparison | None) -> str:
     words = "Displacement of the machine"
     if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
     if "alone" in response.dataset:
         words += ", with the damper, without it, and with Den Hartog's tuned mass in its place"
-    if beside is not None:
-        words += f"; in the colour of each amplitude: {', '.join(beside.curves)}"
+    if comparison is not None:
+        words += f"; in the colour of each amplitude: {', '.join(comparison.curves)}"
     return f"{words}."
 
 
@@ -169,7 +169,7 @@ def _peaks(page: Page, response: Response) -> None:
         if int(curve.argmax()) in (0, len(curve) - 1):
             page.note(
                 "The machine alone swings most outside of these frequencies: how many times the "
-                "damper lowers its peak is told by a response that reaches further."
+                "damper lowers its peak is shown by a response that reaches further."
             )
 
 

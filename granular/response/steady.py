@@ -82,7 +82,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
 
 
 PERIODS = 6.0
-"""Of the drive, in which one amplitude is told."""
+"""Of the drive, in which one amplitude is resolved."""
 POINTS = 200
 
 

@@ -172,7 +172,7 @@ def _add_up(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[S
     if method in ("cut-off", "verlet-list"):
         raise InputError(
             f"accuracy = {quote(text)}: pairs.method = {method!r} leaves pairs out, which no step "
-            "mends; take 'auto'"
+            "corrects; take 'auto'"
         )
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
         return scene.replace(**{"pairs.method": "direct"}), "direct sum"

@@ -21,7 +21,7 @@ JUDGED = 0.5
 """For so long [s] the steps are counted before: the first call, which compiles, does not count."""
 
 LONG = 60.0
-"""Length of a run [s], by the wall clock, from which on it is told at the start."""
+"""Length of a run [s], by the wall clock, from which on it is stated at the start."""
 
 
 class ProgressBar:

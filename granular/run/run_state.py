@@ -231,7 +231,7 @@ class RunState:
         resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.pace.h < _RESOLVED
         if not resolved:
             return self.shorter
-        return f"mend what you wrote for {' and '.join(map(repr, own))}: it is no number there"
+        return f"correct what you wrote for {' and '.join(map(repr, own))}: it is no number there"
 
     @property
     def blame(self) -> str:
@@ -287,7 +287,7 @@ class RunState:
         self._use(pace)
         end = min(self.total, self.t_end - self.progress.start)
         steps = end / pace.h if end < math.inf else 0.0
-        self._check_count("the way to the end", steps, MOST_COUNT)
+        self._check_count("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
             half_tick = 0.5 * pace.length
             open_density(speed, half_tick, self.plan.fraction, self.state, self.constants)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import xarray
 
 CADENCE = 0.01
-"""Relative change of the records' distance, by a given step, that a user is told of."""
+"""Relative change of the records' distance, by a given step, that is reported to the user."""
 
 COMMIT_SECONDS = 5.0
 """From checkpoint to checkpoint, in seconds of the wall clock."""

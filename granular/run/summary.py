@@ -141,10 +141,10 @@ def run_text(run: Trajectory) -> str:
             f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}"
         )
     compiled = run.settings().get("compile_seconds", 0.0)
-    beside = f" and {compiled:.2g} s of compiling" if compiled >= _SHOWN else ""
+    more = f" and {compiled:.2g} s of compiling" if compiled >= _SHOWN else ""
     lines.append(
         f"{figures['steps']} steps ({run.method.name}, dt {figures['dt']}) in "
-        f"{figures['seconds']:.3g} s{beside}; ledger closed to {figures['ledger_residual']:.1e} of "
+        f"{figures['seconds']:.3g} s{more}; ledger closed to {figures['ledger_residual']:.1e} of "
         "the energy turned over"
     )
     if run.path is not None:

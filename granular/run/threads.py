@@ -74,7 +74,7 @@ def threads_of(scene: Scene, asked: int | None) -> int:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
         return min(available, PARTS) if parted and _start_quickly(scene) else 1
     if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= available:
-        raise InputError(f"threads = {quote(asked)}; give a whole number from 1 to {available}")
+        raise InputError(f"threads = {quote(asked)}; give an integer from 1 to {available}")
     return asked
 
 

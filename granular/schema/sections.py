@@ -20,7 +20,7 @@ from granular.schema.units import si_value
 from granular.shared.errors import SceneError
 from granular.shared.messages import quote, visible
 
-_LONGEST = 200  # signs of a name
+_LONGEST = 200  # characters of a name
 _MOST_SHOWN = 30  # known words in a message
 _DIGITS = re.compile(r"[+-]?[0-9]{1,30}")
 
@@ -118,7 +118,7 @@ class Integer(Kind):
     def parse(self, value: Any, diameter: float | None) -> int:
         number = _integer(value)
         if number is None:
-            raise FieldError(f"{quote(value)} must be a whole number")
+            raise FieldError(f"{quote(value)} must be an integer")
         if number < self.least:
             raise FieldError(f"{quote(number)} must be at least {self.least}")
         if number > self.most:
@@ -155,7 +155,7 @@ class Text(Kind):
             raise FieldError(f"{quote(value)} must be a text that is not empty")
         if len(value) > _LONGEST or not value.isprintable():
             raise FieldError(
-                f"{quote(value)} must be one line of at most {_LONGEST} signs that can be printed"
+                f"{quote(value)} must be one line of at most {_LONGEST} printable characters"
             )
         return value
 

@@ -50,8 +50,8 @@ def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
             raise _unwritable(path, error) from None
         return
     target = Path(os.path.realpath(path))
-    # Two that write the same file at once, also from two machines or as two threads, must not write
-    # into each other's part.
+    # Two that write the same file simultaneously, also from two machines or as two threads, must
+    # not write into each other's part.
     own = f"{os.getpid()}-{secrets.token_hex(4)}"
     part = target.with_name(f".{target.stem}.{own}.part{target.suffix}")
     try:

@@ -22,7 +22,7 @@ def quote(value: object) -> str:
     if isinstance(value, str):
         text = repr(str(value[: LONGEST + 1]))
     elif isinstance(value, int) and value.bit_length() > 1000:
-        text = f"a whole number of {value.bit_length()} bits"  # Python refuses to write some
+        text = f"an integer of {value.bit_length()} bits"  # Python refuses to write some
     else:
         text = visible(_SHORT.repr(value))
     return _cut(text, LONGEST)

@@ -53,7 +53,7 @@ def read_user_file(path: str | Path) -> UserFile:
         contents(file)
     except (Exception, SystemExit) as error:  # a file that ends the process is no success
         raise InputError(
-            f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; mend it"
+            f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; correct it"
         ) from None
     return file
 

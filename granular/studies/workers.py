@@ -111,7 +111,7 @@ below.
 MACHINE = "machine"
 """A disk, memory or a process failed: the same case may succeed a moment later."""
 PROGRAM = "program"
-"""The measure or the toolkit has an error: the case fails until that is mended."""
+"""The measure or the toolkit has an error: the case fails until that is corrected."""
 ELSEWHERE = "elsewhere"
 """Another sweep is computing the case."""
 

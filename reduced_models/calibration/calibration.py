@@ -122,7 +122,7 @@ def calibrate(
     check_options(confidence=confidence)
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
-            f"seeds = {quote(seeds)}; give a whole number from 2 on, to see their scatter, "
+            f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "
             f"and at most {MAX_SEEDS}"
         )
     if not parameters or len(set(parameters)) != len(parameters):
@@ -276,7 +276,7 @@ def _notes(simulator: SceneSimulator, wanted: Features, ended: SearchEnd) -> tup
     notes = []
     if not ended.settled:
         notes.append(
-            f"the search did not settle in {MOST_MOVES} moves, so read the values as a way there; "
+            f"the search did not settle in {MOST_MOVES} moves, so read the values as a step there; "
             "calibrate again from them"
         )
     for name, away in zip(wanted.names, ended.estimate.away, strict=True):

@@ -33,10 +33,10 @@ OUT = option(
     help="directory for report, scene and simulations; the same one again goes on",
 )  # fmt: skip
 POINTS = 128
-"""Dampers of a study beside sixteen corners, if not given."""
+"""Dampers of a study next to sixteen corners, if not given."""
 
 SLIDERS = "sliders.html"
-"""Beside the report of maps: the same, under sliders."""
+"""Next to the report of maps: the same, under sliders."""
 
 
 @command(
@@ -124,7 +124,7 @@ def calibrate(options: Any) -> None:
     ),
     option(
         "--points", type=int, metavar="N",
-        help=f"dampers of that study beside sixteen corners, a power of two ({POINTS})",
+        help=f"dampers of that study next to sixteen corners, a power of two ({POINTS})",
     ),
     OUT, WORKERS, OUTPUT,
     examples="""\

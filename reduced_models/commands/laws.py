@@ -105,7 +105,7 @@ def identify(options: Any) -> None:
 
 
 @command(
-    "fit", "fit one law to one record, or to several at once",
+    "fit", "fit one law to one record, or to several together",
     SOURCES,
     option("--law", default="van-der-pol-like", metavar="LAW", help="name or equation"),
     option("--laws", action="store_true", help="list the laws that can be fitted by their names"),
@@ -208,7 +208,7 @@ def _bound(words: str, missing: float, unit: str) -> float:
     ),
     option(
         "--functions", action="append", default=[], metavar="NAME",
-        help="what symbolic regression may use beside sums and products: sin, exp, max, / "
+        help="what symbolic regression may use next to sums and products: sin, exp, max, / "
         "(repeatable)",
     ),
     option("--degree", type=int, default=3, help="of the physical library's powers of z"),
@@ -295,7 +295,7 @@ def _height_map(text: str) -> HeightMap:
     option("-o", "--out", metavar="DIR", help="directory for report and models"),
     option(
         "--response", metavar="DIR",
-        help="in place of records, set the law of the bed beside a machine's simulated response, "
+        help="in place of records, set the law of the bed next to a machine's simulated response, "
         "which 'response -o DIR' wrote; its report.html is renewed",
     ),
     READING, OUTPUT,

@@ -61,7 +61,7 @@ COUNTS, FRACTIONS = (92, 184, 368), (0.0, 0.5)
 def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
     """All maps as a page: pictures, their errors, and the law that they stand for.
 
-    ``sliders`` is the name of the page with the maps under sliders, where it is beside this one.
+    ``sliders`` is the name of the page with the maps under sliders, where it is next to this one.
     """
     page = Page(
         "Maps of the damper",

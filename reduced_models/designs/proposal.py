@@ -71,9 +71,7 @@ class DesignTarget(NamedTuple):
         if self.grains is not None and not (
             isinstance(self.grains, Integral) and low <= self.grains <= high
         ):
-            raise InputError(
-                f"grains = {quote(self.grains)}; give a whole number from {low} to {high}"
-            )
+            raise InputError(f"grains = {quote(self.grains)}; give an integer from {low} to {high}")
         if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
             raise InputError(
                 f"small_share = {quote(self.small_share)}; give a fraction from 0 to {HIGHEST[3]:g}"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pandas
 
 POINTS = 128
-"""Of the sequence, beside the sixteen corners."""
+"""Of the sequence, next to the sixteen corners."""
 COMMITTED = Path(__file__).parent / "study.csv"
 """The study that comes with the package. ``python -m reduced_models design --maps --simulate -o
 DIR`` makes it anew."""

@@ -38,7 +38,7 @@ _NO_OPERON = (
     "pip install 'granular-damper[discover]'"
 )
 _GREATEST_SEED = 2**32 - 1
-_LINE = 70  # signs of a formula that a line of progress shows
+_LINE = 70  # characters of a formula that a line of progress shows
 METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
@@ -61,7 +61,7 @@ def discover(
     seed: int = 0,
     progress: bool = False,
 ) -> Discovery:
-    """Discover the equation of motion z'' = f(z, z', input) of a record, or of several at once.
+    """Discover the equation of motion z'' = f(z, z', input) of a record, or of several together.
 
     Every method proposes structures. All are weighed by the same white residuals of the weak form;
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
@@ -97,12 +97,12 @@ def discover(
         ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
         that yields or relaxes (`reduced_models.discovery.memory`).
     terms : sequence of str
-        Own terms beside the library's, in z, z' and the input's column: ``"sin(z)"``,
+        Own terms next to the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
         numbers within it stay as they are. A sum is taken apart, and each of its terms gets a
         coefficient of its own, in place of the number that stands before it.
     functions : sequence of str
-        What symbolic regressions may use beside sums, differences and products:
+        What symbolic regressions may use next to sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
@@ -116,7 +116,7 @@ def discover(
         is the height itself.
     polish : int
         Greatest number of candidates, best first, that are fitted through their differential
-        equation; those whose criterion is hopeless beside the best one's are not.
+        equation; those whose criterion is hopeless next to the best one's are not.
     effort : float
         Times the usual length of a symbolic regression.
     seed : int
@@ -310,9 +310,9 @@ def _check(
         if value not in valid:
             raise InputError(f"{name} = {quote(value)}; give one of {', '.join(valid)}")
     if not isinstance(degree, int) or not 1 <= degree <= 5:
-        raise InputError(f"degree = {quote(degree)}; give a whole number from 1 to 5")
+        raise InputError(f"degree = {quote(degree)}; give an integer from 1 to 5")
     if not isinstance(polish, int) or polish < 0:
-        raise InputError(f"polish = {quote(polish)}; give a whole number from 0 on")
+        raise InputError(f"polish = {quote(polish)}; give an integer from 0 on")
     if not isinstance(effort, int | float) or not 0.0 < effort < math.inf:
         raise InputError(f"effort = {quote(effort)}; give a number above 0")
     if method in ("auto", "sindy") and target == "height":
@@ -330,7 +330,7 @@ def _check_kinds(library: object, height_map: object, seed: object) -> None:
     if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise InputError(f"library = {quote(library)}; give a name, or several in a list")
     if not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
-        raise InputError(f"seed = {quote(seed)}; give a whole number from 0 to {_GREATEST_SEED}")
+        raise InputError(f"seed = {quote(seed)}; give an integer from 0 to {_GREATEST_SEED}")
     if isinstance(height_map, HeightMap):
         if not (math.isfinite(height_map.shift) and 0.0 < abs(height_map.scale) < math.inf):
             raise InputError(

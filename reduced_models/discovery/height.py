@@ -100,7 +100,7 @@ def _fit_numbers(
 
 
 def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
-    """Expression as it stands, with a rate in each elliptic call, and with a phase beside it.
+    """Expression unchanged, with a rate in each elliptic call, and with a phase next to it.
 
     A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer
     nodes; least squares finds the rest, once there are numbers to change. Those that are new change

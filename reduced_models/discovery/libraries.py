@@ -74,7 +74,7 @@ LIBRARIES = MappingProxyType(
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 _PYSR = {"max": "max", "min": "min"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
-"""What symbolic regressions know beside sums, differences and products."""
+"""What symbolic regressions know next to sums, differences and products."""
 
 
 def library_terms(

@@ -78,9 +78,9 @@ def structures_with_memory(
     search : Search, optional
         Of a symbolic regression of F(z, z', w), with the hidden state that sums need.
     terms : sequence of str
-        Own terms beside those of the library, in z, z' and w.
+        Own terms next to those of the library, in z, z' and w.
     sparse : bool
-        Whether sums of terms are candidates, beside what a search proposes.
+        Whether sums of terms are candidates, next to what a search proposes.
 
     Raises
     ------

@@ -183,7 +183,7 @@ def symbolic_candidates(
 ) -> tuple[list[CandidateEquation], Judge]:
     """Expressions of a symbolic regression; of sums of terms also what can be left out of them.
 
-    ``subsets`` of the terms stand beside them, judged alike.
+    ``subsets`` of the terms stand next to them, judged alike.
     """
     expressions = _expressions(weak.motions, terms, search)
     sums = [(expression, terms_of(expression)) for expression in expressions]
@@ -234,7 +234,7 @@ def _search_samples(
 ) -> dict[str, np.ndarray]:
     """Return the samples of one of so many motions for a symbolic regression, away from its ends.
 
-    Own terms are variables beside z and z'.
+    Own terms are variables next to z and z'.
     """
     edge = int(_EDGE * len(motion.time))
     inner = len(motion.time) - 2 * edge
@@ -261,7 +261,7 @@ def candidate_of(scored_terms: ScoredTerms) -> CandidateEquation:
 
 
 def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
-    """Candidate that is no sum of terms, by its residuals as it stands."""
+    """Candidate that is no sum of terms, by the residuals of its present form."""
     import sympy
 
     weak = judge.weak

@@ -52,7 +52,7 @@ def operon_expressions(
     noise : float
         Standard deviation of the target's noise.
     functions : sequence of str
-        Beside sums, differences and products; such as ``"sin"``.
+        Next to sums, differences and products; such as ``"sin"``.
     effort : float
         Times the usual number of expressions to try. It ends the search, and not the clock, so that
         a seed repeats it.
@@ -130,7 +130,7 @@ class ScaledSamples:
     ) -> list[sympy.Expr]:
         """Expressions that a search wrote, restored; those that hold a NaN, say, are left out.
 
-        ``functions`` are those that they may name beside the usual ones.
+        ``functions`` are those that they may name next to the usual ones.
         """
         expressions = []
         for text in texts:

@@ -146,7 +146,7 @@ def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Ex
         Such as ``"sin(z)"``, ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``, ``"u*z"``. Numbers in
         them stay as they are, but for one before a term.
     column : str, optional
-        Name of the input, beside ``u``.
+        Name of the input, next to ``u``.
 
     Raises
     ------

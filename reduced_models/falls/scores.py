@@ -188,7 +188,7 @@ def score_drops(
     Parameters
     ----------
     record : PistonRecord
-        A fall, from the moment the piston is let go.
+        A fall, from the moment the piston is released.
     unseen : mapping of str to PistonRecord
         Other falls, by what they differ in.
     laws : sequence of str or Law

@@ -7,9 +7,9 @@ moment in place of that of one grain). The piston's weight M g = p W then gives 
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
-Walls hold the grains beside them less densely: r is greater by a fraction that falls with N^(-1/2).
-Grains that follow the piston affinely have the velocity z' y/z at the height y; their drag is that
-of a third of them at the piston's speed, so lam = N gamma/(6 M).
+Walls hold the grains next to them less densely: r is greater by a fraction that falls with
+N^(-1/2). Grains that follow the piston affinely have the velocity z' y/z at the height y; their
+drag is that of a third of them at the piston's speed, so lam = N gamma/(6 M).
 
 The piston also moves part of their mass, N m/3, and against drag a bed follows late: it is a column
 that diffuses, with the stiffness f(s) = sqrt(s) coth sqrt(s) over that at rest, s = i x, x = omega

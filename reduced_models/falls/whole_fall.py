@@ -30,7 +30,7 @@ TOLERANCE = 1e-8
 
 
 class WholeFall(NamedTuple):
-    """Figures of a fall that was let go at rest.
+    """Figures of a fall that begins at rest.
 
     Attributes
     ----------

@@ -74,7 +74,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
     if not np.isfinite(normal).all():
         raise InputError(
             f"the fit of {quote(problem.law.name)} changes so steeply with its parameters "
-            "that their intervals cannot be reckoned; try another law, or check the units"
+            "that their intervals cannot be computed; try another law, or check the units"
         )
     residuals = tuple(joint.residuals(theta))
     again = None

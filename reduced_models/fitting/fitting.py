@@ -111,7 +111,7 @@ def fit(
     input_interpolation: Interpolation | None = None,
     drift: bool = False,
 ) -> tuple[ReducedModel, ...]:
-    """Fit a law to a record, or to several at once.
+    """Fit a law to a record, or to several together.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def fit(
         Values about which parameters are looked for first, and values that they keep; ``fix`` also
         takes a list for a parameter, a value for each record, such as the lengths of pendulums.
     positive : sequence of str
-        Parameters that are above zero, beside those of which the law says so.
+        Parameters that are above zero, next to those of which the law says so.
     weights : float (n,), optional
         Of the residuals; for several records a list of such.
     noise : float or float (n,), optional
@@ -307,7 +307,7 @@ def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
 def _drifting(result: SearchResult) -> SearchResult:
     """Fit with the gains that leave least of the records' residuals.
 
-    The zero drifts as a random walk beside the noise. What the walk has done so far is followed by
+    The zero drifts as a random walk next to the noise. What the walk has done so far is followed by
     exponential smoothing of the residuals, the filter of Muth (1960, doi:10.2307/2281542), and
     taken out of the next one; what is left is white where the walk and the noise are as strong as
     the filter's gain says, and is what the fit makes small. The walk starts at zero.

@@ -38,7 +38,7 @@ def check_options(
 ) -> None:
     """Raise `InputError` unless the options of `fit` are in their ranges."""
     if not isinstance(starts, int) or isinstance(starts, bool) or not 1 <= starts <= MOST_STARTS:
-        raise InputError(f"starts = {quote(starts)}; give a whole number from 1 to {MOST_STARTS}")
+        raise InputError(f"starts = {quote(starts)}; give an integer from 1 to {MOST_STARTS}")
     if not 0.0 <= test_fraction <= 0.9:
         raise InputError(f"test_fraction = {quote(test_fraction)}; give a fraction from 0 to 0.9")
     if not 0.0 < confidence < 1.0:

@@ -145,7 +145,7 @@ def training_data(
     """
     total = record.from_zero()
     stop = float(total.time[-1]) * (1.0 - test_fraction)
-    # Two samples make a record; what is too short to fit is told by its first guesses.
+    # Two samples make a record; what is too short to fit is reported by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
     training = total.first(count)
     given = np.ones(len(total)) if weights is None else weights

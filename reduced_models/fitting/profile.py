@@ -156,7 +156,7 @@ def _next(
 def _along(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
-    """Search vectors (s, p) with each side's entry moved, the others along the way to a guide.
+    """Search vectors (s, p) with each side's entry moved, the others along the path to a guide.
 
     A guide is the last fit that was good: the profile bends little, and a fit beyond the end may
     have lost the valley.

@@ -1,7 +1,7 @@
 """The fit on fine grids: the best start refined, compared with accelerations, and judged.
 
 The best of a search is fitted to all samples, on grids that are refined until the solution agrees
-with the adaptive one. Beside it stands the fit that starts from accelerations in the record, which
+with the adaptive one. Next to it stands the fit that starts from accelerations in the record, which
 solves nothing.
 """
 
@@ -212,30 +212,30 @@ def _collocation_fit(
     start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
     if not np.isfinite(start).all():
         return None
-    # Beside the fit's own start of the motion: what lies in its valley need not go a long way.
-    beside = theta.copy()
+    # Next to the fit's own start of the motion: what lies in its valley need not go far.
+    adjacent = theta.copy()
     for here in joint.entries:
-        beside[here[: unknowns.free]] = start[here[: unknowns.free]]
-    risen = _cost(problem, joint, beside) - cost
-    if _is_of_one_parabola(joint.normal(problem.samples), theta, beside, risen):
+        adjacent[here[: unknowns.free]] = start[here[: unknowns.free]]
+    risen = _cost(problem, joint, adjacent) - cost
+    if _is_of_one_parabola(joint.normal(problem.samples), theta, adjacent, risen):
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
-        return joint.refit(beside, problem.samples, tolerance=_TELLING)
+        return joint.refit(adjacent, problem.samples, tolerance=_TELLING)
     reached = [FIRST_SWINGS * data.guess.quickest for data in problem.data]
     return _refit_onwards(problem, joint, start, reached, _TELLING)
 
 
 def _is_of_one_parabola(
-    normal: Normal, theta: np.ndarray, beside: np.ndarray, risen: float
+    normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float
 ) -> bool:
     """Check that cost and slope at a point are about those of the parabola about a fit.
 
     In another valley the cost may be so by chance; the slope, which falls towards that valley, is
     not so too.
     """
-    away = beside - theta
+    away = adjacent - theta
     foreseen = float(away @ np.asarray(normal(theta[None])[2][0]) @ away)
-    slope = float(away @ np.asarray(normal(beside[None])[1][0]))
+    slope = float(away @ np.asarray(normal(adjacent[None])[1][0]))
     return all(abs(value - foreseen) <= _PARABOLA * foreseen for value in (risen, slope))
 
 

@@ -1,6 +1,6 @@
 """The search of a fit: many starts, over horizons that double.
 
-Whoever fits all of a long record at once falls into the valleys in which the solution gains or
+Whoever fits all of a long record together falls into the valleys in which the solution gains or
 loses a whole swing. Here the first two swings are fitted, then four, eight, sixteen, until all of
 the training stretch is seen: at each doubling, the phase at the new end is known to a fraction of a
 swing from what was fitted before. The search sees means of the samples on coarse grids.
@@ -52,7 +52,7 @@ from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
 from reduced_models.records.inputs import has_drive
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
-_RIVAL_TRIALS = 20  # of a law as it stands, beside its fit with a map
+_RIVAL_TRIALS = 20  # of an unchanged law, next to its fit with a map
 _HOPELESS = 4.0  # times the cost of the fit with a map
 _FREER = 1.5  # times the cost of the swing form: more is the law's own, or another valley
 _POOR = 0.05  # of the amplitude: what is left over where even the swing form may be in a wrong one

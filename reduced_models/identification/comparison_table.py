@@ -235,7 +235,7 @@ class Comparison:
         return pandas.DataFrame(rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the held-out errors of the laws, beside the noise and a piston at rest.
+        """Draw the held-out errors of the laws, next to the noise and a piston at rest.
 
         Parameters
         ----------

@@ -56,7 +56,7 @@ def _lost_fraction(model: ReducedModel, duration: float) -> float:
 
 
 class Averaging(NamedTuple):
-    """The drift of a law's amplitude by elliptic averaging, beside that of its own solution.
+    """The drift of a law's amplitude by elliptic averaging, next to that of its own solution.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ DAMPING_RATIO = "damping ratio"
 _MOST_DIGITS = 8
 _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
 _NO_CHANGE = 5e-3  # per cent of a change that is none
-_BY_RATIO = ("ζ", "δ", "Q", "F")  # signs of what is as uncertain as the damping ratio
+_BY_RATIO = ("ζ", "δ", "Q", "F")  # symbols of what is as uncertain as the damping ratio
 
 
 class Quantity(NamedTuple):

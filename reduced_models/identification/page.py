@@ -103,7 +103,7 @@ def add_engineering(
             "the order of the method, where twice is too coarse), which is more than the error of "
             "the step itself; the scatter is the standard deviation over random starts of the bed. "
             "Where the step error is not smaller than the scatter, it is the scatter that it "
-            "shows: another step lets the bed pack in another way."
+            "shows: another step lets the bed pack differently."
         )
     if averaging:
         page.text(f"{sentence(averaging)}.")
@@ -129,7 +129,7 @@ def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: floa
     if any(quantity.name.startswith(f"{DAMPING_RATIO} at ") for quantity in quantities):
         words += (
             "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
-            "4π times that of its swing; friction is the constant force that, beside a dashpot, "
+            "4π times that of its swing; friction is the constant force that, next to a dashpot, "
             "loses as much at both. "
         )
     if model.angle:
@@ -177,7 +177,7 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
     page.text(
         "White and signs: probabilities that white noise is correlated as much (Ljung and Box), "
         "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "
-        "swing's frequency, and about twice it, over that of the frequencies beside them; about 1 "
+        "swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
         "where a law leaves no structure. A law that leaves structure is wrong, however small its "
         "error."
     )
@@ -278,9 +278,9 @@ def add_falls(page: Page, falls: DropScores) -> None:
         add_equations(page, falls.best.model)
     page.table(falls.header, falls.cells())
     page.text(
-        "Each law was fitted to the scene's own fall, and predicts the others from the height that "
-        "the piston is let go at, without anything else of them. Errors are root mean squares over "
-        "the height of the drop. How far a bed from another random start falls otherwise is what "
+        "Each law was fitted to the scene's own fall, and predicts the others from the height at "
+        "which the piston is released, without anything else of them. Errors are root mean squares "
+        "over the height of the drop. How far a bed from another random start falls otherwise is what "
         "no law can tell."
     )
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))

@@ -82,13 +82,13 @@ def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
 
 
 def _line(time: np.ndarray, left: np.ndarray, frequency: float) -> float:
-    """Mean power in a band about a frequency, over that beside the band."""
+    """Mean power in a band about a frequency, over that next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, left)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2
     lines = np.fft.rfftfreq(4 * count, float(time[-1] - time[0]) / (count - 1)) / frequency
     inside = np.abs(lines - 1.0) <= _BAND
-    beside = (np.abs(lines - 1.0) <= _NEAR) & ~inside
-    if not inside.any() or not beside.any() or lines[-1] < 1.0 + _NEAR:
+    adjacent = (np.abs(lines - 1.0) <= _NEAR) & ~inside
+    if not inside.any() or not adjacent.any() or lines[-1] < 1.0 + _NEAR:
         return 1.0
-    return float(power[inside].mean() / max(float(power[beside].mean()), 1e-300))
+    return float(power[inside].mean() / max(float(power[adjacent].mean()), 1e-300))

@@ -110,7 +110,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
         for value in (acceleration, *rates):
             algebra.check_numbers(value)
     except formulas.FormulaError as error:
-        raise InputError(f"{law} cannot be reckoned with: {error}") from None
+        raise InputError(f"{law} cannot be computed with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
@@ -171,7 +171,7 @@ def _coordinate(law: str, *trees: formulas.Node) -> str:
         )
     if "z" in (item.name for item in formulas.names(*trees)):
         raise InputError(
-            f"{law} names z beside its coordinate {result[0]}; take another name for z"
+            f"{law} names z next to its coordinate {result[0]}; take another name for z"
         )
     if result[0] == TIME:
         raise InputError(f"{law} has t as its coordinate, which is the time; take another name")

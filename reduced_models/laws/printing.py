@@ -37,7 +37,7 @@ def rounded(value: float, digits: int) -> float:
 
 
 def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
-    """Equation with all its numbers, as they stand in the end, cut to so many digits."""
+    """Equation with all its numbers, unchanged in the end, cut to so many digits."""
     import sympy
 
     sides = (rounded_expression(side, digits) for side in (equation.lhs, equation.rhs))

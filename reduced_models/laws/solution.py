@@ -94,7 +94,7 @@ def padded_steps(steps: int) -> int:
 
 
 CHUNK = 64
-"""Grid steps that are solved together; every grid has a whole number of such chunks."""
+"""Grid steps that are solved together; every grid has an integer of such chunks."""
 
 
 def on_grid(

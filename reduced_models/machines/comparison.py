@@ -1,4 +1,4 @@
-"""The law beside a simulated response: their peaks, and the report that shows both."""
+"""The law next to a simulated response: their peaks, and the report that shows both."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class PeakComparison:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseComparison:
-    """The law's curves beside a response.
+    """The law's curves next to a response.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
     try:
         law = compare_response(response)
     except InputError as error:
-        why = f"No law stands beside the simulation: {error}."
+        why = f"No law stands next to the simulation: {error}."
         return response_page(response, missing=why), None, why
     return response_page(response, _report_section(law)), law, ""
 

@@ -238,7 +238,7 @@ class FittedLaw:
             rounded(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
         )
         swings = [(small_swing(law, values, z), rates_of(law, values))]
-        if not law.hidden:  # whose equations stand beside this one
+        if not law.hidden:  # whose equations stand next to this one
             equation = rounded_equation(self.fitted_equation, digits)
             swings.append((swing_of_equation(equation, z), rates_of_equation(equation)))
         for swing, rates in swings:

@@ -28,7 +28,7 @@ FORMAT = 1
 
 _MOST_BYTES = 8 * 2**20  # a hundred times a model with all its notes
 _MOST_ITEMS = 200
-_LONGEST = 4000  # signs of a note
+_LONGEST = 4000  # characters of a note
 _LARGEST = 1e100  # of a number: its square and cube are numbers still
 _MOST_RESOLUTION = 64
 
@@ -58,7 +58,7 @@ def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
 def _integer(least: int, most: int) -> Check:
     def check(where: str, value: Any) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-            raise _wrong(where, value, f"a whole number from {least} to {most}")
+            raise _wrong(where, value, f"an integer from {least} to {most}")
         return value
 
     return check
@@ -73,7 +73,7 @@ def _flag(where: str, value: Any) -> bool:
 def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
     def check(where: str, value: Any) -> str:
         if not isinstance(value, str) or len(value) > longest:
-            raise _wrong(where, value, f"a text of at most {longest} signs")
+            raise _wrong(where, value, f"a text of at most {longest} characters")
         if not (" ".join(value.split()) if lines else value).isprintable():
             raise _wrong(where, value, "a text that can be printed")
         return value

@@ -183,11 +183,11 @@ def first_guesses(record: PistonRecord) -> FirstGuesses:
     if largest > LARGEST:
         raise RecordError(
             f"the record has heights up to {largest:g} m, and {LARGEST:g} m is the most that can "
-            "be reckoned with: check the units"
+            "be computed with: check the units"
         )
     if not SHORTEST <= time[-1] <= LONGEST:
         raise RecordError(
-            f"the record lasts {time[-1]:g} s, and {SHORTEST:g} to {LONGEST:g} s can be reckoned "
+            f"the record lasts {time[-1]:g} s, and {SHORTEST:g} to {LONGEST:g} s can be computed "
             "with: check the units"
         )
     rest = float(height[-len(height) // 3 :].mean())

@@ -24,9 +24,9 @@ from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
 
 _LOWEST, _RATIO, _HIGHEST = 0.05, 4.0, 0.6
-"""Shares of the greatest way at which its growth is judged: least, times that, and greatest."""
+"""Fractions of the greatest displacement at which its growth is judged: least, ratio, greatest."""
 _NOISIEST = 0.14
-"""Share that noise may raise the lowest level to; in more noise nothing is told."""
+"""Fraction that noise may raise the lowest level to; in more noise nothing is concluded."""
 _SHORTEST = 0.3
 """Hold over the time in which the motion then reaches the highest level: a shorter one is none."""
 _LATER = 0.25

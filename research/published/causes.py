@@ -349,7 +349,7 @@ def words_on_large_beds(results: Results) -> str:
 
 def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
     """The mean distances at start and end of the bed that a comparison is of."""
-    beside = [
+    adjacent = [
         other for other in found
         if (other.change, other.bed) == (one.change, one.bed)
         and other.with_it.protocol == one.with_it.protocol
@@ -357,7 +357,7 @@ def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
     words = [
         f"{other.with_it.value:.2f} D ({other.published:.2f})"
         for name in ("half_start_D", "half_end_D")
-        for other in beside
+        for other in adjacent
         if other.figure == _FIGURES[name][0] and other.published is not None
     ]
     return " and ".join(words)

@@ -70,7 +70,7 @@ def page(shown: Results, quick: Results | None = None) -> Page:
         Of a quick run, shown in columns of its own.
     """
     rows = judged(shown)
-    beside = [None] * len(rows) if quick is None else judged(quick)
+    adjacent = [None] * len(rows) if quick is None else judged(quick)
     found = comparisons(shown)
     made = Page(TITLE, _lead(rows, shown, quick))
     _first(made, rows)
@@ -84,7 +84,7 @@ def page(shown: Results, quick: Results | None = None) -> Page:
         made.section(title)
         chosen = [
             (row, other)
-            for row, other in zip(rows, beside, strict=True)
+            for row, other in zip(rows, adjacent, strict=True)
             if row.entry.key.split(".")[0] in sections
         ]
         _entries(made, chosen, quick is not None)
@@ -115,7 +115,7 @@ def words_of(numbers: dict[str, int]) -> str:
 def _first(made: Page, rows: Sequence[Judged]) -> None:
     made.section("The ten figures that matter most")
     chosen = [row for key in FIRST for row in rows if row.entry.key == key]
-    plots.beside(made, chosen)
+    plots.adjacent(made, chosen)
     _entries(made, [(row, None) for row in chosen], False, notes=False)
 
 

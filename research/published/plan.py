@@ -321,7 +321,7 @@ def _pressed() -> list[Series]:
 def _dampers() -> list[Series]:
     packaged = [fall(damper_name(mass), mass) for mass in MASSES]
     scan = [fall(damper_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2)) for g in GAMMAS[1:]]
-    beside = [
+    adjacent = [
         fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES
     ]
-    return [*packaged, *scan, *beside]
+    return [*packaged, *scan, *adjacent]

@@ -49,7 +49,7 @@ def add(page: Page, section: str, results: Results) -> None:
         draw(page, results)
 
 
-def beside(page: Page, rows: Sequence[Judged]) -> None:
+def adjacent(page: Page, rows: Sequence[Judged]) -> None:
     """Draw figures over their published values, both with intervals of 95 % of the mean."""
     there = [row for row in rows if row.found is not None]
     if not there:

@@ -63,16 +63,16 @@ def recovery(
     starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
     cache = None if out is None else ResultCache(Path(out) / "fits")
     fits = kept_rows(cases, _key, _fitted, cache, what="fits", progress=progress)
-    beside = [case for case in cases if not case.seed]
+    adjacent = [case for case in cases if not case.seed]
     peers = kept_rows(
-        beside, partial(_peer_key, starts=starts), partial(_peer, starts=starts), cache,
+        adjacent, partial(_peer_key, starts=starts), partial(_peer, starts=starts), cache,
         what="SciPy", progress=progress,
     )  # fmt: skip
     rows = [
         _row(
             k,
             [fit for case, fit in zip(cases, fits, strict=True) if case.system == k],
-            [peer for case, peer in zip(beside, peers, strict=True) if case.system == k],
+            [peer for case, peer in zip(adjacent, peers, strict=True) if case.system == k],
         )
         for k in range(len(SYSTEMS))
     ]

@@ -56,19 +56,19 @@ def rows(amplitude: float, *, sign: str = ".") -> list[str]:
 
 
 def shaken() -> list[str]:
-    """Beside the height the speed of the base."""
+    """Next to the height the speed of the base."""
     pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,base_speed", *pairs]
 
 
 def forced() -> list[str]:
-    """Beside the height the force on the piston."""
+    """Next to the height the force on the piston."""
     pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,force", *pairs]
 
 
 def pendulum() -> list[str]:
-    """Angle of a damped pendulum that is let go at two radians."""
+    """Angle of a damped pendulum that is released at two radians."""
     from scipy.integrate import solve_ivp
 
     times = np.linspace(0.0, 20.0, 1000)

@@ -36,7 +36,7 @@ def test_a_block_prints_what_it_says(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("path", with_blocks(), ids=lambda one: one.stem)
 def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path) -> None:
-    """The words as they stand, the numbers to a twentieth: other processors round otherwise."""
+    """The words unchanged, the numbers to a twentieth: other processors round otherwise."""
     page = path.read_text(encoding="utf-8")
     outputs = printed(page, prepared_for_blocks(tmp_path))
     for text, output in zip(shown(page), outputs, strict=True):

@@ -1,4 +1,4 @@
-"""Every command that guide, README and `--help` show runs, as it stands there.
+"""Every command that guide, README and `--help` show runs, unchanged there.
 
 They run one after the other in one folder, in the order of the pages: what one makes, another
 reads.
@@ -30,7 +30,7 @@ HOURS = re.compile(
     r"|benchmarks --prices|published --quick|disorder \w+ --full"
     r"|research\.\w+ --full"
 )
-"""Commands that take many minutes or hours: begun as they stand, and stopped by Ctrl-C."""
+"""Commands that take many minutes or hours: begun unchanged, and stopped by Ctrl-C."""
 STARTED = 45.0
 """Seconds that those are given."""
 

@@ -1,4 +1,4 @@
-"""Every command that guide, README and `--help` show is one, as it stands there."""
+"""Every command that guide, README and `--help` show is one, unchanged there."""
 
 from __future__ import annotations
 

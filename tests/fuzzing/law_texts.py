@@ -1,4 +1,4 @@
-"""Laws that nobody wrote: each text is read, and can be reckoned with, or refused in one line.
+"""Laws that nobody wrote: each text is read, and can be computed with, or refused in one line.
 
 A program, of which `trials` tells:
 

@@ -47,7 +47,7 @@ def test_many_random_scenes(tried: Any) -> None:
 
 @pytest.mark.long
 def test_random_scenes_compiled(tried: Any) -> None:
-    """The first of them whose effects are common, beside what plain Python makes of them."""
+    """The first of them whose effects are common, next to what plain Python makes of them."""
     words = ("--count", "300", "--common", "--seconds", "20", "--figures")
     compiled, plain = tried("scenes.py", *words), tried("scenes.py", *words, compiled=False)
     check(compiled, 300)

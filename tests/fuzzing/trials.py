@@ -1,6 +1,6 @@
 """Numbered trials: what becomes of each as a line of JSON, and of all of them as a count.
 
-What a trial is, follows from the seed and its number alone. Each of the programs beside this file
+What a trial is, follows from the seed and its number alone. Each of the programs next to this file
 
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --count 5000
     python tests/fuzzing/records.py --first 17 --count 1 --show
@@ -91,7 +91,7 @@ def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
 
 
 def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
-    """Print the outcomes line by line; at the end, beside them, how many there were of each."""
+    """Print the outcomes line by line; at the end, next to them, how many there were of each."""
     count: Counter[str] = Counter()
     for number in numbers:
         started = time.monotonic()

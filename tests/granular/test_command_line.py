@@ -213,10 +213,10 @@ BAD = [
     ("granular run bed --sett a=b", "unrecognized arguments"),
     ("granular run bed --set grains.count", "is not KEY=VALUE"),
     ("granular run bed --set grains.cuont=3", "did you mean 'count'"),
-    ("granular run bed --set grains.count=inf", "must be a whole number"),
-    ("granular run bed --set grains.count=nan", "must be a whole number"),
-    ("granular run bed --set grains.count=1e400", "must be a whole number"),
-    ("granular run bed --set grains.count=2.5", "must be a whole number"),
+    ("granular run bed --set grains.count=inf", "must be an integer"),
+    ("granular run bed --set grains.count=nan", "must be an integer"),
+    ("granular run bed --set grains.count=1e400", "must be an integer"),
+    ("granular run bed --set grains.count=2.5", "must be an integer"),
     ("granular run bed --set grains.count=-3", "must be at least 0"),
     ("granular run bed --set protocol.settle.kind=[1]", "unknown kind '[1]'"),
     ("granular run bed --set protocol.settle.kind=dance", "unknown kind 'dance'"),
@@ -228,7 +228,7 @@ BAD = [
     ("granular run bed --dt '1 mm'", "a quantity in s is wanted"),
     ("granular run bed --method euler?", "unknown method"),
     ("granular run bed --threads many", "invalid int value"),
-    ("granular run bed --threads 0", "whole number from 1"),
+    ("granular run bed --threads 0", "integer from 1"),
     ("granular run bed --t-end 0", "above 0 s"),
     ("granular run bed --t-end nan", "is not a quantity"),
     ("granular run bed --resume", "needs out"),
@@ -290,7 +290,7 @@ BAD = [
     ("reduced_models identify {words}", "is 'low', not a number"),
     ("reduced_models identify single-particle", "has no piston"),
     ("reduced_models identify damper --law linaer", "did you mean 'linear'"),
-    ("reduced_models identify damper --starts 0", "whole number from 1"),
+    ("reduced_models identify damper --starts 0", "integer from 1"),
 ]
 
 

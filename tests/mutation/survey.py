@@ -216,7 +216,7 @@ def _sound_seconds(stage: Stage, place: Place, book: Book) -> float:
         outcome = _run(stage, place.tree, store, None)
         shutil.copytree(store, place.store, dirs_exist_ok=True)
     if outcome.caught:
-        raise SystemExit(f"without a fault {outcome.by} fails ({_key(stage)}); mend that first")
+        raise SystemExit(f"without a fault {outcome.by} fails ({_key(stage)}); correct that first")
     seconds = _processor_seconds() - started
     book.note_sound(stage, seconds)
     return seconds

@@ -15,7 +15,7 @@ ROOT = HERE.parents[1]
 
 
 def loaded(name: str) -> ModuleType:
-    """A script's file beside this one."""
+    """A script's file next to this one."""
     spec = importlib.util.spec_from_file_location(f"mutation_{name}", HERE / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""Every effect that a scene can name, a user's own included, alone beside dipoles and walls."""
+"""Every effect that a scene can name, a user's own included, alone next to dipoles and walls."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ def test_options_that_errors_advise_are_there() -> None:
 
 
 def test_options_that_the_guide_names_are_there() -> None:
-    """Beside a form they work everywhere, else on a command that the page is about."""
+    """Next to a form they work everywhere, else on a command that the page is about."""
     pages = ROOT / "docs" / "guide"
     word = re.compile(r"`(--[a-z-]+)")
     forms = set(

@@ -1,4 +1,4 @@
-"""A user's own methods, measured beside those that are built in."""
+"""A user's own methods, measured next to those that are built in."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Error against wall time: what accuracy costs, and which setting to take.
 
 Each setting is run from the same few starts. Its error is the mean of the deviations from a
-reference at the same starts, with a standard error beside it; how far the starts themselves
+reference at the same starts, with a standard error next to it; how far the starts themselves
 scatter is the floor, below which a shorter step buys nothing and more starts do. A setting that
 fails stays in the picture as a failure. Positions may also be computed by outside references
 (`validation.outside`); these are shown and never chosen.

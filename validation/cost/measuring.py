@@ -258,8 +258,8 @@ def deviation(
     """Error of a quantity over the starts, and its standard error.
 
     The size of the mean deviation: what single starts are off to either side is scatter, which no
-    setting mends. Of a quantity that each start has a value of its own of, the greatest error, and
-    the standard deviation of the errors.
+    setting corrects. Of a quantity that each start has a value of its own of, the greatest error,
+    and the standard deviation of the errors.
     """
     if quantity.of_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]

@@ -101,7 +101,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 
 
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
-    """Piston's force on 1472 grains as they settle, by ways of summing pairs."""
+    """Piston's force on 1472 grains as they settle, by method of summing pairs."""
     scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [SolverSettings("stormer-verlet", "auto", sums) for sums in SUMS]
     exact = SolverSettings("stormer-verlet", "auto/2", SUMS[0])

@@ -1,4 +1,4 @@
-"""A piston that comes down at constant speed V on one grain at rest, without gravity.
+"""A piston that descends at constant speed V on one grain at rest, without gravity.
 
 In the piston's frame, which is inertial, the wall stands still and the grain comes at V: with the
 distance w = H - y, w'' = (1/2) w^-3.5 and the energy per mass w'^2/2 + (1/5) w^-2.5 stays. One

@@ -28,7 +28,7 @@ def _drop(**changes: Any) -> Scene:
 
 
 def _compressed_frequency() -> Scene:
-    """Bed whose piston comes down until the grains' area is more than the cell's."""
+    """Bed whose piston descends until the grains' area is more than the cell's."""
     return few_grains(
         "bed",
         **{

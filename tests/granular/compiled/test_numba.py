@@ -64,8 +64,8 @@ def test_numba_has_what_kernels_take(file: str, name: str) -> None:
         break
     assert found is not None, (
         f"Numba {numba.__version__} has no {name}, which {file} builds on: see "
-        "docs/reference/compiled.md, mend that file, and until then set GRANULAR_PLAIN_NUMBA=1 or "
-        "install an older Numba"
+        "docs/reference/compiled.md, correct that file, and until then set GRANULAR_PLAIN_NUMBA=1 "
+        "or install an older Numba"
     )
 
 

@@ -124,7 +124,7 @@ def slope(steps: tuple[float, ...], found: list[tuple[float, float]]) -> tuple[f
 
 @pytest.mark.long  # quick: the generator's numbers, and a run that goes on
 def test_configurational_temperature_is_wrong_to_second_order() -> None:
-    """In an anharmonic field, where the splitting is not exact; beside two other splittings."""
+    """In an anharmonic field, where the splitting is not exact; next to two other splittings."""
     steps = (0.14, 0.23, 0.38)
     found = [by_the_bath(step) for step in steps]
     value, sigma = slope(steps, found)

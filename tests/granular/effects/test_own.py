@@ -122,7 +122,7 @@ MIXED = [
         ({"energy": _energy, "force": _failing}, "'force' fails: AttributeError"),
         ({"energy": _swinging, "force": _swung}, "'power' gives 0 where its energy asks for"),
         ({"flow": _push}, "'flow' makes a grain faster"),
-        ({"flow": _halving}, "'flow' over two spans is not that over both at once"),
+        ({"flow": _halving}, "'flow' over two spans is not that over both together"),
         ({"pair_energy": _pair, "pair_force": _apart}, "a pair must pull and push equally"),
     ],
 )

@@ -105,7 +105,7 @@ def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray
     """A vacancy or an interstitial that goes to the next site every so many frames."""
     first = (ROWS // 2) * COLUMNS + 14
     aside = NOTHING if kind == "vacancy" else np.array([0.5, math.sqrt(3.0) / 6.0])
-    # Over a whole number of hops the line through the steps has their mean speed.
+    # Over an integer of hops the line through the steps has their mean speed.
     made = Made(kind, NOTHING, LATTICE[first] + aside - [0.5 - 0.5 / every, 0.0],
                 np.array([1.0 / every, 0.0]))  # fmt: skip
 

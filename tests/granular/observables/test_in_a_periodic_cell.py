@@ -95,7 +95,7 @@ def test_it_does_not_matter_at_which_image_a_grain_is(
     [(12, 0.107), pytest.param(64, 0.020, marks=pytest.mark.long)],  # quick: the small cell
 )
 def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: float) -> None:
-    """Beside 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
+    """Next to 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
     width = columns * 2.4 * 0.006
     still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
     places = still.initial_motion()[0]

@@ -105,7 +105,7 @@ def swinging(small_bed: Scene) -> Scene:
 
 
 def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None:
-    """The force rises as the piston comes down, and the drag makes it lead: work goes in."""
+    """The force rises as the piston descends, and the drag makes it lead: work goes in."""
     run = simulate(swinging, progress=False)
     found = stage_response(run)
     assert found.attrs["stage"] == "swing"

@@ -14,7 +14,7 @@ find_close_pairs = entry(cells.find_close_pairs)
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e12, 1e15, 1e100])
 def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
-    """Cells of the grains' size would be more than whole numbers count."""
+    """Cells of the grains' size would be more than integers count."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
     workspace = close_pairs_workspace(10, 45)

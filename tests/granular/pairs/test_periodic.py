@@ -159,7 +159,7 @@ def test_mesh_takes_all_images() -> None:
 
 
 def test_mesh_of_few_grains_takes_all_images() -> None:
-    """Stripes hold less than a vector of grains; sums are smaller beside the mesh's error."""
+    """Stripes hold less than a vector of grains; sums are smaller next to the mesh's error."""
     held_by_images(crystal(7, 8, 3.0, **{"pairs.method": "mesh"}), 5e-4, 1e-4)
 
 

@@ -54,7 +54,7 @@ def test_a_wrong_interval_is_one_line(numbers: dict[str, Any], tmp_path: Path) -
 
 
 def test_times_that_are_there_count(tmp_path: Path) -> None:
-    """Beside an interval of any kind."""
+    """Next to an interval of any kind."""
     time = 0.02 * np.arange(60)
     for step in (0.01, 0.0, "fast"):
         path = saved(tmp_path / "a.mat", time=time, height=HEIGHT, Tinterval=step)

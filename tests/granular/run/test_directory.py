@@ -1,4 +1,4 @@
-"""The place of a run: through links, begun by several at once, beside remains, on a full disk."""
+"""The place of a run: through links, begun by several together, next to remains, on a full disk."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_a_law_with_an_input_fits_a_shaken_damper(small_damper: Scene) -> None:
     model = fit(record, f"{left}-base_acceleration", test_fraction=0.3)
     assert model.law.inputs == ("base_acceleration",)
     assert model.quality.test_error < 0.05
-    # The frequency is that of the same damper let go, 6.2 Hz, not that of the shaker.
+    # The frequency is that of the same damper released, 6.2 Hz, not that of the shaker.
     assert model.at_rest.period == pytest.approx(0.161, rel=0.03)
     with pytest.warns(UserWarning, match="the law or the fit is not right"):
         without = fit(record, f"{left}0*base_height", test_fraction=0.3)

@@ -282,7 +282,7 @@ s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
         ({"dt": "auto*100"}, "at most 8"),
         ({"method": "stormer-verlte"}, "did you mean 'stormer-verlet'"),
         ({"t_end": -1.0}, "above 0 s"),
-        ({"threads": 0}, "whole number from 1"),
+        ({"threads": 0}, "integer from 1"),
         ({"resume": True}, "needs out"),
     ],
 )

@@ -83,7 +83,7 @@ BAD = {
     "a part": lambda words, _: load_scene("bed").replace(**{words: 1}),
     "a number": lambda words, _: load_scene("bed").replace(**{"cell.width": words}),
     "a unit": lambda words, _: load_scene("bed").replace(**{"cell.width": f"1 {words}"}),
-    "a whole number": lambda words, _: load_scene("bed").replace(**{"grains.count": words}),
+    "an integer": lambda words, _: load_scene("bed").replace(**{"grains.count": words}),
     "a list": lambda words, _: load_scene("bed").replace(**{"grains.count": [words] * 1000}),
     "a name": lambda words, _: load_scene("bed").replace(name=words),
     "a choice": lambda words, _: load_scene("bed").replace(**{"grains.mixing": words}),
@@ -104,7 +104,7 @@ def test_nothing_that_a_user_gave_floods_a_message(place: str, words: str, tmp_p
         BAD[place](words, tmp_path)
     message = str(caught.value)
     assert message.isprintable()
-    assert len(message) < 1200  # with paths, known words and remedies beside what is quoted
+    assert len(message) < 1200  # with paths, known words and remedies next to what is quoted
 
 
 def test_the_terminal_gets_no_control_signs(

@@ -188,7 +188,7 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
     assert told.out.startswith("2 cases, 0 of them done before, 1 failed")
     assert told.err == (
         "error: 1 of 2 cases could not be computed, the first because of OSError: no space left; "
-        "mend that, and the same command goes on with them\n"
+        "correct that, and the same command goes on with them\n"
     )
 
 

@@ -56,7 +56,7 @@ def test_grid_and_cases_make_a_tidy_table() -> None:
 
 
 def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor) -> None:
-    # The second grain is beside the wall when it starts and is shot into it at a step too long.
+    # The second grain is next to the wall when it starts and is shot into it at a step too long.
     scene = load_scene("single-particle").replace(
         **{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}], "output.scalars": 1e-3,
            "output.frames": 1e-2}

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[3]
 
 
 class Mortal(Executor):
-    """A worker that some cases kill; what is submitted beside them is lost as well.
+    """A worker that some cases kill; what is submitted next to them is lost as well.
 
     ``killers`` tells for each seed how many workers it kills before it lets one live.
     """
@@ -46,7 +46,7 @@ class Mortal(Executor):
 
 
 class Taken(Future[Any]):
-    """A case; when those beside it are taken back, the next ones have a new worker."""
+    """A case; when those next to it are taken back, the next ones have a new worker."""
 
     def __init__(self, executor: Mortal) -> None:
         super().__init__()

@@ -144,7 +144,7 @@ def test_published_number_of_grains_where_it_does():
         ({"frequency": 3.3, "damping": 0.001}, "give one from"),
         ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "or leave grains and mass free"),
         ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
-        ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "whole number from 92 to 368"),
+        ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "integer from 92 to 368"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give one of them"),
         ({"frequency": -3.3, "damping": 0.1}, "frequency = -3.3"),
         ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),

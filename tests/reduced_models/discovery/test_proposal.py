@@ -16,7 +16,7 @@ TIME = np.linspace(0.0, 40.0, 1000)
 
 
 def record(law: Callable[[float, float], float], start: float, fraction: float) -> PistonRecord:
-    """Of z'' = law(z, z'), let go at a height, with that fraction of noise."""
+    """Of z'' = law(z, z'), released at a height, with that fraction of noise."""
     found = solve_ivp(
         lambda _, y: [y[1], law(*y)], (0.0, TIME[-1]), [start, 0.0], "DOP853", TIME, rtol=1e-9,
         atol=1e-11, max_step=0.05,
@@ -27,7 +27,7 @@ def record(law: Callable[[float, float], float], start: float, fraction: float) 
 
 
 def pendulum(fraction: float) -> PistonRecord:
-    """A pendulum let go at 56 degrees."""
+    """A pendulum released at 56 degrees."""
     return record(lambda z, v: -0.05 * v - 9.0 * np.sin(z), np.deg2rad(56.0), fraction)
 
 

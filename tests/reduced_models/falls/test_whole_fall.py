@@ -1,4 +1,4 @@
-"""What the law says of a whole fall, beside a simulation, and beside its own energy."""
+"""What the law says of a whole fall, next to a simulation, and next to its own energy."""
 
 from __future__ import annotations
 

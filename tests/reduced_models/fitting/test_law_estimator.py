@@ -18,7 +18,7 @@ EITHER_WAY = {
     "check_n_features_in_after_fitting": SHORT,
     "check_positive_only_tag_during_fit": SHORT,
     "check_estimators_nan_inf": SHORT,
-    "check_estimators_dtypes": "gives whole numbers as times, and a time twice has two heights",
+    "check_estimators_dtypes": "gives integers as times, and a time twice has two heights",
     "check_dtype_object": "wants a TypeError; what a user gives wrong is an InputError everywhere",
     "check_n_features_in": ONE_COLUMN,
     "check_fit1d": "wants vectors refused; times are one",

@@ -36,7 +36,7 @@ def test_few_records_are_held_mostly(made: Any) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["elastoplastic-bed", "annealing-bed"])
 def test_intervals_hold_and_are_no_wider_than_need_be(made: Any, name: str) -> None:
-    """Of 100 records; half-widths beside the scatter of the fitted values."""
+    """Of 100 records; half-widths next to the scatter of the fitted values."""
     holds, halves, values = told(made, name, range(100, 200))
     fraction, width = holds.mean(axis=0), np.median(halves, axis=0) / values.std(axis=0, ddof=1)
     print(f"\n{name}: hold {fraction}, half-width over sigma {width.round(2)}")

@@ -1,4 +1,4 @@
-"""Elliptic motions and elliptic averaging, beside a solver and SciPy."""
+"""Elliptic motions and elliptic averaging, next to a solver and SciPy."""
 
 from __future__ import annotations
 

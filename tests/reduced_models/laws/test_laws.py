@@ -193,7 +193,7 @@ def test_laws_are_well_declared(name: str) -> None:
 
 
 def test_dry_friction_by_its_sign(made: Any) -> None:
-    """It is fitted as it stands, and its damping is that of swings, where it does not stick."""
+    """It is fitted unchanged, and its damping is that of swings, where it does not stick."""
     law = "z'' + friction*sign(z') + k*z = g0"
     model = fit(made("coulomb").first(1200), law, test_fraction=0.0)
     true = made.true["coulomb"]

@@ -35,9 +35,9 @@ def test_an_entry_rests_at_its_bound(entry: int, other: int, side: float) -> Non
     start = np.tile(BEST, (3, 1))
     start[:, entry] -= side * np.array([1.0, 1.5, 2.0])
     theta, _ = search(linear, start, NONE, bounds=Bounds(low, high))
-    beside = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
+    adjacent = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
     np.testing.assert_allclose(theta[:, entry], bound)
-    np.testing.assert_allclose(theta[:, other], beside, atol=1e-4)
+    np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
 
 
 def test_a_prior_pulls_to_the_start() -> None:

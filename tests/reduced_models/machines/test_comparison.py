@@ -1,4 +1,4 @@
-"""The law beside a response, and the command that shows it; the response is made, not simulated."""
+"""The law next to a response, and the command that shows it; the response is a made one."""
 
 from __future__ import annotations
 

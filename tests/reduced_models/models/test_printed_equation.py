@@ -83,7 +83,7 @@ def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
 
 
 def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
-    """The map of the height is printed beside the equation, with as many digits."""
+    """The map of the height is printed next to the equation, with as many digits."""
     model = fit(record, "van-der-pol-like")
     digits = max(5, model.printed_digits)
     match = re.fullmatch(

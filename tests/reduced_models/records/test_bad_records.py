@@ -54,7 +54,7 @@ REFUSED = {
         table(np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)), "record.between"
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
-    "times too large": (table(SWING, 1e200 * TIME), "s can be reckoned with: check the units"),
+    "times too large": (table(SWING, 1e200 * TIME), "s can be computed with: check the units"),
     "no text": ("\x00\x01\x02\n", "cannot be read as text"),
 }  # fmt: skip
 

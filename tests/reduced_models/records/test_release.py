@@ -150,7 +150,7 @@ def test_further_columns() -> None:
 
 
 def test_a_record_of_a_simulation_stays_as_it_is(small_damper: Any) -> None:
-    """It stands still at its release, and is let go at once."""
+    """It stands still at its release, and is released at once."""
     run = simulate(small_damper, dt="auto*4", progress=False)
     made = run.piston()
     assert from_release(made) is made

@@ -300,7 +300,7 @@ def test_a_changed_law_is_run_anew_once(
 def test_a_mark_stays_until_the_series_is_run_anew(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A call that only shows takes no mark away, with the cases beside the file and without."""
+    """A call that only shows takes no mark away, with the cases next to the file and without."""
 
     def stale() -> int:
         return counted(read(tmp_path / "results.json"))["stale"]

@@ -189,7 +189,7 @@ def twin_builder(path: Path) -> None:
     "hantek.tsv",
     said={"columns": {"height": "ch1"}, "units": {"height": "mm"}},
     source="https://github.com/phmarek/hantek-dso2000/blob/master/doc/csv.md",
-    after="Hantek DSO2000: numbers of samples, raw counts beside the values",
+    after="Hantek DSO2000: numbers of samples, raw counts next to the values",
 )
 def hantek(path: Path) -> None:
     body = [f"{k}\t{t:g}\t{1e3 * z:.6f}\t-0.02\t48\t-76"
