@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.options import checked_step
-from granular.run.work_precision import kind_of
+from granular.run.work_precision import damping_kind
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.measuring import Truth, points, run, starts_of, truths
+from validation.cost.measuring import Truth, points, reference_values, run, starts_of
 from validation.cost.point import Point, SolverSettings
 from validation.quantities import QUANTITIES
 from validation.runner import FAILED, Plain, Task, measure
@@ -142,7 +142,9 @@ def _truth(one: Priced) -> Plain:
     given = [None if each.exact is not None else reference for each in chosen]
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
-        for name, truth in zip(one.quantities, truths(scenes, chosen, given, None), strict=True)
+        for name, truth in zip(
+            one.quantities, reference_values(scenes, chosen, given, None), strict=True
+        )
     }
 
 
@@ -171,7 +173,7 @@ def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
 def _row(one: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
     """A scene of the table."""
     return {
-        "name": one.scene.name, "grains": one.scene.grains.count, "kind": kind_of(one.scene),
+        "name": one.scene.name, "grains": one.scene.grains.count, "kind": damping_kind(one.scene),
         "starts": one.starts, "reference": one.reference,
         "floors": {name: rounded(each["floor"]) for name, each in truth.items()},
         "entries": [rung for rung in entries if "method" in rung],

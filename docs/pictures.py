@@ -34,7 +34,7 @@ from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.machines import design_for, predicted_response
-from reduced_models.machines.response import CoupledSystem, SmallSwing, response_of
+from reduced_models.machines.response import CoupledSystem, SmallSwing, solve_response
 from research.published.judging import judged
 from research.published.results import committed
 from validation import convergence, exact_problem
@@ -458,7 +458,7 @@ def write_machine_law() -> None:
         swing = np.mean([one.stroke.values[k] for one, k in zip(ones, places, strict=True)])
         mean = float(np.mean(peaks))
         said = [
-            response_of(law, frequencies, force).peak,
+            solve_response(law, frequencies, force).peak,
             float(np.abs(law.linear_response(frequencies, force)).max()),
             float(np.abs(law.linear_response(frequencies, force, fitted)).max()),
         ]

@@ -10,7 +10,7 @@ from granular.effects.custom import mark_origin
 from granular.methods.method import Method
 from granular.methods.named import add_methods
 from granular.methods.tables import METHODS
-from granular.observables.frame import Frame, Value, observable_of
+from granular.observables.frame import Frame, Value, observable_mark
 from granular.shared.user_file import contents, read_user_file
 from granular.studies.measures import CustomMeasure, custom_measures
 
@@ -47,7 +47,7 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
         methods = [function for function in values if isinstance(function, Method)]
         add_methods(function for function in methods if METHODS.get(function.name) is not function)
         user_code.measures.update(custom_measures(file))
-        marked = ((observable_of(function), function) for function in values)
+        marked = ((observable_mark(function), function) for function in values)
         user_code.observables.update(
             (mark.name, function) for mark, function in marked if mark is not None
         )

@@ -23,8 +23,8 @@ from granular.commands.options import (
     IMPORT,
     OUTPUT,
     SCENE,
-    changes_from,
     in_unit,
+    parse_changes,
     scene_of,
 )
 from granular.shared.errors import InputError
@@ -75,10 +75,10 @@ examples:
 def report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
-    from validation.overview import OVERVIEW, overview_of
+    from validation.overview import OVERVIEW, make_overview
     from validation.report import SECTIONS
 
-    changes = changes_from(options.changes)
+    changes = parse_changes(options.changes)
     if changes and not options.scenes:
         raise InputError("--set changes a scene; name one, such as: report damper")
     if options.overview:
@@ -86,7 +86,7 @@ def report(options: Any) -> None:
         _measure(options, [OVERVIEW], options.out)
     elif options.scenes:
         scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
-        _measure(options, [overview_of(scenes)], options.out or REPORT)
+        _measure(options, [make_overview(scenes)], options.out or REPORT)
     else:
         _measure(options, SECTIONS.values(), options.out or REPORT)
 

@@ -22,11 +22,11 @@ from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost.measuring import (
     STEPS,
     finest,
+    make_study,
     points,
+    reference_values,
     run,
     starts_of,
-    study_of,
-    truths,
     varies,
 )
 from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration
@@ -86,7 +86,7 @@ def _hard() -> Plain:
     return {"outcomes": [outcome(case).to_plain() for case in light]}
 
 
-def quantities_of(scene: Scene) -> tuple[str, ...]:
+def suitable_quantities(scene: Scene) -> tuple[str, ...]:
     """Return the quantities that a scene is made for, by its piston and its stages."""
     if scene.piston is None:
         return ("energy", "positions")
@@ -99,13 +99,13 @@ def quantities_of(scene: Scene) -> tuple[str, ...]:
 def _accuracy(scene: Scene, seconds: float) -> Plain:
     """Studies of a scene's quantities, and how one fresh start met what they advise."""
     until = SINGLE if scene.piston is None else None
-    chosen = [QUANTITIES[name] for name in quantities_of(scene)]
+    chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = plan_runs(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
-    truth = truths(scenes, chosen, given, until)
+    truth = reference_values(scenes, chosen, given, until)
     rows = [points(scenes, chosen, item, truth, until, 1) for item in ladder]
     studies = [
-        study_of(scene, quantity, until, [row[k] for row in rows], truth[k])
+        make_study(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
     ]
     fresh = _fresh(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
@@ -356,7 +356,7 @@ def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     return words, not missed and all(outcome.allowed for outcome in hard)
 
 
-def overview_of(scenes: Sequence[Scene]) -> Section:
+def make_overview(scenes: Sequence[Scene]) -> Section:
     """Return the overview for scenes of one's own, with the quick hard cases."""
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 

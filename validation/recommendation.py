@@ -16,20 +16,20 @@ from validation.cost.measuring import (
     STEPS,
     candidates,
     finest,
+    make_study,
     points,
+    reference_values,
     starts_of,
-    study_of,
-    truths,
 )
 from validation.cost.point import (
     FLOORS,
     Advice,
     Point,
     SolverSettings,
+    accurate_points,
     advice,
     duration,
-    holding,
-    unbiased,
+    resolved_points,
 )
 from validation.cost.study import WorkPrecision
 from validation.quantities import MeasuredQuantity, quantity_named
@@ -227,7 +227,7 @@ def _study(
     from granular.shared.progress import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
-        (truth,) = truths(scenes, [quantity], [reference], until)
+        (truth,) = reference_values(scenes, [quantity], [reference], until)
         tried: list[Point] = []
         for family in dict.fromkeys(setting.family for setting in settings):
             own: list[Point] = []
@@ -241,15 +241,15 @@ def _study(
                 own += points(scenes, [quantity], setting, [truth], until, REPEATS)
                 bar.update()
             tried += own
-    return study_of(scenes[0], quantity, until, tried, truth)
+    return make_study(scenes[0], quantity, until, tried, truth)
 
 
 def _is_settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
     """Tell if the finest points of a family are good enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
-        return len(unbiased(last)) == count
-    return len(holding(last, tolerance)) == count
+        return len(resolved_points(last)) == count
+    return len(accurate_points(last, tolerance)) == count
 
 
 def _too_dear(points: Sequence[Point], best: Advice) -> bool:

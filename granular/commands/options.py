@@ -66,10 +66,10 @@ def scene_of(options: Any) -> Scene:
     from granular.scene.loading import load_scene
 
     import_user_code(getattr(options, "user_files", ()))
-    return load_scene(options.scene).replace(**changes_from(options.changes))
+    return load_scene(options.scene).replace(**parse_changes(options.changes))
 
 
-def changes_from(items: Sequence[str]) -> dict[str, Any]:
+def parse_changes(items: Sequence[str]) -> dict[str, Any]:
     """Return the changes to a scene from ``KEY=VALUE`` texts.
 
     Raises

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.commands.console import command, emit, option, refuse
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, changes_from, scene_of
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, parse_changes, scene_of
 from granular.shared.errors import InputError
 
 
@@ -82,7 +82,7 @@ def _warm_up(options: Any) -> None:
     from granular.run.warm_up import warm_up
     from granular.scene.loading import load_scene, scene_names
 
-    changes = changes_from(options.changes)
+    changes = parse_changes(options.changes)
     scenes = [load_scene(name).replace(**changes) for name in options.warm_up or scene_names()]
     seconds = warm_up(scenes)
     folder = cache_folder()

@@ -27,7 +27,7 @@ import numba
 from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
-from granular.compiled.linking import rebuilt
+from granular.compiled.linking import rebuild
 from granular.compiled.source import PACKAGE, kernel_files, raw_digest, syntax_digest
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 
@@ -113,7 +113,7 @@ class KernelCache(_Cache):
         if body is None:
             return None
         types, payload = pickle.loads(body)
-        return rebuilt(target_context, payload) if types == sig else None
+        return rebuild(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""

@@ -81,7 +81,7 @@ def greatest_over(hook: str, rest: str) -> Kernel:
     return _made(call, choose, f"laws rooms {rest}")
 
 
-def last_with(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+def call_last(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
 
     It is called as `sum_over` is.

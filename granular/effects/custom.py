@@ -200,7 +200,7 @@ def effect(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    key, functions = name_of(written), functions_in(dict(vars(written)))
+    key, functions = scene_name(written), functions_in(dict(vars(written)))
     if not set(functions) & {"force", "flow", "pair_force"}:
         raise InputError(
             f"effect {key!r} does nothing; give it a static method 'force', 'pair_force' or 'flow'"
@@ -304,7 +304,7 @@ def define(
     InputError
         If the class is no such.
     """
-    key = name_of(written)
+    key = scene_name(written)
     content = {
         name: value
         for name, value in vars(written).items()
@@ -353,7 +353,7 @@ def built_in(made: type) -> bool:
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
 
-def name_of(written: type) -> str:
+def scene_name(written: type) -> str:
     """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
     words = "".join(
         f"_{letter.lower()}" if letter.isupper() else letter for letter in written.__name__

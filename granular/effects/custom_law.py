@@ -80,7 +80,7 @@ class CustomLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def grain_at(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
+def make_grain(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
     """Grain as the functions see it."""
     return Grain(state.x[i], state.y[i], value_of(masses, i), value_of(moments, i))
 
@@ -119,7 +119,7 @@ def _make_grain_forces(definition: Definition) -> Loop:
         p = values_of(*law.values)
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
-            fx, fy = force(p, grain_at(state, masses, moments, i), time)
+            fx, fy = force(p, make_grain(state, masses, moments, i), time)
             state.fx[i] += value_of(law.factor, i) * fx
             state.fy[i] += value_of(law.factor, i) * fy
 
@@ -138,7 +138,7 @@ def _make_grain_energy(definition: Definition) -> Loop:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
-            grain, factor = grain_at(state, masses, moments, i), value_of(law.factor, i)
+            grain, factor = make_grain(state, masses, moments, i), value_of(law.factor, i)
             total += factor * energy(p, grain, time)
             slopes[i] += abs(factor * stiffness(p, grain, time)) / grain.mass
         return total
@@ -157,7 +157,7 @@ def _make_work(definition: Definition) -> Loop:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
-            total += value_of(law.factor, i) * power(p, grain_at(state, masses, moments, i), time)
+            total += value_of(law.factor, i) * power(p, make_grain(state, masses, moments, i), time)
         state.ledger[WORK] += dt * total
 
     return work
@@ -174,7 +174,7 @@ def _make_flow(definition: Definition) -> Loop:
         p, lost = values_of(*law.values), 0.0
         masses, moments = constants.masses, moments_of(constants)
         for i in range(constants.grains):
-            grain, vx, vy = grain_at(state, masses, moments, i), state.vx[i], state.vy[i]
+            grain, vx, vy = make_grain(state, masses, moments, i), state.vx[i], state.vy[i]
             wx, wy = flow(p, grain, vx, vy, dt)
             state.vx[i], state.vy[i] = wx, wy
             lost += 0.5 * grain.mass * ((vx - wx) * (vx + wx) + (vy - wy) * (vy + wy))
@@ -215,13 +215,13 @@ def _make_pair_forces(definition: Definition) -> Loop:
         if not _ready(law, cells, state, count):
             return 1
         for i in range(count):
-            first = grain_at(state, masses, moments, i)
+            first = make_grain(state, masses, moments, i)
             for k in range(_partners(law, cells, state, i, count)):
                 j = _partner(cells, i, k)
                 dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 if r < law.reach:
-                    ratio = force(p, r, first, grain_at(state, masses, moments, j)) / r
+                    ratio = force(p, r, first, make_grain(state, masses, moments, j)) / r
                     state.fx[i] += ratio * dx
                     state.fy[i] += ratio * dy
                     state.fx[j] -= ratio * dx
@@ -246,13 +246,13 @@ def _make_pair_energy(definition: Definition) -> Loop:
         if not _ready(law, cells, state, count):
             return math.nan
         for i in range(count):
-            first = grain_at(state, masses, moments, i)
+            first = make_grain(state, masses, moments, i)
             for k in range(_partners(law, cells, state, i, count)):
                 j = _partner(cells, i, k)
                 dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 if r < law.reach:
-                    second = grain_at(state, masses, moments, j)
+                    second = make_grain(state, masses, moments, j)
                     total += energy(p, r, first, second)
                     slope = 2.0 * abs(stiffness(p, r, first, second))
                     slopes[i] += slope / first.mass

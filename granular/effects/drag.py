@@ -194,7 +194,7 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 
 @compiled
-def rate_of(rate: float | None) -> float:
+def drag_decay_rate(rate: float | None) -> float:
     """Decay rate; 0 without drag."""
     return 0.0 if rate is None else rate
 

@@ -212,7 +212,7 @@ class Drive(NamedTuple):
 
 
 @compiled
-def excitation_at(drive: Drive, time: float) -> float:
+def evaluate_excitation(drive: Drive, time: float) -> float:
     """Force, or the acceleration of the base, at a time since the start of the run [tau]."""
     t = time - drive.start
     return _while_it_acts(drive, t) if 0.0 <= t <= drive.duration else 0.0
@@ -220,7 +220,8 @@ def excitation_at(drive: Drive, time: float) -> float:
 
 @compiled
 def excitation_over(drive: Drive, time: float, dt: float, opening: bool) -> float:
-    """`excitation_at`, for a kick that begins at ``time`` or, where it closes a step, ends there.
+    """`evaluate_excitation`, for a kick that begins at ``time`` or, where it closes a step, ends
+    there.
 
     Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the
     kick. All of the kick, or nothing, would cost a step the second order.

@@ -163,7 +163,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
     def _functions(self) -> Functions:
         import sympy
 
-        from granular.formulas.algebra import expression, function_of
+        from granular.formulas.algebra import compile_function, expression
 
         symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
         given = {
@@ -175,7 +175,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
         if forms["force"].has(sympy.DiracDelta):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
-        made = {name: function_of(arguments, _smooth(form)) for name, form in forms.items()}
+        made = {name: compile_function(arguments, _smooth(form)) for name, form in forms.items()}
         if not numba.config.DISABLE_JIT:
             made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
         return self.kind.functions_of(made)

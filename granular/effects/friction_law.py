@@ -45,7 +45,7 @@ class FrictionLaw(NamedTuple):
         law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        _dry_kick(law.threshold, law, drag.rate_of(law.rate), dt, bed, opening)
+        _dry_kick(law.threshold, law, drag.drag_decay_rate(law.rate), dt, bed, opening)
         return 0
 
 

@@ -100,7 +100,7 @@ class WallFrictionLaw(NamedTuple):
     ) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
-        rate = drag.rate_of(law.rate)
+        rate = drag.drag_decay_rate(law.rate)
         masses, moments = constants.masses, moments_of(constants)
         decay, gain, a, b, c = drag.flow(rate, dt)
         rubbed, dragged = 0.0, 0.0

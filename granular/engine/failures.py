@@ -78,7 +78,7 @@ def unbalanced_energy_error(
     )
 
 
-def restless(
+def not_at_rest_error(
     stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
 ) -> NotAtRestError:
     """Error for a piston that does not come to rest.
@@ -101,7 +101,9 @@ def restless(
     )
 
 
-def countless(what: str, steps: float, limit: float, step: int, time: float) -> StepCountError:
+def too_many_steps_error(
+    what: str, steps: float, limit: float, step: int, time: float
+) -> StepCountError:
     """More steps than can be made, or counted."""
     return StepCountError(
         f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",

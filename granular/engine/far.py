@@ -18,7 +18,7 @@ from granular.pairs.far_field import (
     FarForces,
     find_far_forces,
     has_changed,
-    remember,
+    store_positions,
 )
 from granular.pairs.mesh import Mesh
 
@@ -50,7 +50,7 @@ def _find(mesh: Mesh | None, direct: DirectRoom | None, far: FarForces, bed: Bed
             state.x, state.y, far.fx, far.fy, far.energy, moments_of(constants),
             far.load, constants.acting.weight,
         )  # fmt: skip
-        remember(far.met, state.x, state.y, constants.grains)
+        store_positions(far.met, state.x, state.y, constants.grains)
     return crowded
 
 

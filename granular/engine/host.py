@@ -31,7 +31,7 @@ Seen from a free cell (``mount = "piston"``), the piston is one body with the ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.effects.excitation import excitation_at, excitation_over
+from granular.effects.excitation import evaluate_excitation, excitation_over
 from granular.effects.host import (
     FIXED,
     PISTON_MOUNT,
@@ -94,7 +94,7 @@ def record_host(
             values[at] = workspace.persistent[0, k]
             at += 1
         if law.driven:
-            values[at] = excitation_at(law.drive, time)
+            values[at] = evaluate_excitation(law.drive, time)
 
 
 @compiled

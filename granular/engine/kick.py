@@ -9,7 +9,7 @@ that a step stays symmetric. What each effect takes is entered in the ledger.
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import last_with, sum_over
+from granular.compiled.dispatch import call_last, sum_over
 from granular.kernel_data.compensation import speed_up
 from granular.kernel_data.state import Bed, State
 
@@ -34,7 +34,7 @@ def _plain_kick(dt: float, bed: Bed, opening: bool) -> int:
     return 0
 
 
-_kick = last_with("kick", "dt bed opening", _plain_kick)
+_kick = call_last("kick", "dt bed opening", _plain_kick)
 _flow = sum_over("flow", "dt bed opening")
 _flow_back = sum_over("flow", "dt bed opening", backward=True)
 

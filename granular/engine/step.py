@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import last_with
+from granular.compiled.dispatch import call_last
 from granular.effects.host import HostLaw, HostWorkspace
 from granular.engine.forces import compute_forces, measure_forces
 from granular.engine.host import drift_host, kick_host
@@ -44,7 +44,7 @@ class Plan(NamedTuple):
     far_every: int | None
 
 
-def plan_of(method: Method, step: Step, far: FarField | None) -> Plan:
+def make_plan(method: Method, step: Step, far: FarField | None) -> Plan:
     """Tables that the loop takes."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.fraction if method.variable else None
@@ -85,7 +85,7 @@ def _drift_freely(dt: float, bed: Bed) -> int:
     return 0
 
 
-_drift_all = last_with("drift", "dt bed", _drift_freely)
+_drift_all = call_last("drift", "dt bed", _drift_freely)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.

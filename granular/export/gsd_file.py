@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.frames import BedFrame, bed_frames, in_space, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replacing
+from granular.shared.files import replace_when_written
 
 
 def to_gsd(
@@ -64,7 +64,10 @@ def to_gsd(
         ) from None
     run, path = open_run(run), Path(path)
     low, size = _box_of(run)
-    with replacing(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
+    with (
+        replace_when_written(path, overwrite) as part,
+        gsd.hoomd.open(name=str(part), mode="w") as file,
+    ):
         unchanging = _constant_fields(run)
         for frame in bed_frames(run, bar=path.name if progress else None):
             file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))

@@ -39,7 +39,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, make_directory, replacing
+from granular.shared.files import check_target, make_directory, replace_when_written
 
 
 class _Start(NamedTuple):
@@ -270,7 +270,7 @@ def _write(
         check_target(path, overwrite)
     with contextlib.ExitStack() as stack:
         for name, lines in contents.items():
-            part = stack.enter_context(replacing(paths[name], overwrite))
+            part = stack.enter_context(replace_when_written(paths[name], overwrite))
             with part.open("w", encoding="utf-8") as file:
                 file.writelines(lines)
     return tuple(paths.values())

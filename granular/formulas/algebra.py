@@ -134,7 +134,7 @@ def _built(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
     return function(*operands)
 
 
-def function_of(
+def compile_function(
     arguments: Sequence[sympy.Symbol],
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",

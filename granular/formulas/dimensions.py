@@ -29,7 +29,7 @@ def unit_text(dimension: Dimension) -> str:
     return " ".join(parts) or "1"
 
 
-def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
+def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
     """Dimension of a formula with names of known dimensions.
 
     Raises
@@ -41,7 +41,7 @@ def dimension_of(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
         return known[tree.text]
     if isinstance(tree, Number):
         return NONE
-    parts = [dimension_of(operand, known) for operand in tree.operands]
+    parts = [infer_dimension(operand, known) for operand in tree.operands]
     if tree.head in _SAME:
         return _alike(tree, parts)
     if tree.head == "*":

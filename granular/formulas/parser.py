@@ -15,8 +15,8 @@ from granular.formulas.tokens import (
     FormulaError,
     Token,
     check_size,
-    error_at,
     function_name,
+    syntax_error,
     tokenize,
     too_deep,
 )
@@ -103,7 +103,7 @@ class _Parser:
         if opened < 0:
             return FormulaError("a bracket closes that was not opened; write (")
         token = self._token_at(offset)
-        return error_at(token, "what is no formula", "write one, such as k*(z - rest)")
+        return syntax_error(token, "what is no formula", "write one, such as k*(z - rest)")
 
     def _part(self, node: ast.expr, depth: int) -> _Part:
         token = self._token_at(node.col_offset)
@@ -137,7 +137,7 @@ class _Parser:
         text = token[0]
         if function_name(text, self.functions) is not None:
             remedy = f"write {text}(...), or take another name"
-            raise error_at(token, f"{text!r} is a function", remedy)
+            raise syntax_error(token, f"{text!r} is a function", remedy)
         if text in CONSTANTS:
             return _Part(Number(text), CONSTANTS[text])
         name = text.rstrip("'")
@@ -159,16 +159,16 @@ class _Parser:
         if not least <= len(node.args) <= most:
             wanted = str(least) if least == most else f"{least} to {most}"
             what = f"{token[0]} of {len(node.args)} operands"
-            raise error_at(token, what, f"{wanted} are wanted")
+            raise syntax_error(token, what, f"{wanted} are wanted")
         return name
 
     def _apply(self, head: str, parts: list[_Part], token: Token) -> _Part:
         """Operator or a function applied to its operands, if that can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"at most {MAX_POWER} is computed: write a lower one"
-            raise error_at(token, f"a power of {parts[1].value:.3g}", remedy)
+            raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
         if head == "/" and parts[1].value == 0.0:
-            raise error_at(token, "a division by zero", "write another denominator")
+            raise syntax_error(token, "a division by zero", "write another denominator")
         value = self._value(head, parts, token)
         # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
         terms, size = _multiplied_out(head, parts)
@@ -178,7 +178,7 @@ class _Parser:
                 f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of "
                 "fewer sums"
             )
-            raise error_at(token, what, remedy)
+            raise syntax_error(token, what, remedy)
         return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
 
     def _value(self, head: str, parts: list[_Part], token: Token) -> float | None:
@@ -194,7 +194,7 @@ class _Parser:
         except (ValueError, ZeroDivisionError):
             value = math.nan
         if isinstance(value, complex) or math.isnan(value):
-            raise error_at(token, "something that is no real number", "write another one")
+            raise syntax_error(token, "something that is no real number", "write another one")
         check_size(value, token)
         return float(value)
 

@@ -87,19 +87,19 @@ def _check_token(token: Token, functions: Mapping[str, Function]) -> None:
         case "number":
             if len(text) > MAX_DIGITS:
                 what = f"a number of {len(text)} characters"
-                raise error_at(token, what, f"at most {MAX_DIGITS} are read: round it")
+                raise syntax_error(token, what, f"at most {MAX_DIGITS} are read: round it")
             check_size(float(text), token)
         case "name":
             name = text.rstrip("'")
             if len(name) > MAX_NAME:
                 what = f"a name of {len(name)} letters"
-                raise error_at(token, what, f"at most {MAX_NAME} make a name: shorten it")
+                raise syntax_error(token, what, f"at most {MAX_NAME} make a name: shorten it")
             if "__" in name:
                 what = "two underscores, characters that no name has together,"
-                raise error_at(token, what, "write one")
+                raise syntax_error(token, what, "write one")
             if name != text and (name in CONSTANTS or function_name(name, functions)):
                 what = f"a prime behind {name}, which does not change in time,"
-                raise error_at(token, what, "take another name")
+                raise syntax_error(token, what, "take another name")
 
 
 def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) -> None:
@@ -109,9 +109,9 @@ def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) 
     if token[0] == "(" and before.lastgroup == "name":
         if function_name(before[0], functions) is None:
             remedy = f"write {before[0]}*(...), or one of {', '.join(functions)}"
-            raise error_at(before, f"{before[0]!r} is no function", remedy)
+            raise syntax_error(before, f"{before[0]!r} is no function", remedy)
     elif token[0] == "(" or token.lastgroup != "operator":
-        raise error_at(token, "a sign is missing", "write * between two factors")
+        raise syntax_error(token, "a sign is missing", "write * between two factors")
 
 
 def _foreign(token: Token) -> FormulaError:
@@ -125,7 +125,7 @@ def _foreign(token: Token) -> FormulaError:
     shown = quote(character)
     if not character.isascii():
         shown += f" ({unicodedata.name(character, 'nameless')})"
-    return error_at(token, f"{shown} is none of the characters of a formula", remedy)
+    return syntax_error(token, f"{shown} is none of the characters of a formula", remedy)
 
 
 def function_name(name: str, functions: Mapping[str, Function]) -> str | None:
@@ -134,7 +134,7 @@ def function_name(name: str, functions: Mapping[str, Function]) -> str | None:
     return name if name in functions else None
 
 
-def error_at(token: Token, what: str, remedy: str) -> FormulaError:
+def syntax_error(token: Token, what: str, remedy: str) -> FormulaError:
     """Error that names what is wrong, the text from there on, and what to write."""
     rest = token.string[token.start() :][:20].strip()
     return FormulaError(f"{what} at {quote(rest)}; {remedy}")
@@ -143,7 +143,7 @@ def error_at(token: Token, what: str, remedy: str) -> FormulaError:
 def too_deep(token: Token) -> FormulaError:
     """Error of what is nested deeper than is read."""
     what = f"more than {MAX_DEPTH} brackets, operators or powers within each other"
-    return error_at(token, what, "write it with fewer")
+    return syntax_error(token, what, "write it with fewer")
 
 
 def check_size(value: float, token: Token) -> None:
@@ -151,4 +151,4 @@ def check_size(value: float, token: Token) -> None:
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         what = f"a number of the size {abs(value):.3g}"
         remedy = f"it must be from {1.0 / LARGEST:g} to {LARGEST:g}: take other units"
-        raise error_at(token, what, remedy)
+        raise syntax_error(token, what, remedy)

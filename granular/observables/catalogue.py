@@ -21,7 +21,7 @@ from granular.observables.frame import (
     Value,
     frames,
     observable,
-    observable_of,
+    observable_mark,
     present,
     require_piston,
     select_frames,
@@ -190,7 +190,7 @@ def per_frame(
 
     if isinstance(function, str):
         function = find_observable(function)
-    marked = observable_of(function)
+    marked = observable_mark(function)
     name = function.__name__ if marked is None else marked.name
     chosen = select_frames(run, start, stop)
     values = [_value(function, name, frame) for frame in frames(run, chosen)]
@@ -257,7 +257,7 @@ def frame_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) 
 
     columns = {"time [s]": run.dataset["frame_time"].values}
     for function in functions:
-        values, marked = per_frame(run, function), observable_of(function)
+        values, marked = per_frame(run, function), observable_mark(function)
         name, unit = (function.__name__, "1") if marked is None else (marked.name, marked.unit)
         if "grain" in values.dims:
             raise InputError(
@@ -298,7 +298,7 @@ def find_observable(
     if name in every:
         return every[name]
     result: Callable[[Frame], Value] | None = load_entry_point(GROUP, name, "observable")
-    if observable_of(result) is not None and result is not None:
+    if observable_mark(result) is not None and result is not None:
         return result
     if result is not None:
         raise InputError(f"observable {quote(name)} is no granular Observable")

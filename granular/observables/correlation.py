@@ -11,7 +11,7 @@ from granular.observables.frame import (
     bounding_box,
     check_positions,
     observable,
-    observable_of,
+    observable_mark,
     present_positions,
     select_frames,
     values_of_grains,
@@ -91,7 +91,7 @@ def per_distance(
     parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
     values = mean_per_pair(total, np.sum([part.weights for part in parts], axis=0))
-    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_of(function)
+    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_mark(function)
     return xarray.DataArray(
         values, dims="distance", coords={"distance": ("distance", middle, {"units": "m"})},
         attrs={} if marked is None else marked.attributes,

@@ -44,7 +44,7 @@ def counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarra
     return turned
 
 
-def edges_of(triangles: np.ndarray) -> np.ndarray:
+def triangle_edges(triangles: np.ndarray) -> np.ndarray:
     """Three edges of each triangle, from corner to corner (t, 3, 2)."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
@@ -56,7 +56,7 @@ def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) 
     the displacement from the perfect lattice (FS/RH, Hirth and Lothe 1982). Triangles of a strained
     lattice have none, and that of a region is the sum over its triangles.
     """
-    edges = edges_of(triangles).reshape(-1, 2)
+    edges = triangle_edges(triangles).reshape(-1, 2)
     bonds = lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
@@ -68,7 +68,7 @@ def grains_in_excess(triangles: np.ndarray, positions: np.ndarray, angle: float)
     the lattice with the same rim an area of n + k/2 - 1 cells (Pick's theorem). The rim's lattice
     vectors must close.
     """
-    edges = edges_of(triangles).reshape(-1, 2)
+    edges = triangle_edges(triangles).reshape(-1, 2)
     have = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in have if (j, i) not in have}
     area = 0.0

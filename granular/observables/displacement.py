@@ -12,7 +12,7 @@ from granular.observables.frame import (
     check_frames,
     check_positions,
     observable,
-    observable_of,
+    observable_mark,
     select_frames,
     sum_at,
 )
@@ -68,7 +68,7 @@ def per_lag(
     lags, options = check_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
         options["periods"] = run.scene.cell.periods
-    marked = observable_of(function)
+    marked = observable_mark(function)
     return xarray.DataArray(
         np.asarray(function(frames, lags, **options)),
         dims="lag",

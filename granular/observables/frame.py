@@ -117,7 +117,7 @@ class Observable(NamedTuple):
         return {"units": self.unit, "long_name": self.meaning}
 
 
-def observable_of(function: Any) -> Observable | None:
+def observable_mark(function: Any) -> Observable | None:
     """Name, unit and meaning that `observable` gave a function; None if it gave none."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None

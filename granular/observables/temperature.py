@@ -120,7 +120,7 @@ def configurational_temperature(
         heights = np.broadcast_to(piston_height, len(array)).tolist()
     states = list(zip(array, heights, strict=True))
     if forces is not None:
-        bend = sum(laplacian_of(scene, *state) for state in states)
+        bend = sum(potential_laplacian(scene, *state) for state in states)
         return float(np.nansum(np.square(forces))) / bend
     _check(scene, KNOWN)
     square = bend = 0.0
@@ -132,7 +132,9 @@ def configurational_temperature(
     return square / bend
 
 
-def laplacian_of(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
+def potential_laplacian(
+    scene: Scene, positions: np.ndarray, piston_height: float | None = None
+) -> float:
     """Laplacian of U of dipoles and walls [N/m]; weight and shaking have none.
 
     Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with

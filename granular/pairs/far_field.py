@@ -279,7 +279,7 @@ def find_far_forces(
     spread(mesh, threaded, x, y, moments, order, grains)
     find_potential(mesh, threaded)
     far.energy[0] = _gather(threaded, mesh, asked)
-    remember(far.met, x, y, grains)
+    store_positions(far.met, x, y, grains)
     if weight is not None and moments is not None:
         spread(mesh, threaded, x, y, weight, order, grains)
         find_potential(mesh, threaded)
@@ -298,7 +298,7 @@ def has_changed(met: Array, x: Array, y: Array, grains: int, still: float) -> bo
 
 
 @compiled(inline=True)
-def remember(met: Array | None, x: Array, y: Array, grains: int) -> None:
+def store_positions(met: Array | None, x: Array, y: Array, grains: int) -> None:
     """Remember the positions of this evaluation."""
     if met is not None:
         for i in range(grains):

@@ -157,7 +157,7 @@ def _functions(
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     import sympy
 
-    from granular.formulas.algebra import expression, function_of
+    from granular.formulas.algebra import compile_function, expression
 
     symbols = {name: sympy.Symbol(name, real=True) for name in variables}
     given = {
@@ -169,4 +169,4 @@ def _functions(
     slope = tree.diff(symbols["t"])
     if slope.has(sympy.DiracDelta):
         raise FieldError(f"{quote(formula)} jumps; write it without jumps")
-    return function_of(arguments, tree), function_of(arguments, slope)
+    return compile_function(arguments, tree), compile_function(arguments, slope)

@@ -13,9 +13,9 @@ from granular.readers.headers import (
     SYNONYMS,
     TIME,
     VELOCITY,
+    guess_role,
     normalize_name,
     normalize_unit,
-    role_of,
 )
 from granular.readers.options import ROLES, ReadOptions
 from granular.readers.sheet import Column, Sheet
@@ -134,7 +134,7 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
 def _is_acceleration(column: Column) -> bool:
     if column.channel:
         return False
-    if role_of(column.name) == ACCELERATION:
+    if guess_role(column.name) == ACCELERATION:
         return True
     return column.unit is not None and has_dimension(column.unit, "m/s^2")
 
@@ -165,7 +165,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     ]
     _check_channels(free)
     lengths = [
-        item for item in free if _fits(item, HEIGHT) and role_of(item.name) in (None, HEIGHT)
+        item for item in free if _fits(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
     ]
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]

@@ -22,7 +22,7 @@ from granular.readers.dialect import (
     split_header,
     trim,
 )
-from granular.readers.headers import TIME, is_unit, parse_header, role_of
+from granular.readers.headers import TIME, guess_role, is_unit, parse_header
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote, visible
@@ -152,7 +152,7 @@ def _check_above(head: Sequence[Line], form: Dialect) -> None:
     """Refuse rows whose number of fields differs from that of the header above them."""
     for index in range(len(head) - 1, -1, -1):
         fields = split_fields(head[index].text, form.separator)
-        names = len(fields) > 1 and any(role_of(parse_header(field)[0]) for field in fields)
+        names = len(fields) > 1 and any(guess_role(parse_header(field)[0]) for field in fields)
         if not names or any(is_number(field, form.decimal) for field in fields):
             continue
         below = [] if index + 1 == len(head) else split_fields(head[index + 1].text, form.separator)
@@ -211,7 +211,7 @@ def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
     if any(_names_a_column(cell) for cell in rows[-1]):
         return list(rows[-1]), []
     for index in range(len(rows) - 1, -1, -1):
-        if any(role_of(parse_header(cell)[0]) == TIME for cell in rows[index]):
+        if any(guess_role(parse_header(cell)[0]) == TIME for cell in rows[index]):
             below = rows[index + 1] if index + 1 < len(rows) else []
             units = [cell if is_unit(cell) else "" for cell in below]
             return list(rows[index]), units
@@ -221,7 +221,7 @@ def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
 def _names_a_column(cell: str) -> bool:
     """Return True for a cell with a known name, or a name with a unit."""
     name, unit = parse_header(cell)
-    return role_of(name) is not None or (bool(name) and unit is not None and is_unit(unit))
+    return guess_role(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
 def _end(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from granular.readers.column_roles import has_dimension, time_column
 from granular.readers.delimited import read_delimited
-from granular.readers.headers import ACCELERATION, FORCE, TIME, normalize_unit, role_of
+from granular.readers.headers import ACCELERATION, FORCE, TIME, guess_role, normalize_unit
 from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
 from granular.readers.interpretation import (
     Interpretation,
@@ -231,7 +231,7 @@ def _other(sheet: Sheet, time: Column, unit: str) -> Column:
     choices: Sequence[list[Column]] = (
         others,
         [column for column in others if column.unit and has_dimension(column.unit, unit)],
-        [column for column in others if role_of(column.name) == _ROLES.get(unit, "")],
+        [column for column in others if guess_role(column.name) == _ROLES.get(unit, "")],
         [] if any(column.name for column in others) else others[:1],
     )
     chosen = next((columns for columns in choices if len(columns) == 1), None)

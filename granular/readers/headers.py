@@ -93,7 +93,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         name = match[1].strip()
         return name or (TIME if normalize_unit(match[2]) in _TIMES else ""), match[2]
     match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
-    if match is not None and is_unit(match[2]) and role_of(match[1]) is not None:
+    if match is not None and is_unit(match[2]) and guess_role(match[1]) is not None:
         return match[1], match[2]
     if normalize_unit(cell) in _TIMES and len(cell) > 1:
         return TIME, cell
@@ -105,7 +105,7 @@ def normalize_name(name: str) -> str:
     return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
 
 
-def role_of(name: str) -> str | None:
+def guess_role(name: str) -> str | None:
     """Role of a column of that name, by its synonyms."""
     words = normalize_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

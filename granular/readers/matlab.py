@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.headers import TIME, parse_header, role_of
+from granular.readers.headers import TIME, guess_role, parse_header
 from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
@@ -61,7 +61,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
         for name, values in vectors.items()
         if len(values) == length
     ]
-    timed = TIME in reading.columns or any(role_of(column.name) == TIME for column in columns)
+    timed = TIME in reading.columns or any(guess_role(column.name) == TIME for column in columns)
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
             column.channel = len(column.name) == 1

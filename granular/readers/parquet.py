@@ -12,7 +12,7 @@ from granular.readers.headers import parse_header
 from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, parsing
 from granular.shared.errors import RecordError
-from granular.shared.files import replacing
+from granular.shared.files import replace_when_written
 from granular.shared.messages import quote
 
 _MAX_NUMBERS = 50_000_000
@@ -85,7 +85,7 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
     ]  # fmt: skip
     arrays = [pyarrow.array(values) for values in columns.values()]
     table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
-    with replacing(path, overwrite=True) as part:
+    with replace_when_written(path, overwrite=True) as part:
         pyarrow.parquet.write_table(table, part)
 
 

@@ -101,7 +101,7 @@ def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
         tables: dict[str, list[Sequence[Any]]] = {}
         cells_left = MAX_CELLS
         for name, rows in sheets:
-            tables[name] = table_of(rows, cells_left)
+            tables[name] = expand_rows(rows, cells_left)
             cells_left -= len(tables[name]) * _width(tables[name])
         return tables
 
@@ -178,7 +178,7 @@ def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: i
     parser.ParseFile(part)
 
 
-def table_of(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
+def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
     """Return the rows up to the last that holds something; repeated ones are repeated.
 
     Raises

@@ -21,7 +21,7 @@ def movie_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
 
-def bed_at(
+def interpolate_bed(
     run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
 ) -> Iterator[BedFrame]:
     """Bed at increasing times [s] (n,) within some frames of a run.

@@ -14,11 +14,11 @@ import numpy as np
 
 from granular.export.frames import BedFrame, bed_frames, open_run
 from granular.render.colourings import colouring
-from granular.render.moments import bed_at, movie_times
+from granular.render.moments import interpolate_bed, movie_times
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, replacing
+from granular.shared.files import check_target, replace_when_written
 from granular.shared.messages import quote
 from granular.shared.stops import Stop, deferred_stop
 
@@ -109,9 +109,13 @@ def movie(
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
-    beds = bed_frames(run, numbers, bar) if speed is None else bed_at(run, numbers, times, bar)
+    beds = (
+        bed_frames(run, numbers, bar)
+        if speed is None
+        else interpolate_bed(run, numbers, times, bar)
+    )
     with deferred_stop() as stop:
-        with replacing(path, overwrite) as part:
+        with replace_when_written(path, overwrite) as part:
             made = write(part, _images(picture, beds, stop), fps)
         if made < len(times):
             warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)

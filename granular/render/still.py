@@ -13,7 +13,7 @@ from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replacing
+from granular.shared.files import replace_when_written
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
@@ -118,6 +118,9 @@ def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
         )
     # Without date and random names the same picture is the same file.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with replacing(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
+    with (
+        replace_when_written(path, overwrite) as part,
+        mpl.rc_context({"svg.hashsalt": "granular"}),
+    ):
         figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
     return path

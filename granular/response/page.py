@@ -305,7 +305,7 @@ def add_energy(page: Page, response: Response) -> None:
     page.section("Where the energy of a period goes")
     for size in response.dataset.amplitude.values.tolist():
         part = shown_part(response, size)
-        losses = losses_of(part)
+        losses = period_losses(part)
         columns = {"work": part.work_a_period.values, **losses}
         head = ["Hz", *(f"{name} [mJ]" for name in columns)]
         rows = [
@@ -325,7 +325,7 @@ def add_energy(page: Page, response: Response) -> None:
     )
 
 
-def losses_of(part: xarray.Dataset) -> dict[str, np.ndarray]:
+def period_losses(part: xarray.Dataset) -> dict[str, np.ndarray]:
     """Energies (f,) that are lost in a period [J], by their names, without those that are 0."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:

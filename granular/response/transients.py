@@ -362,12 +362,12 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
             "it swings freely"
         )
     ends = host.excitation.start + (host.excitation.duration or 0.0)
-    return settling_time_of(
+    return settling_time_of_samples(
         run.dataset.time.values, run.dataset.host_displacement.values, ends, fraction
     )
 
 
-def settling_time_of(
+def settling_time_of_samples(
     time: np.ndarray, displacement: np.ndarray, ends: float, fraction: float
 ) -> float:
     """As `settling_time`, of times [s] and displacements [m] (n,)."""

@@ -14,7 +14,7 @@ from granular.engine.new_state import new_measurement, new_state
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
-from granular.scene.system import System, natural_system, user_code_compiles
+from granular.scene.system import System, explain_compile_errors, natural_system
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
@@ -101,7 +101,7 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
-    with raise_where_not_finite(_misplaced), user_code_compiles(scene):
+    with raise_where_not_finite(_misplaced), explain_compile_errors(scene):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():

@@ -93,7 +93,7 @@ class ProgressBar:
         if self._told or now - started < JUDGED or run.steps == made:
             return
         self._told = True
-        words = outlook(steps_ahead(run), (run.steps - made) / (now - started))
+        words = remaining_time_text(steps_ahead(run), (run.steps - made) / (now - started))
         if words is not None:
             say(f"{run.scene.name}: {words}")
 
@@ -167,7 +167,7 @@ def steps_ahead(run: Run) -> float:
     return max(0.0, end - run.time) / run.pace.h
 
 
-def outlook(steps: float, rate: float) -> str | None:
+def remaining_time_text(steps: float, rate: float) -> str | None:
     """Duration of so many steps at a rate [1/s], in words; None where it is not long."""
     seconds = steps / rate
     if seconds < LONG:

@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError, RecordWarning
-from granular.shared.files import replacing
+from granular.shared.files import replace_when_written
 from granular.shared.messages import quote, visible
 
 if TYPE_CHECKING:
@@ -341,7 +341,7 @@ class PistonRecord:
             for name, values in self.columns.items()
         }
         with (
-            replacing(Path(path), overwrite=True) as part,
+            replace_when_written(Path(path), overwrite=True) as part,
             part.open("w", newline="", encoding="utf-8") as file,
         ):
             writer = csv.writer(file)

@@ -18,8 +18,8 @@ from granular.run.variables import (
     STAGE,
     TIME,
     Variable,
-    columns_of,
     frame_variables,
+    record_columns,
     scalar_variables,
     si_column,
 )
@@ -75,7 +75,7 @@ class Recorder:
     def in_si(self, scene: Scene, scales: Scales) -> Iterator[tuple[Variable, np.ndarray]]:
         """Every variable of the scene with its values in SI."""
         rows, stages = self.table()
-        columns = columns_of(scene)
+        columns = record_columns(scene)
         for variable in (TIME, *scalar_variables(scene)):
             yield variable, si_column(variable, rows, columns, scales)
         yield STAGE, stages

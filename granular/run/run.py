@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.failures import restless, unbalanced_energy_error
+from granular.engine.failures import not_at_rest_error, unbalanced_energy_error
 from granular.engine.far import hold_far_field
 from granular.engine.ledger import Ledger
 from granular.engine.loop import (
@@ -236,7 +236,7 @@ class Run(RunState):
         if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
             state, scales = self.state, self.system.scales
             fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
-            raise restless(
+            raise not_at_rest_error(
                 stage.name, stage.total_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
                 self.stop_criteria().rest * scales.length, self.steps, self.time * scales.time,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.failures import countless, misplaced_grain_error
+from granular.engine.failures import misplaced_grain_error, too_many_steps_error
 from granular.engine.ledger import Ledger
 from granular.engine.loop import STIFFEST, TURNED, StopCriteria, look
 from granular.engine.new_state import new_measurement, new_state
-from granular.engine.step import plan_of
+from granular.engine.step import make_plan
 from granular.engine.step_size import (
     MOST_COUNT,
     MOST_STEPS,
@@ -103,7 +103,7 @@ class RunState:
     ) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
-        self.plan = plan_of(method, step, system.constants.acting.far)
+        self.plan = make_plan(method, step, system.constants.acting.far)
         self.recorder = Recorder(scene.grains.count, system.effects)
         self.progress = Progress()
         positions, velocities = scene.initial_motion()
@@ -317,7 +317,7 @@ class RunState:
     def _check_count(self, what: str, steps: float, limit: float) -> None:
         if not steps <= limit:
             seconds = self.time * self.system.scales.time
-            raise countless(what, steps, limit, self.steps, seconds)
+            raise too_many_steps_error(what, steps, limit, self.steps, seconds)
 
     def _use(self, pace: StepSchedule) -> None:
         self.progress.pace = list(pace)

@@ -27,11 +27,11 @@ from granular.run.recorder import Recorder
 from granular.run.run import Run
 from granular.run.snapshot import restore, snapshot
 from granular.run.store import Store
-from granular.run.threads import Threads, set_threads, threads_of
+from granular.run.threads import Threads, choose_threads, set_threads
 from granular.run.trajectory import Trajectory, finished, load_trajectory
 from granular.scene.dryness import doubtful
 from granular.scene.scene import Scene
-from granular.scene.system import System, natural_system, user_code_compiles
+from granular.scene.system import System, explain_compile_errors, natural_system
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
@@ -124,7 +124,7 @@ def simulate(
     check_end(scene, t_end)
     check_step(step, scene, t_end)
     _warn_of_cadence(step, scene)
-    count = threads_of(scene, threads)
+    count = choose_threads(scene, threads)
     system = natural_system(scene, threads=count, method=plan)
     set_threads(count)
     settings = _settings(scene, dt, plan, system) | promised
@@ -135,7 +135,7 @@ def simulate(
     with deferred_stop() as stop, timed_compiling() as compiling:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
-            with user_code_compiles(scene):
+            with explain_compile_errors(scene):
                 return _Job(run, store, settings, compiling).carry_out(progress, stop)
         finally:
             if store is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
-from granular.schema.wording import words_of
+from granular.schema.wording import describe_fields
 
 _SHOWN = 1.0
 """Seconds of compiling from which on a run tells of them."""
@@ -91,10 +91,12 @@ def scene_text(scene: Scene) -> str:
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
     lines += [
-        f"    {effect.key}: {said}" for effect in scene.effects.all if (said := words_of(effect))
+        f"    {effect.key}: {said}"
+        for effect in scene.effects.all
+        if (said := describe_fields(effect))
     ]
     for stage in scene.protocol:
-        said = words_of(stage, without=("name",))
+        said = describe_fields(stage, without=("name",))
         lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {said}")
     return "\n".join(lines)
 

@@ -61,7 +61,7 @@ class Threads:
         set_threads(chosen)
 
 
-def threads_of(scene: Scene, asked: int | None) -> int:
+def choose_threads(scene: Scene, asked: int | None) -> int:
     """Return the requested number, or the greatest that can pay off.
 
     Raises

@@ -133,7 +133,7 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
     return (*scalars, FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene))
 
 
-def columns_of(scene: Scene) -> tuple[str, ...]:
+def record_columns(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
     laws = scene.effects.laws
     return all_columns(len(laws), sum(len(law.records) for law in laws))

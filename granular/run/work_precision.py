@@ -81,7 +81,7 @@ class WorkPrecisionTable(NamedTuple):
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
 
-def kind_of(scene: Scene) -> str:
+def damping_kind(scene: Scene) -> str:
     """Damping of a scene: friction by either scheme, drag, or nothing."""
     friction = scene.effects.friction
     if friction is not None:
@@ -114,7 +114,7 @@ def nearest_table(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
     if not KNOWN.issuperset(effect_names(scene)):
         return None
 
-    kind = kind_of(scene)
+    kind = damping_kind(scene)
     rests = any(getattr(stage, "until", None) == "rest" for stage in scene.protocol)
 
     def apart(item: WorkPrecisionTable) -> float:

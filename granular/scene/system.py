@@ -144,7 +144,7 @@ def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext
 
 
 @contextlib.contextmanager
-def user_code_compiles(scene: Scene) -> Iterator[None]:
+def explain_compile_errors(scene: Scene) -> Iterator[None]:
     """Let what the compiler says of a user's function be one line.
 
     Raises

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Any, ClassVar, Self
 
 from granular.formulas import names, parse
-from granular.formulas.dimensions import Dimension, dimension_of, unit_text
+from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
 from granular.schema.sections import FieldError, Kind, Section, declare, unknown
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
@@ -106,7 +106,7 @@ class Parametric(Section):
             if name not in written:
                 raise FieldError(f"the {self.written} has no {quote(name)}; take it out", name)
         dimensions = {name: self.parameter(name)[1] for name in given}
-        dimension = dimension_of(tree, dict(self.variables) | dimensions)
+        dimension = infer_dimension(tree, dict(self.variables) | dimensions)
         if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):
             raise InputError(
                 f"it is in {unit_text(dimension)}, not in {self.unit}; check the units"

@@ -8,7 +8,7 @@ from typing import Any
 from granular.schema.sections import Quantity, Section
 
 
-def words_of(section: Section, *, without: tuple[str, ...] = ()) -> str:
+def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
     """Values of a section's fields as text, with units; empty where none is given."""
     said = []
     for field in dataclasses.fields(section):
@@ -28,7 +28,7 @@ def _value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.12g}"  # 0.2 D is 0.0012 m, not 0.0012000000000000001
     if isinstance(value, Section):
-        return words_of(value)
+        return describe_fields(value)
     if isinstance(value, tuple):
         return " = ".join(map(str, value))  # a parameter
     return str(value)

@@ -8,7 +8,7 @@ from types import FunctionType
 from typing import Any
 
 from granular.observables.catalogue import per_frame
-from granular.observables.frame import observable_of
+from granular.observables.frame import observable_mark
 from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
@@ -94,7 +94,7 @@ class CustomMeasure:
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """Return the function's figures of a run."""
         result = contents(self.file)[self.name]
-        if (marked := observable_of(result)) is not None:
+        if (marked := observable_mark(result)) is not None:
             last = per_frame(run, result)[-1]
             if "label" not in last.dims:
                 return {marked.name: last.values.tolist()}

@@ -15,8 +15,8 @@ from granular.commands.options import (
     METHOD,
     OUTPUT,
     THREADS,
-    changes_from,
     in_unit,
+    parse_changes,
     time_step,
 )
 from granular.shared.errors import InputError
@@ -95,7 +95,7 @@ def identify(options: Any) -> None:
         laws=None if options.laws is None else laws_from(options.laws),
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
-        changes=changes_from(options.changes),
+        changes=parse_changes(options.changes),
         dt=time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,

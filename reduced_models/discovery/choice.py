@@ -12,7 +12,7 @@ from granular.shared.messages import times
 from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, score_terms, unit_columns
-from reduced_models.discovery.structures import candidate_of
+from reduced_models.discovery.structures import make_candidate
 from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
 
 _POOR = 2.0
@@ -83,7 +83,7 @@ def _with_simpler_ones(
     for candidate in candidates:  # which grows: what is left may have such terms as well
         needed = _needed_terms(candidate)
         if needed:
-            simpler = candidate_of(score_terms(judge, needed))
+            simpler = make_candidate(score_terms(judge, needed))
             if not _is_among(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates

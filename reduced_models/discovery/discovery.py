@@ -28,7 +28,13 @@ from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, structures
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import WeakForm, force_form, map_of, motion_of, weak_form
+from reduced_models.discovery.weak_form import (
+    WeakForm,
+    choose_map,
+    estimate_motion,
+    force_form,
+    weak_form,
+)
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -163,7 +169,7 @@ def discover(
         if remembers:
             now("hidden states")
             height_map, library_note = HeightMap(), ""
-            motions = [motion_of(record, height_map, derivative) for record in records]
+            motions = [estimate_motion(record, height_map, derivative) for record in records]
             weak = force_form(records, motions) if target == "force" else weak_form(*motions)
             proposed = structures_with_memory(weak, search, terms, sparse)
         else:
@@ -235,7 +241,7 @@ def _library(
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
-        motions = [motion_of(record, height_map, derivative, column) for record in records]
+        motions = [estimate_motion(record, height_map, derivative, column) for record in records]
         proposal = Proposal("", known, height_map, weak_form(*motions), "")
     _check_finite(proposal.weak, proposal.terms)
     return proposal
@@ -249,7 +255,7 @@ def _height_map(
     usual = _is_only(library, AUTO) or _is_only(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
         return HeightMap()
-    return map_of(records, wanted)
+    return choose_map(records, wanted)
 
 
 def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:

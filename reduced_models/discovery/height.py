@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.formulas.algebra import function_of
+from granular.formulas.algebra import compile_function
 from granular.shared.errors import InputError
 from reduced_models.discovery.julia import ELLIPTIC
 from reduced_models.discovery.polishing import parametrise
@@ -83,7 +83,7 @@ def _fit_numbers(
     symbols = [sympy.Symbol(name) for name in values]
     start = np.array(list(values.values()))
     elliptic = {name: function.value for name, function in ELLIPTIC.items()}
-    function = function_of([t, *symbols], template, [elliptic, "numpy"])
+    function = compile_function([t, *symbols], template, [elliptic, "numpy"])
 
     def residual(numbers: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):

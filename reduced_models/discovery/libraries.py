@@ -18,14 +18,14 @@ from reduced_models.discovery.terms import (
     in_order,
     library,
     read_terms,
+    split_terms,
     sum_text,
-    terms_of,
 )
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
-    map_of,
-    motion_of,
+    choose_map,
+    estimate_motion,
     weak_form,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -118,7 +118,7 @@ def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     """
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, read_terms(texts, column), strict=True):
-        terms = terms_of(expression)
+        terms = split_terms(expression)
         if terms is None:
             raise InputError(
                 f"the term {quote(text)} is no function of z and z' with exact numbers"
@@ -264,9 +264,11 @@ def propose_library(
     Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
     about it, or where the map is given; negative powers where the height stays above zero.
     """
-    usual_map = map_of(records, wanted)
+    usual_map = choose_map(records, wanted)
     plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
-    weak = weak_form(*(motion_of(record, usual_map, derivative, column) for record in records))
+    weak = weak_form(
+        *(estimate_motion(record, usual_map, derivative, column) for record in records)
+    )
     usual = _usual(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
@@ -278,7 +280,10 @@ def propose_library(
                 continue
             height_map_here = HeightMap()
             weak_form_here = weak_form(
-                *(motion_of(record, height_map_here, derivative, column) for record in records)
+                *(
+                    estimate_motion(record, height_map_here, derivative, column)
+                    for record in records
+                )
             )
         if name == "rational" and not all(
             (motion.z > 0.0).all() for motion in weak_form_here.motions

@@ -31,7 +31,7 @@ from reduced_models.discovery.selection import (
 from reduced_models.discovery.structures import (
     Search,
     Structures,
-    candidate_of,
+    make_candidate,
     symbolic_candidates,
 )
 from reduced_models.discovery.terms import AnyTerm
@@ -222,7 +222,7 @@ def _weighed_anew(
 def _candidates(judged: _StateScores) -> list[CandidateEquation]:
     """Best sums first; one that does not hold the hidden state is one without memory."""
     candidates = [
-        _weighed_anew(candidate_of(candidate), len(candidate.terms), judged)
+        _weighed_anew(make_candidate(candidate), len(candidate.terms), judged)
         for candidate in judged.ranked
         if judged.memory is None or any(term.driven for term in candidate.terms)
     ]

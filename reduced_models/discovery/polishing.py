@@ -13,7 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import complexity, in_order, symbols, terms_of, text_of
+from reduced_models.discovery.terms import complexity, in_order, split_terms, symbols, term_text
 from reduced_models.fitting.fitting import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -100,7 +100,7 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """
     import sympy
 
-    terms = terms_of(expression)
+    terms = split_terms(expression)
     if terms is not None:
         names = {f"c{k}": terms[term] for k, term in enumerate(in_order(terms))}
         parts = (
@@ -144,7 +144,7 @@ def law_of(
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
     return Law(
         name=name,
-        equation=f"z'' = {text_of(template)}",
+        equation=f"z'' = {term_text(template)}",
         start=start,
         mapped=True,
         source="discovered in the record",

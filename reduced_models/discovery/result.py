@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import Memory
-from reduced_models.discovery.terms import AnyTerm, terms_of, text_of
+from reduced_models.discovery.terms import AnyTerm, split_terms, term_text
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
 
@@ -62,7 +62,7 @@ class CandidateEquation:
     @property
     def terms(self) -> dict[AnyTerm, float] | None:
         """The terms with their coefficients; None where it is no sum of library terms."""
-        return terms_of(self.expression)
+        return split_terms(self.expression)
 
     @property
     def text(self) -> str:
@@ -71,7 +71,7 @@ class CandidateEquation:
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
         left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left
-        text = f"{left} = {text_of(self.expression.xreplace(numbers))}"
+        text = f"{left} = {term_text(self.expression.xreplace(numbers))}"
         return text if self.memory is None else self.memory.within(text)
 
 

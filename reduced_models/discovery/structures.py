@@ -27,9 +27,9 @@ from reduced_models.discovery.terms import (
     columns,
     complexity,
     in_order,
-    sum_of,
+    join_terms,
+    split_terms,
     symbols,
-    terms_of,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
@@ -134,7 +134,7 @@ def structures(
         supports, inclusion = _sparse_supports(weak, terms, form, ensemble, seed)
     if search is None:
         ranked, judge = score_subsets(weak, terms, terms, supports)
-        return Structures([candidate_of(candidate) for candidate in ranked], judge, inclusion)
+        return Structures([make_candidate(candidate) for candidate in ranked], judge, inclusion)
     return Structures(*symbolic_candidates(weak, terms, search, supports), inclusion)
 
 
@@ -186,7 +186,7 @@ def symbolic_candidates(
     ``subsets`` of the terms stand next to them, judged alike.
     """
     expressions = _expressions(weak.motions, terms, search)
-    sums = [(expression, terms_of(expression)) for expression in expressions]
+    sums = [(expression, split_terms(expression)) for expression in expressions]
     union = in_order({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
         more = [term for term in union if term not in terms]
@@ -197,7 +197,7 @@ def symbolic_candidates(
     ]
     groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
-    candidates = [candidate_of(item) for item in _unique(ranked)]
+    candidates = [make_candidate(item) for item in _unique(ranked)]
     candidates += [_judge_expression(item, judge) for item, parts in sums if parts is None]
     return candidates, judge
 
@@ -253,8 +253,8 @@ def _search_samples(
     return {name: values[rows] for name, values in samples.items()}
 
 
-def candidate_of(scored_terms: ScoredTerms) -> CandidateEquation:
-    expression = sum_of(scored_terms.terms, list(scored_terms.coefficients))
+def make_candidate(scored_terms: ScoredTerms) -> CandidateEquation:
+    expression = join_terms(scored_terms.terms, list(scored_terms.coefficients))
     return CandidateEquation(
         expression, complexity(expression), scored_terms.misfit, scored_terms.criterion
     )

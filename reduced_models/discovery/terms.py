@@ -29,7 +29,7 @@ def symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
     return z, v, u
 
 
-def text_of(expression: sympy.Expr) -> str:
+def term_text(expression: sympy.Expr) -> str:
     """Expression as a law writes it, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
@@ -52,7 +52,7 @@ class CustomTerm:
     @functools.cached_property
     def text(self) -> str:
         """As a law writes it."""
-        return text_of(self.expression)
+        return term_text(self.expression)
 
     @property
     def driven(self) -> bool:
@@ -195,7 +195,7 @@ def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
 
 @functools.lru_cache(maxsize=256)
 def _function(expression: sympy.Expr) -> Callable[..., Any]:
-    return algebra.function_of(symbols(), expression)
+    return algebra.compile_function(symbols(), expression)
 
 
 def _values(
@@ -232,7 +232,7 @@ class Term(NamedTuple):
     @property
     def text(self) -> str:
         """As a law writes it, ``"z**2*z'"``."""
-        return text_of(self.expression)
+        return term_text(self.expression)
 
     @property
     def expression(self) -> sympy.Expr:
@@ -298,7 +298,7 @@ def library(degree: int, driven: bool = False) -> tuple[Term, ...]:
     return (*terms, Term(0, driven=True)) if driven else terms
 
 
-def terms_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
+def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """Terms of an expression with their coefficients.
 
     None where it is no sum of terms with numbers before them: where a number stands within a
@@ -343,7 +343,7 @@ def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     return coefficients
 
 
-def sum_of(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
+def join_terms(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
     """Expression of a linear combination of terms."""
     import sympy
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.formulas.algebra import function_of
+from granular.formulas.algebra import compile_function
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.messages import quote
@@ -216,7 +216,7 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
 
 def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
-    function = function_of(symbols(), expression)
+    function = compile_function(symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
         values = function(motion.smooth, motion.velocity, drive)
@@ -226,7 +226,7 @@ def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
 _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force: rounding
 
 
-def motion_of(
+def estimate_motion(
     record: PistonRecord,
     height_map: HeightMap,
     derivative: DerivativeMethod,
@@ -250,7 +250,7 @@ def motion_of(
     )
 
 
-def map_of(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
+def choose_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
     """Map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
     if isinstance(wanted, HeightMap):
         return wanted

@@ -256,10 +256,10 @@ def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
     """Start values by the scene of a fall."""
     if scene is None or law.name != "elastoplastic-bed":
         return None
-    from reduced_models.falls.theory import parameters_of
+    from reduced_models.falls.theory import bed_parameters
 
     try:
-        return parameters_of(scene)
+        return bed_parameters(scene)
     except InputError:
         return None
 

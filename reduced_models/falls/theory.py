@@ -110,7 +110,7 @@ def predict(scene: Scene) -> PredictedLaw:
     Raises
     ------
     InputError
-        As `parameters_of`.
+        As `bed_parameters`.
 
     Examples
     --------
@@ -123,13 +123,13 @@ def predict(scene: Scene) -> PredictedLaw:
     piston = scene.piston
     friction = 0.0 if piston is None else piston.friction
     if piston is not None and piston.mass is not None and friction:
-        values = parameters_of(scene.replace(**{"piston.friction": 0.0}))
+        values = bed_parameters(scene.replace(**{"piston.friction": 0.0}))
         values["friction"] = friction / moving_mass(scene, values)
         # A piston that sticks has no small swing.
         return PredictedLaw(
             values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING
         )
-    values = parameters_of(scene)
+    values = bed_parameters(scene)
     assert piston is not None
     swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
@@ -139,7 +139,7 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """Mass [kg] that the law's accelerations belong to, by its `parameters_of`."""
+    """Mass [kg] that the law's accelerations belong to, by its `bed_parameters`."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -147,7 +147,7 @@ def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
     return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
-def parameters_of(scene: Scene) -> dict[str, float]:
+def bed_parameters(scene: Scene) -> dict[str, float]:
     """Parameters of ``elastoplastic-bed`` for a scene.
 
     Raises
@@ -293,7 +293,7 @@ def shaking_range(scene: Scene) -> ShakingRange:
     InputError
         As `reduced_models.predict`: where nothing is known of the law of a bed.
     """
-    parameters_of(scene)  # refuses what is not known
+    bed_parameters(scene)  # refuses what is not known
     grains = scene.grains
     unit = math.sqrt(grains.count / 368) * grains.species[0].diameter
     least, greatest = AMPLITUDES

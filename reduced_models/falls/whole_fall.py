@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import LAW, moving_mass, parameters_of
+from reduced_models.falls.theory import LAW, bed_parameters, moving_mass
 from reduced_models.laws.equation import compiled_field
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     InputError
         As `predict`; or if the height is not above the level of rest.
     """
-    values = parameters_of(scene)
+    values = bed_parameters(scene)
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None

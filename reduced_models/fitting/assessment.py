@@ -16,7 +16,7 @@ from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,
     joint_covariance,
-    marginal,
+    marginal_information,
     replicates,
 )
 from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
@@ -61,7 +61,7 @@ NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this fraction of the swing, is noted."""
 
 
-def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
+def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     """Reduced model of each record of a fit, with intervals, quality and notes.
 
     Raises
@@ -90,7 +90,7 @@ def models_of(result: SearchResult) -> tuple[ReducedModel, ...]:
     free = ~joint.held
     known = [
         Information(
-            marginal(normal, here, free), covariance[np.ix_(here, here)], residuals,
+            marginal_information(normal, here, free), covariance[np.ix_(here, here)], residuals,
             int(free.sum()), free[here], independent,
         )
         for here in joint.entries

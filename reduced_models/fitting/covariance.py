@@ -19,7 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.diagnostics import autocorrelation_time, autoregression, spread_of
+from reduced_models.fitting.diagnostics import (
+    autocorrelation_time,
+    autoregression,
+    propagate_covariance,
+)
 from reduced_models.least_squares.joint_records import Entries, JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
@@ -124,7 +128,7 @@ def joint_covariance(
             spread[np.ix_(here, here)] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            spread[np.ix_(here, here)] += inflation * ratio * spread_of(slopes, series)
+            spread[np.ix_(here, here)] += inflation * ratio * propagate_covariance(slopes, series)
             still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
             memory = max(1.0, still / max(level, 1e-300))
             independent += len(left) / memory
@@ -166,7 +170,7 @@ def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarr
     return np.asarray((directions @ result @ directions.T) * np.outer(scale, scale))
 
 
-def marginal(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
+def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Information (p, p) on some entries of a search vector, the others that are free left open."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):

@@ -179,7 +179,7 @@ def _remembering(autoregression: Autoregression, count: int) -> Autoregression:
     )
 
 
-def spread_of(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
+def propagate_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
     """J' S J (p, p) for slopes J (n, p) and the covariance S of the residuals."""
     from scipy.fft import next_fast_len, rfft
 

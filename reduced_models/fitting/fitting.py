@@ -21,7 +21,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.fitting.assessment import models_of
+from reduced_models.fitting.assessment import make_models
 from reduced_models.fitting.history import checked_histories, is_history, with_histories
 from reduced_models.fitting.options import (
     STARTS,
@@ -32,16 +32,16 @@ from reduced_models.fitting.options import (
     check_names,
     check_options,
     fixed_values,
-    initial_of,
-    pairs_of,
+    initial_state,
+    parameter_bounds,
     starts_of,
 )
 from reduced_models.fitting.problem import (
     FitProblem,
     Intervals,
-    records_of,
+    as_records,
+    sample_weights,
     training_data,
-    weights_of,
 )
 from reduced_models.fitting.refinement import SearchResult, fine_grids, judge
 from reduced_models.fitting.search import search_fit
@@ -201,7 +201,7 @@ def fit(
     >>> round(model.at_rest.period, 4), round(model.at_rest.damping_ratio, 4)
     (0.288, 0.0367)
     """
-    records = records_of(record)
+    records = as_records(record)
     check_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = law_of(law, records[0], declared)
@@ -212,8 +212,8 @@ def fit(
     if drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
     shared, value = fixed_values(fix or {}, len(records))
-    pairs = pairs_of(chosen, bounds or {}, shared, value)
-    given = weights_of(records, weights, noise)
+    pairs = parameter_bounds(chosen, bounds or {}, shared, value)
+    given = sample_weights(records, weights, noise)
     problem = FitProblem(
         law=chosen,
         data=tuple(
@@ -224,7 +224,7 @@ def fit(
         own=tuple(dict.fromkeys((*own, *value[0]))),
         bounds=pairs,
         start=starts_of(chosen, start or {}),
-        initial={} if is_history(initial) else initial_of(chosen, initial),
+        initial={} if is_history(initial) else initial_state(chosen, initial),
         loss=loss,
         interpolation=input_interpolation or "spline",
         known_noise=noise is not None,
@@ -246,7 +246,7 @@ def fit(
         result = with_histories(result, histories)
     if drift:
         result = _drifting(result)
-    models = models_of(judge(result))
+    models = make_models(judge(result))
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
     return models

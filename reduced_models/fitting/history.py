@@ -24,7 +24,7 @@ from reduced_models.laws.law import Law
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.records.derivatives import local_cubics
-from reduced_models.records.inputs import TIME, column, column_names, drive_at
+from reduced_models.records.inputs import TIME, column, column_names, interpolate_inputs
 
 _NODES_A_SWING = 128
 _GAP = 1.5  # samples between a history and its record
@@ -117,5 +117,5 @@ def _at_the_end(
     motion = local_cubics(mapped.time, mapped.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else column(history, name) for name in law.inputs]
-    drive = drive_at(history.time, columns, motion[3])
+    drive = interpolate_inputs(history.time, columns, motion[3])
     return np.asarray(along(law, motion, drive)(np.array(values)[:, None])[1][:, 0])

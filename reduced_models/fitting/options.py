@@ -81,7 +81,7 @@ def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict
     return shared, entry
 
 
-def pairs_of(
+def parameter_bounds(
     law: Law,
     bounds: Bounds,
     fix: Mapping[str, float],
@@ -146,7 +146,7 @@ def starts_of(law: Law, start: Mapping[str, float]) -> dict[str, float]:
     return result
 
 
-def initial_of(law: Law, initial: object) -> dict[str, float]:
+def initial_state(law: Law, initial: object) -> dict[str, float]:
     """Given height, velocity and hidden states at the start by name; the rest is free.
 
     Raises

@@ -16,7 +16,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, MissingError
 from reduced_models.fitting.options import check_names
-from reduced_models.fitting.problem import records_of
+from reduced_models.fitting.problem import as_records
 from reduced_models.jax_setup import jax
 from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import Bounds
@@ -103,7 +103,7 @@ def posterior(
 
 def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
     """Return the records on their grids, and the fit."""
-    records = [entry.from_zero() for entry in records_of(record)]
+    records = [entry.from_zero() for entry in as_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")

@@ -177,7 +177,7 @@ def without_outliers(record: PistonRecord) -> PistonRecord:
     return dataclasses.replace(record, height=np.where(far, medians, height))
 
 
-def records_of(record: Any) -> list[PistonRecord]:
+def as_records(record: Any) -> list[PistonRecord]:
     """One record, or a sequence of them, as a list.
 
     Raises
@@ -200,7 +200,7 @@ def records_of(record: Any) -> list[PistonRecord]:
     )
 
 
-def weights_of(
+def sample_weights(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
     """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.

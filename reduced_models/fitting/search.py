@@ -25,10 +25,10 @@ from reduced_models.fitting.refinement import (
 )
 from reduced_models.fitting.start_values import (
     free_entries,
+    scale_unknowns,
     start_vectors,
     swing_draws,
     swing_unknowns,
-    unknowns_of,
     with_initial_state,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -99,7 +99,7 @@ def _search(
     """
     # First of all: a record with too many periods is refused before any search.
     fine_grids(problem)
-    unknowns = unknowns_of(problem.law, height_map, problem.leader)
+    unknowns = scale_unknowns(problem.law, height_map, problem.leader)
     entries = joint_entries(unknowns, len(problem.data), problem.own)
     edges = [
         theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data

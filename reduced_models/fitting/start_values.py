@@ -28,7 +28,7 @@ from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, sear
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
-from reduced_models.records.inputs import column, drive_at
+from reduced_models.records.inputs import column, interpolate_inputs
 
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
@@ -134,7 +134,7 @@ def _match_pairs(
     from scipy.optimize import least_squares
 
     z, v, a, nodes = local_cubics(record.time, record.height, guess.period, _NODES)
-    drive = drive_at(record.time, [column(record, name) for name in law.inputs], nodes)
+    drive = interpolate_inputs(record.time, [column(record, name) for name in law.inputs], nodes)
     field = compiled_field(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
@@ -185,7 +185,7 @@ def _hidden_starts(
     nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
     motion = local_cubics(record.time, record.height, guess.period, nodes)
     acceleration, times = motion[2:]
-    drive = drive_at(record.time, [column(record, name) for name in law.inputs], times)
+    drive = interpolate_inputs(record.time, [column(record, name) for name in law.inputs], times)
     carried = along(law, motion, drive)
     scale = max(float(np.abs(acceleration).max()), 1e-300)
     target = acceleration[:, None]
@@ -265,7 +265,7 @@ def _normal(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> N
     return normal
 
 
-def unknowns_of(law: Law, height_map: HeightMap | None, data: TrainingData) -> Unknowns:
+def scale_unknowns(law: Law, height_map: HeightMap | None, data: TrainingData) -> Unknowns:
     """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)

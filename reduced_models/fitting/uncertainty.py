@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from reduced_models.fitting.covariance import Information, marginal
+from reduced_models.fitting.covariance import Information, marginal_information
 from reduced_models.laws.linearization import JUMPS, NoSwing, cycles, rates_of, small_swing
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
@@ -156,7 +156,7 @@ def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> n
             # A value near zero is no measure of how well it is known; its unit is.
             relative[k] = value if abs(value) > _NEAR_ZERO else 1.0
     asked = np.flatnonzero(known.free[: len(names)])
-    left, relative = marginal(known.normal, asked, known.free), relative[asked]
+    left, relative = marginal_information(known.normal, asked, known.free), relative[asked]
     return np.asarray(left * np.outer(relative, relative)) / max(known.variance, 1e-300)
 
 

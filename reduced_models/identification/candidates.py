@@ -17,8 +17,8 @@ from reduced_models.discovery.terms import Term, library
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
-    map_of,
-    motion_of,
+    choose_map,
+    estimate_motion,
     weak_form,
 )
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -185,8 +185,8 @@ def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     """
     try:
         guess = first_guesses(record)
-        height_map = map_of([record], "auto")
-        weak = weak_form(motion_of(record, height_map, "savitzky-golay"))
+        height_map = choose_map([record], "auto")
+        weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.
         _, judge = score_subsets(weak, library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
     except (GranularError, np.linalg.LinAlgError):

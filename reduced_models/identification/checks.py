@@ -117,7 +117,7 @@ def further_runs(
     step, seeds = step_check(run), seed_checks(run)
     swings = [step.check, *seeds]
     lifts = [other] if lift and (other := held_out_lift(run.scene)) is not None else []
-    fall = None if period is None else fall_of(run, period)
+    fall = None if period is None else first_fall(run, period)
     falls = [] if fall is None else fall_checks(run, fall)
     records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
     failures = [record for record in records if isinstance(record, Failure)]
@@ -269,7 +269,7 @@ def _forced_end(run: Trajectory) -> float | None:
     return float(run.dataset["time"].values[-1])
 
 
-def fall_of(run: Trajectory, period: float) -> PistonRecord | None:
+def first_fall(run: Trajectory, period: float) -> PistonRecord | None:
     """Fall with which a run begins; None where it begins otherwise."""
     from granular.protocol.free import Free
 

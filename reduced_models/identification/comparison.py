@@ -19,7 +19,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import times
 from reduced_models.fitting.fitting import fit, law_of
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
-from reduced_models.fitting.problem import records_of
+from reduced_models.fitting.problem import as_records
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     Comparison,
@@ -90,7 +90,7 @@ def compare(
     >>> compare(record, ["linear", "quadratic-drag"]).rows[0].name
     'linear'
     """
-    records = records_of(record)
+    records = as_records(record)
     check_options(starts, test_fraction)
     laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
     if not laws:
@@ -105,7 +105,7 @@ def compare(
     return _rank(rows, sound)
 
 
-def judge_on(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
+def compare_on(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one

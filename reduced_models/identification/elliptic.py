@@ -27,7 +27,7 @@ _MOST_LOST = 0.5
 """Fraction of the amplitude that drag may take in the record; with more, no function is given."""
 
 
-def elliptic_motion_of(model: ReducedModel, duration: float) -> EllipticMotion | None:
+def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotion | None:
     """Elliptic motion that a Duffing law starts with in a record of so many seconds.
 
     None where it is a cosine, or drag takes too much of the amplitude for one function.
@@ -98,7 +98,7 @@ class Averaging(NamedTuple):
         )
 
 
-def averaging_of(model: ReducedModel, time: np.ndarray) -> Averaging | None:
+def average_elliptically(model: ReducedModel, time: np.ndarray) -> Averaging | None:
     """Elliptic averaging of a fitted law; None where none is known, or too few cycles are seen."""
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:

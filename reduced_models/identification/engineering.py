@@ -118,7 +118,7 @@ class Units:
     inertia: float
 
 
-def units_of(angle: bool, mass: float | None) -> Units:
+def engineering_units(angle: bool, mass: float | None) -> Units:
     """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
     if angle:
         return Units(
@@ -138,7 +138,7 @@ def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Q
     rest = model.at_rest
     if rest is None:
         return ()
-    units = units_of(angle, mass)
+    units = engineering_units(angle, mass)
     shortest, longest = rest.intervals["period"]
     fraction = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
     stiffness = units.inertia * (2.0 * math.pi / rest.period) ** 2
@@ -284,7 +284,7 @@ class Figure:
         return self.step_error is not None or self.seed_spread is not None
 
 
-def figures_of(model: ReducedModel) -> dict[str, Figure]:
+def rest_figures(model: ReducedModel) -> dict[str, Figure]:
     """Return rest height, period and damping ratio of a model; none where it has no rest."""
     if model.at_rest is None:
         return {}
@@ -292,7 +292,7 @@ def figures_of(model: ReducedModel) -> dict[str, Figure]:
     return {name: Figure(values[name], pair) for name, pair in model.at_rest.intervals.items()}
 
 
-def error_of(quantity: Quantity, figures: Mapping[str, Figure], which: str) -> str:
+def propagate_error(quantity: Quantity, figures: Mapping[str, Figure], which: str) -> str:
     """Error of a quantity that follows from rest, period and damping ratio, by a check.
 
     ``which`` is ``"step_error"`` or ``"seed_spread"``; empty where that is not known.
@@ -334,7 +334,7 @@ def swing_text(
 
 def _widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
     """Quantity whose interval is no narrower than its step error and scatter."""
-    errors = [error_of(quantity, figures, name) for name in ("step_error", "seed_spread")]
+    errors = [propagate_error(quantity, figures, name) for name in ("step_error", "seed_spread")]
     wide = max([0.5 * (quantity.high - quantity.low), *(float(error) for error in errors if error)])
     return quantity._replace(low=quantity.value - wide, high=quantity.value + wide)
 

@@ -17,9 +17,9 @@ from granular.shared.messages import quote, visible
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checks import check_figures, further_runs
-from reduced_models.identification.comparison import compare, judge_on, law_name
+from reduced_models.identification.comparison import compare, compare_on, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.engineering import figures_of
+from reduced_models.identification.engineering import rest_figures
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -152,7 +152,7 @@ def identify(
         models=models,
         comparison=comparison,
         run=run,
-        figures=figures_of(shown),
+        figures=rest_figures(shown),
         figures_law=shown.law.name,
         notes=_notes(record, run, comparison, models),
         seconds=dict(clock.seconds),
@@ -233,10 +233,10 @@ def _check_by_runs(
     checks = further_runs(run, period, executor, progress, lift=len(result.models) > 1)
     comparison, model, figures = result.comparison, result.shown, result.figures
     if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
-        comparison = judge_on(comparison, [checks.lift])
+        comparison = compare_on(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
-        figures = figures_of(model)
+        figures = rest_figures(model)
     figures, failed = check_figures(figures, model, result.record, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
     notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)

@@ -21,11 +21,11 @@ from reduced_models.identification.engineering import (
     Quantity,
     cycles_at_amplitudes,
     decimals,
-    error_of,
+    engineering_units,
     format_fixed,
     format_interval,
+    propagate_error,
     swing_words,
-    units_of,
 )
 from reduced_models.identification.pictures import downsampled
 from reduced_models.identification.residual_tests import ResidualTests
@@ -92,7 +92,7 @@ def add_engineering(
         [*header, "step error", "scatter"] if checks else header,
         [
             (figure.name, figure.symbol, figure.text, figure.interval,
-             *(error_of(figure, figures, name) for name in checks))
+             *(propagate_error(figure, figures, name) for name in checks))
             for figure in quantities
         ],
     )  # fmt: skip
@@ -110,7 +110,7 @@ def add_engineering(
     cycles = cycles_at_amplitudes(model, heights)
     if len(cycles) < 2:
         return
-    units = units_of(model.angle, mass)
+    units = engineering_units(model.angle, mass)
     page.text("How they change with amplitude, in harmonic cycles about rest:")
     page.table(
         (f"amplitude [{units.length}]", "frequency [Hz]", "damping ratio [%]",
@@ -280,8 +280,8 @@ def add_falls(page: Page, falls: DropScores) -> None:
     page.text(
         "Each law was fitted to the scene's own fall, and predicts the others from the height at "
         "which the piston is released, without anything else of them. Errors are root mean squares "
-        "over the height of the drop. How far a bed from another random start falls otherwise is what "
-        "no law can tell."
+        "over the height of the drop. How far a bed from another random start falls otherwise is "
+        "what no law can tell."
     )
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]

@@ -19,9 +19,9 @@ from reduced_models.identification import pictures
 from reduced_models.identification.comparison_table import Comparison, best_text
 from reduced_models.identification.elliptic import (
     Averaging,
-    averaging_of,
-    elliptic_motion_of,
+    average_elliptically,
     elliptic_text,
+    solve_elliptic_motion,
 )
 from reduced_models.identification.engineering import (
     Figure,
@@ -29,9 +29,9 @@ from reduced_models.identification.engineering import (
     amplitude_text,
     cycles_at_amplitudes,
     engineering,
+    engineering_units,
     swing_text,
     swing_words,
-    units_of,
 )
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
@@ -111,7 +111,7 @@ class Identification:
     def elliptic(self) -> EllipticMotion | None:
         """The elliptic motion of the fitted Duffing law; None where another law is better."""
         model = self.comparison.model_as_good(DUFFING.name)
-        return None if model is None else elliptic_motion_of(model, self._duration)
+        return None if model is None else solve_elliptic_motion(model, self._duration)
 
     @property
     def _duration(self) -> float:
@@ -121,7 +121,7 @@ class Identification:
     @functools.cached_property
     def averaging(self) -> Averaging | None:
         """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
-        return averaging_of(self.best, self.record.time)
+        return average_elliptically(self.best, self.record.time)
 
     @property
     def engineering(self) -> tuple[Quantity, ...]:
@@ -154,8 +154,8 @@ class Identification:
         best, angle = self.comparison.rows[0], self.record.angle
         swing = swing_text(self.engineering, self.figures, angle, self.mass)
         cycles = cycles_at_amplitudes(self.shown, self.record.height)
-        words = f"{swing} {best_text(best)}{amplitude_text(cycles, units_of(angle, self.mass))}"
-        return words if self.falls is None else f"{self.falls.verdict} {words}"
+        words = f"{swing} {best_text(best)}{amplitude_text(cycles, engineering_units(angle,
+        self.mass))}" return words if self.falls is None else f"{self.falls.verdict} {words}"
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""

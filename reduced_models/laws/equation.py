@@ -86,7 +86,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     import sympy
 
     law = f"the law {quote(equation)}"
-    trees = trees_of(equation)
+    trees = parse_law_formulas(equation)
     if TIME in trees.names and TIME not in (*inputs, *trees.hidden):
         inputs = (*inputs, TIME)
     for name in inputs:
@@ -119,7 +119,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     )  # fmt: skip
 
 
-def trees_of(equation: str) -> Trees:
+def parse_law_formulas(equation: str) -> Trees:
     """Formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
@@ -207,7 +207,7 @@ def compiled_field(
     """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
     parsed = parse(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
-    return algebra.function_of(parsed.arguments, rates, modules)
+    return algebra.compile_function(parsed.arguments, rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -224,10 +224,10 @@ def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
     states = list(real.values())[: 2 + len(parsed.hidden)]
-    return jacobian_of(rates, states, list(real.values()))
+    return jacobian_function(rates, states, list(real.values()))
 
 
-def jacobian_of(
+def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
     """Return the derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
@@ -247,7 +247,7 @@ def jacobian_of(
         ]
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
-    function = algebra.function_of(
+    function = algebra.compile_function(
         arguments, [rate.diff(item) for rate in rates for item in by], names
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.laws.equation import TIME_WORD, Parsed, parse, trees_of
+from reduced_models.laws.equation import TIME_WORD, Parsed, parse, parse_law_formulas
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Law:
     def __post_init__(self) -> None:
         # A law that names the time has it as an input that every record knows.
         if TIME not in self.inputs and TIME_WORD.search(self.equation):
-            trees = trees_of(self.equation)
+            trees = parse_law_formulas(self.equation)
             if TIME in trees.names and TIME not in trees.hidden:
                 object.__setattr__(self, "inputs", (*self.inputs, TIME))
 
@@ -195,7 +195,7 @@ def law_from_text(
     InputError
         If the text is no equation, has no parameter, or a name that looks like something else.
     """
-    trees = trees_of(equation)
+    trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
     for name in formulas.constants(*trees.all):
         if name in columns:

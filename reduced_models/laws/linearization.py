@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.equation import compiled_field, compiled_jacobian, jacobian_of
+from reduced_models.laws.equation import compiled_field, compiled_jacobian, jacobian_function
 from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
@@ -88,10 +88,10 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
 
 def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     """Small swing of an equation in z(t) with numbers for all parameters; see `small_swing`."""
-    from granular.formulas.algebra import function_of
+    from granular.formulas.algebra import compile_function
 
-    rate, state = acceleration_of(equation)
-    force, slopes = function_of(state, rate), jacobian_of([rate], state, state)
+    rate, state = acceleration_expression(equation)
+    force, slopes = compile_function(state, rate), jacobian_function([rate], state, state)
     return _found_or_jump(
         lambda state: np.array([force(*state)], dtype=float),
         lambda state: slopes(*state),
@@ -99,7 +99,7 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     )
 
 
-def acceleration_of(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
+def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
     """Acceleration by an equation in z(t), and the symbols of z and z'; all others are zero."""
     import sympy
 
@@ -223,10 +223,10 @@ def rates_of(law: Law, values: Sequence[Any]) -> Rates:
 
 def rates_of_equation(equation: sympy.Eq) -> Rates:
     """Rate of an equation in z(t) with numbers for all parameters."""
-    from granular.formulas.algebra import function_of
+    from granular.formulas.algebra import compile_function
 
-    rate, state = acceleration_of(equation)
-    return function_of(state, [rate])
+    rate, state = acceleration_expression(equation)
+    return compile_function(state, [rate])
 
 
 def cycles(

@@ -16,7 +16,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.theory import FEWEST
-from reduced_models.machines.response import RANGE, CoupledSystem, response_of
+from reduced_models.machines.response import RANGE, CoupledSystem, solve_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,7 +100,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     own = math.sqrt(body.stiffness / body.mass) / math.tau
     frequencies = [float(own * ratio) for ratio in _COARSE]
     tried = [
-        (response_of(CoupledSystem.of(scene), frequencies, excitation.force), scene)
+        (solve_response(CoupledSystem.of(scene), frequencies, excitation.force), scene)
         for scene in _candidates(host, excitation, limit)
     ]
     if not tried:
@@ -109,7 +109,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
         )
     _, best = min(tried, key=lambda pair: pair[0].peak)
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
-    response = response_of(CoupledSystem.of(best), fine, excitation.force)
+    response = solve_response(CoupledSystem.of(best), fine, excitation.force)
     assert best.piston is not None
     mass = (best.piston.mass or 0.0) + float(best.grains.masses().sum())
     alone_host = Host(bodies=host.bodies, excitation=excitation)

@@ -29,7 +29,7 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.theory import POWER, moving_mass, parameters_of
+from reduced_models.falls.theory import POWER, bed_parameters, moving_mass
 from reduced_models.laws.annealing_bed import (
     HARDENING,
     MODULUS,
@@ -107,7 +107,7 @@ class CoupledSystem(NamedTuple):
                 "the law is coupled to such a one"
             )
         still = scene.replace(**{"effects.host": "none"})
-        parameters = parameters_of(still)
+        parameters = bed_parameters(still)
         assert piston is not None
         assert piston.mass is not None
         gravity = scene.effects.gravity
@@ -182,7 +182,9 @@ def rates_of(law: CoupledSystem, force: float, state: Array, rates: Array) -> No
 
 
 @entry
-def swing_of(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
+def squared_amplitudes(
+    law: CoupledSystem, force: float, omega: float, steps: int, last: int
+) -> Array:
     """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
 
     Parameters
@@ -279,7 +281,7 @@ def predicted_response(
     law = CoupledSystem.of(scene)
     if force is None:
         force = _force_of(host)
-    response = response_of(law, frequencies, force)
+    response = solve_response(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
     stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
     outside = not RANGE[0] <= stroke <= RANGE[1]
@@ -300,7 +302,7 @@ def _force_of(host: Host | None) -> float:
     return force
 
 
-def response_of(
+def solve_response(
     law: CoupledSystem, frequencies: Sequence[float], force: float
 ) -> PredictedResponse:
     """As `predicted_response`, of given numbers, and without a range."""
@@ -309,7 +311,7 @@ def response_of(
         periods = max(math.ceil(SETTLING * frequency), 10)
         last = max(math.floor(MEASURED * SETTLING * frequency), 4)
         pairs.append(
-            swing_of(
+            squared_amplitudes(
                 law, force, math.tau * frequency, periods * STEPS_A_PERIOD, last * STEPS_A_PERIOD
             )
         )

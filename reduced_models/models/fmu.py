@@ -18,7 +18,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from granular.shared.errors import InputError
-from granular.shared.files import replacing
+from granular.shared.files import replace_when_written
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.source_code import ExportParts, c_source, export_parts
@@ -45,7 +45,7 @@ def write_fmu(model: FittedLaw, path: str | Path) -> None:
     source = f'{plain}\n#define MODEL_GUID "{guid}"\n\n{wrapper}'
     folder, ending, library = _compiled(source)
     with (
-        replacing(Path(path), overwrite=True) as part,
+        replace_when_written(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
     ):
         file.writestr("modelDescription.xml", _description(model, parts, guid))

@@ -86,15 +86,15 @@ def drive_on_grid(
     if how == "previous" and columns:
         # All of a step lies in the interval of its middle.
         middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
-        held = drive_at(record.time, columns, middle, how)
+        held = interpolate_inputs(record.time, columns, middle, how)
         result = np.repeat(held[:, None], len(STAGE_TIMES), axis=1)
         for index in (k for k, name in enumerate(names) if name == TIME):
             result[:, :, index] = nodes
         return result
-    return drive_at(record.time, columns, nodes, how)
+    return interpolate_inputs(record.time, columns, nodes, how)
 
 
-def drive_at(
+def interpolate_inputs(
     time: np.ndarray, columns: list[np.ndarray], times: np.ndarray, how: Interpolation = "spline"
 ) -> np.ndarray:
     """Columns that are known at ``time`` (n,), at other ``times`` (...): (..., columns)."""

@@ -15,7 +15,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.messages import visible
 from reduced_models.records.first_guesses import noise_level
-from reduced_models.records.release import part_from, release, words
+from reduced_models.records.release import release, tail_from, words
 from reduced_models.records.sources import has_times
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
         raise RecordError(f"{visible(path)}: {error}") from None
     if not has_times(path, options) and (start := release(record)):
         meaning = dataclasses.replace(meaning, notes=(*meaning.notes, words(record, start)))
-        record = part_from(record, start)
+        record = tail_from(record, start)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0

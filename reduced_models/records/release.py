@@ -71,10 +71,10 @@ def from_release(record: PistonRecord) -> PistonRecord:
     if start == 0:
         return record
     warnings.warn(words(record, start), RecordWarning, stacklevel=2)
-    return part_from(record, start)
+    return tail_from(record, start)
 
 
-def part_from(record: PistonRecord, start: int) -> PistonRecord:
+def tail_from(record: PistonRecord, start: int) -> PistonRecord:
     """Record from a sample on."""
     return record.between(float(record.time[start]), math.inf)
 

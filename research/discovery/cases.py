@@ -125,8 +125,8 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
 def _text(law: sympy.Expr, height_map: HeightMap) -> str:
     import sympy
 
-    from reduced_models.discovery.terms import text_of
+    from reduced_models.discovery.terms import term_text
 
     numbers = {one: sympy.Float(one, 4) for one in law.atoms(sympy.Float)}
-    text = f"z'' = {text_of(law.xreplace(numbers))}"
+    text = f"z'' = {term_text(law.xreplace(numbers))}"
     return text if height_map == HeightMap() else f"{text}, {height_map}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.discovery.terms import terms_of
+from reduced_models.discovery.terms import split_terms
 from reduced_models.laws.height_map import HeightMap
 from research.discovery.systems import (
     System,
@@ -56,7 +56,7 @@ def worth(
 def _is_exact(law: sympy.Expr, system: System, height_map: HeightMap) -> bool:
     if height_map.shift != 0.0:
         return False
-    terms = terms_of(law)
+    terms = split_terms(law)
     return terms is not None and frozenset(one.text for one in terms) in right_structures(system)
 
 

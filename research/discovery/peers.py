@@ -20,7 +20,7 @@ import numpy as np
 from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import library_terms
-from reduced_models.discovery.terms import AnyTerm, sum_of, symbols
+from reduced_models.discovery.terms import AnyTerm, join_terms, symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 
@@ -114,7 +114,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
     row = np.asarray(model.coefficients())[1]
     if named:
         kept = [(term, float(value)) for term, value in zip(terms, row, strict=True) if value]
-        return sum_of([term for term, _ in kept], [value for _, value in kept])
+        return join_terms([term for term, _ in kept], [value for _, value in kept])
     return _polynomial(model, row)
 
 

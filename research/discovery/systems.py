@@ -15,7 +15,7 @@ from granular.formulas import algebra
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.terms import read_terms, symbols, terms_of
+from reduced_models.discovery.terms import read_terms, split_terms, symbols
 
 if TYPE_CHECKING:
     import sympy
@@ -128,7 +128,7 @@ def right_structures(system: System) -> tuple[frozenset[str], ...]:
 
 
 def _texts(term: str) -> list[str]:
-    found = terms_of(read_terms([term], INPUT)[0])
+    found = split_terms(read_terms([term], INPUT)[0])
     assert found is not None
     return [one.text for one in found]
 
@@ -189,7 +189,7 @@ def solved(
 
     z, v, u = symbols()
     smooth = law.replace(sympy.sign, lambda inner: sympy.tanh(STEEPNESS * inner))
-    field = algebra.function_of((z, v, u), smooth)
+    field = algebra.compile_function((z, v, u), smooth)
     calls = 0
 
     def rates(t: float, state: np.ndarray) -> list[float]:

@@ -12,7 +12,7 @@ from granular.scene.dryness import is_coarse
 from granular.shared.result_cache import ResultCache
 from research.campaign import Plain, made_now
 from research.published.calculations import kept
-from research.published.figures import Figures, figures_of
+from research.published.figures import Figures, rest_figures
 from research.published.plan import Group
 from research.published.reference import Reference, agrees, reference
 from research.published.results import Results, sittings_of
@@ -153,7 +153,7 @@ def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path)
     name = f"{key}-{_code_of_figures()}"
     figures: Figures | None = cache.read(name)
     if figures is None:
-        figures = figures_of(outcome["figures"], series.scene(seed))
+        figures = rest_figures(outcome["figures"], series.scene(seed))
         cache.keep(name, figures)
     wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
     return {

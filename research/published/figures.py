@@ -38,7 +38,7 @@ SMOOTHED = 9
 """Samples over which a course is smoothed to see what is rough in it."""
 
 
-def figures_of(record: Mapping[str, Any], scene: Scene) -> Figures:
+def rest_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
     """The figures of a bed or a damper.
 
     Parameters

@@ -10,7 +10,7 @@ from research.published.causes import words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
 from research.published.falls import words_on_falls
 from research.published.judging import Judged, counts, judged, said
-from research.published.page import FIRST, words_of
+from research.published.page import FIRST, describe_fields
 from research.published.plan import (
     ASPECTS,
     GAMMAS,
@@ -64,7 +64,7 @@ def _counts(results: Results) -> str:
     sentences = [
         f"Of {len(rows)} entries, of {sum(1 for _ in keys())} published numbers: {said(rows)}.",
         f"Of {sum(counted_statements(results).values())} statements: "
-        f"{words_of(counted_statements(results))}.",
+        f"{describe_fields(counted_statements(results))}.",
         f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "
         f"{series['stale']} stale; of {series['stopped']} every start was stopped, for lists so "
         "short that they lose pairs do not keep the energy. "

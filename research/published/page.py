@@ -102,12 +102,12 @@ def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
         f"{len(rows)} published numbers: {said(rows)}. {series['whole']} of "
         f"{series['planned']} series are run whole, by today's code; {series['stopped']} were "
         f"stopped in every start, {series['stale']} are stale. "
-        f"Statements: {words_of(counted_statements(shown))}."
+        f"Statements: {describe_fields(counted_statements(shown))}."
     )
     return words if quick is None else f"{words} This quick run: {said(judged(quick))}."
 
 
-def words_of(numbers: dict[str, int]) -> str:
+def describe_fields(numbers: dict[str, int]) -> str:
     """Counts as words."""
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
@@ -274,7 +274,7 @@ def _mattering(one: ChangedFigure) -> str:
 
 def _state(made: Page, results: Results) -> None:
     made.section("State of the series")
-    made.text(f"{words_of(counted(results))}.")
+    made.text(f"{describe_fields(counted(results))}.")
     rows = [
         (key, _word(one),
          one["step"] + (" (de Paula's scheme)" if one["coarse"] else ""),

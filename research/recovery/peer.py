@@ -14,7 +14,7 @@ from granular.run.record import PistonRecord
 from granular.shared.result_cache import digest
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import training_data
-from reduced_models.fitting.start_values import start_vectors, unknowns_of
+from reduced_models.fitting.start_values import scale_unknowns, start_vectors
 from reduced_models.laws.equation import compiled_field
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -89,7 +89,7 @@ class Problem(NamedTuple):
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """The first of the random starts that ``fit(record, law)`` searches from."""
     data = training_data(record, TEST_FRACTION)
-    unknowns = unknowns_of(law, HeightMap(), data)
+    unknowns = scale_unknowns(law, HeightMap(), data)
     random = np.random.default_rng(0)
     found = start_vectors(unknowns, data, STARTS, random)
     return Problem(record, unknowns, found[:starts])

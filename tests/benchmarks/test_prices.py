@@ -70,7 +70,7 @@ def test_what_was_measured_is_taken_up_again(
 
 def test_scenes_of_the_table_are_of_their_kinds() -> None:
     scenes = priced_scenes()
-    assert {stored.kind_of(one.scene) for one in scenes} == {"friction", "drag"}
+    assert {stored.damping_kind(one.scene) for one in scenes} == {"friction", "drag"}
     assert len({str(one.key) for one in scenes}) == len(scenes)
 
 

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 import granular.engine.ledger
 import granular.engine.step
 from granular import Scene, load_scene, simulate
-from granular.effects.excitation import Excitation, excitation_at
+from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 
@@ -107,7 +107,7 @@ def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
 
     def rate(t: float, y: np.ndarray, first: float, last: float) -> list[float]:
         inside = min(max(t, first + 1e-9), last - 1e-9)
-        force = size * excitation_at(natural, inside / scales.time)
+        force = size * evaluate_excitation(natural, inside / scales.time)
         return [y[1], (force - stiffness * y[0] - damping * y[1]) / mass]
 
     state = np.zeros(2)

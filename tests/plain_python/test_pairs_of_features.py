@@ -83,7 +83,7 @@ def refused(row: Row) -> bool:
     return any(one.items() <= row.items() for one, _ in REFUSED)
 
 
-def pairs_of(row: Row) -> set[tuple[Any, ...]]:
+def parameter_bounds(row: Row) -> set[tuple[Any, ...]]:
     return {(a, row[a], b, row[b]) for a, b in itertools.combinations(FACTORS, 2)}
 
 
@@ -105,16 +105,16 @@ def table_of_pairs(seed: int) -> list[Row]:
             row |= {a: one, b: other}
             if not refused(row):
                 drawn.append(row)
-        rows.append(max(drawn, key=lambda row: len(pairs_of(row) & missing)))
-        missing -= pairs_of(rows[-1])
+        rows.append(max(drawn, key=lambda row: len(parameter_bounds(row) & missing)))
+        missing -= parameter_bounds(rows[-1])
     return [cheaper(row, rows) for row in rows]
 
 
 def cheaper(row: Row, rows: list[Row]) -> Row:
     """The row, changed in its place to what takes less time where no pair is lost by that."""
     for name in ("resumed", "threads", "size"):
-        held = Counter(pair for one in rows for pair in pairs_of(one))
-        if all(held[pair] > 1 for pair in pairs_of(row) if name in pair):
+        held = Counter(pair for one in rows for pair in parameter_bounds(one))
+        if all(held[pair] > 1 for pair in parameter_bounds(row) if name in pair):
             row[name] = FACTORS[name][0]
     return row
 
@@ -266,7 +266,7 @@ def check(row: Row, sizes: tuple[int, int], out: Path) -> None:
 
 @pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 def test_the_table_holds_every_pair_that_is_not_refused() -> None:
-    held = set().union(*map(pairs_of, ROWS))
+    held = set().union(*map(parameter_bounds, ROWS))
     for a, b in itertools.combinations(FACTORS, 2):
         for one, other in itertools.product(FACTORS[a], FACTORS[b]):
             assert ((a, one, b, other) in held) != refused({a: one, b: other})

@@ -19,8 +19,8 @@ from validation.overview import (
     effect_table,
     overview_tasks,
     plan_runs,
-    quantities_of,
     show_overview,
+    suitable_quantities,
 )
 from validation.report import page, section_text, summary
 from validation.runner import measure
@@ -41,10 +41,10 @@ def result(holds: bool) -> list[dict[str, object]]:
 
 
 def test_quantities_follow_the_stages(bed: Scene, damper: Scene) -> None:
-    assert quantities_of(damper) == ("rest height", "period", "damping ratio", "energy")
-    assert quantities_of(bed) == ("piston force", "mean distance", "energy")
+    assert suitable_quantities(damper) == ("rest height", "period", "damping ratio", "energy")
+    assert suitable_quantities(bed) == ("piston force", "mean distance", "energy")
     alone = bed.replace(**{"piston": None, "effects.walls.top": None})
-    assert quantities_of(alone) == ("energy", "positions")
+    assert suitable_quantities(alone) == ("energy", "positions")
 
 
 def test_advice_is_a_row_a_quantity() -> None:

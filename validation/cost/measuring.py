@@ -113,7 +113,7 @@ def work_precisions(
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
     scenes = starts_of(scene, seeds)
-    truth = truths(scenes, chosen, references or [None] * len(chosen), until)
+    truth = reference_values(scenes, chosen, references or [None] * len(chosen), until)
     rows = [
         points(scenes, chosen, quantity, truth, until, repeats)
         for quantity in wanted
@@ -121,7 +121,7 @@ def work_precisions(
     ]
     outside = [quantity for quantity in wanted if quantity.outside]
     return tuple(
-        study_of(
+        make_study(
             scene, quantity, until,
             [
                 *(row[k] for row in rows),
@@ -133,7 +133,7 @@ def work_precisions(
     )  # fmt: skip
 
 
-def study_of(
+def make_study(
     scene: Scene,
     quantity: MeasuredQuantity,
     until: float | None,
@@ -177,7 +177,7 @@ def varies(scene: Scene) -> bool:
     )
 
 
-def truths(
+def reference_values(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],

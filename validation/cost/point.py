@@ -53,7 +53,7 @@ USUAL = ("stormer-verlet", "auto")
 
 
 @cache
-def certainty(starts: int) -> float:
+def bound_factor(starts: int) -> float:
     """Return the standard errors to add to a mean for a bound: two, more for few starts.
 
     By Student's distribution, since the scatter is estimated from the same starts; 0 for one start,
@@ -99,12 +99,12 @@ class Point:
     @property
     def bound(self) -> float:
         """Upper bound of the error, as far as the starts tell."""
-        return self.error + certainty(self.starts) * self.doubt
+        return self.error + bound_factor(self.starts) * self.doubt
 
     @property
     def least(self) -> float:
         """Lower bound of the error."""
-        return max(0.0, self.error - certainty(self.starts) * self.doubt)
+        return max(0.0, self.error - bound_factor(self.starts) * self.doubt)
 
 
 def cost(point: Point) -> tuple[float, float]:
@@ -193,16 +193,16 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
     own = [point for point in points if not point.setting.outside]
     if tolerance < FLOORS * floor:
         best = min(
-            (point for fam in families(own).values() for point in unbiased(fam)),
+            (point for fam in families(own).values() for point in resolved_points(fam)),
             key=cost,
             default=None,
         )
         return Advice(tolerance, best, starts_for(floor, tolerance), floor)
-    sound = [point for fam in families(own).values() for point in holding(fam, tolerance)]
+    sound = [point for fam in families(own).values() for point in accurate_points(fam, tolerance)]
     return Advice(tolerance, min(sound, key=cost, default=None), 1, floor)
 
 
-def holding(family: Sequence[Point], tolerance: float) -> list[Point]:
+def accurate_points(family: Sequence[Point], tolerance: float) -> list[Point]:
     """Points of a family that are accurate to a tolerance, and not so by luck.
 
     The error's bound must be within the tolerance, and no point of the family with more steps may
@@ -217,7 +217,7 @@ def holding(family: Sequence[Point], tolerance: float) -> list[Point]:
     return result
 
 
-def unbiased(family: Sequence[Point]) -> list[Point]:
+def resolved_points(family: Sequence[Point]) -> list[Point]:
     """Points of a family whose errors, and all finer ones', cannot be told from nought."""
     result = []
     for point in reversed(family):

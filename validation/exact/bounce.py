@@ -26,7 +26,7 @@ from validation.exact.problem import (
     Snapshot,
     lone_scene,
     natural_units,
-    start_of,
+    start_state,
 )
 from validation.exact.quadrature import Potential, period, position_from_top, speed
 
@@ -89,7 +89,7 @@ def well(scene: Scene) -> Well:
     def potential(y: Number) -> Number:
         return y ** mpf(-2.5) / 5 + weight * y
 
-    start = mpf(start_of(scene)[0][1]) / units.length
+    start = mpf(start_state(scene)[0][1]) / units.length
     rest = (1 / (2 * weight)) ** (mpf(2) / 7)
     # The other turning point lies as far beyond the place of rest, to first order.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
@@ -120,6 +120,6 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return Snapshot(
-            np.array([[start_of(scene)[0][0], float(position * well_.length)]]),
+            np.array([[start_state(scene)[0][0], float(position * well_.length)]]),
             np.array([[0.0, float(velocity * well_.velocity)]]),
         )

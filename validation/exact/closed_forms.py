@@ -14,7 +14,7 @@ from validation.exact.problem import (
     Snapshot,
     lone_scene,
     natural_units,
-    start_of,
+    start_state,
 )
 
 # Free fall --------------------------------------------------------------------------------------
@@ -38,7 +38,7 @@ def _falling_grain(scene: Scene, time: float) -> Snapshot:
     assert scene.effects.gravity is not None
     with workdps(DIGITS):
         t, g = mpf(time), mpf(scene.effects.gravity.acceleration)
-        (x, y), (vx, vy) = start_of(scene)
+        (x, y), (vx, vy) = start_state(scene)
         return Snapshot(
             np.array([[float(mpf(x) + mpf(vx) * t), float(mpf(y) + mpf(vy) * t - g * t * t / 2)]]),
             np.array([[vx, float(mpf(vy) - g * t)]]),
@@ -75,7 +75,7 @@ def _dragged_grain(scene: Scene, time: float) -> Snapshot:
         rate = mpf(scene.effects.drag.coefficient) / natural_units(scene.grains).mass
         factor = -expm1(-rate * mpf(time)) / rate
         left = exp(-rate * mpf(time))
-        start, speed = start_of(scene)
+        start, speed = start_state(scene)
         positions = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
         return Snapshot(
             np.array([[float(q) for q in positions]]),
@@ -118,7 +118,7 @@ def _slid(scene: Scene, time: float) -> Snapshot:
     assert friction is not None
     with workdps(DIGITS):
         loss = mpf(friction.dynamic) * mpf(friction.load) / natural_units(scene.grains).mass
-        start, velocity = start_of(scene)
+        start, velocity = start_state(scene)
         speed = sqrt(sum(mpf(v) ** 2 for v in velocity))
         late = min(mpf(time), speed / loss)
         distance = (speed - loss * late / 2) * late
@@ -134,5 +134,5 @@ def stopping_time(scene: Scene) -> float:
     """Time at which a sliding grain stops, t_s [s]."""
     assert scene.effects.friction is not None
     law = scene.effects.friction
-    speed = math.hypot(*start_of(scene)[1])
+    speed = math.hypot(*start_state(scene)[1])
     return speed * float(natural_units(scene.grains).mass) / (law.dynamic * law.load)

@@ -19,7 +19,7 @@ from validation.exact.problem import (
     Snapshot,
     lone_scene,
     natural_units,
-    start_of,
+    start_state,
 )
 from validation.exact.quadrature import position_after_turning, time_from_turning
 
@@ -61,7 +61,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
     assert move.duration is not None
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height, (x, y) = mpf(scene.piston.height), start_of(scene)[0]
+        height, (x, y) = mpf(scene.piston.height), start_state(scene)[0]
         down = (height - mpf(move.to)) / mpf(move.duration)
         start, speed = (height - mpf(y)) / units.length, down / units.velocity
 

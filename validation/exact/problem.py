@@ -147,7 +147,7 @@ BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 """Walls of a scene where only the bottom repels."""
 
 
-def start_of(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
+def start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
     """Position [m] and velocity [m/s] that a grain starts with."""
     plan = scene.arrangement
     assert plan.positions is not None

@@ -24,7 +24,7 @@ from validation.exact.problem import (
     Snapshot,
     lone_scene,
     natural_units,
-    start_of,
+    start_state,
 )
 from validation.exact.quadrature import (
     Potential,
@@ -81,7 +81,7 @@ def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
-    (first, slow), (second, fast) = start_of(scene, 0), start_of(scene, 1)
+    (first, slow), (second, fast) = start_state(scene, 0), start_state(scene, 1)
     x, y = ((mpf(b) - mpf(a)) / units.length for a, b in zip(first, second, strict=True))
     vx, vy = ((mpf(b) - mpf(a)) / units.velocity for a, b in zip(slow, fast, strict=True))
     momentum = x * vy - y * vx
@@ -137,7 +137,7 @@ def _grains(
     from mpmath import mpf
 
     positions, velocities = np.empty((2, 2)), np.empty((2, 2))
-    starts = [start_of(scene, grain) for grain in (0, 1)]
+    starts = [start_state(scene, grain) for grain in (0, 1)]
     for axis in range(2):
         start = sum(mpf(position[axis]) for position, _ in starts) / 2
         drift = sum(mpf(velocity[axis]) for _, velocity in starts) / 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.compiled.dispatch import by_law, greatest_over, last_with, sum_over
+from granular.compiled.dispatch import by_law, call_last, greatest_over, sum_over
 
 
 class Quiet(NamedTuple):
@@ -62,7 +62,7 @@ LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
 WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
 
 forward, backward = sum_over("act", "values"), sum_over("act", "values", backward=True)
-greatest, last = greatest_over("reach", "at"), last_with("act", "values", _silent)
+greatest, last = greatest_over("reach", "at"), call_last("act", "values", _silent)
 chosen = by_law("nothing", "at", _without)
 
 

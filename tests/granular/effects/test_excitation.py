@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.effects.excitation import Excitation, excitation_at
+from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError
 from granular.shared.errors import RecordWarning
 
-AT = entry(excitation_at)
+AT = entry(evaluate_excitation)
 SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
 
 

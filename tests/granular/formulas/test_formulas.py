@@ -9,7 +9,7 @@ import pytest
 
 from granular import formulas
 from granular.formulas import Applied, FormulaError, Name, Number, parse
-from granular.formulas.algebra import expression, function_of
+from granular.formulas.algebra import compile_function, expression
 
 
 def value(text: str, **given: float) -> float:
@@ -17,7 +17,7 @@ def value(text: str, **given: float) -> float:
     import sympy
 
     symbols = [sympy.Symbol(name) for name in given]
-    return float(function_of(symbols, expression(parse(text)))(*given.values()))
+    return float(compile_function(symbols, expression(parse(text)))(*given.values()))
 
 
 READ = {
@@ -230,7 +230,7 @@ def test_a_formula_as_large_as_allowed_is_soon_ready() -> None:
         found = sympy.expand(expression(parse(text)))
         z = sympy.Symbol("z")
         arguments = sorted(found.free_symbols, key=str)
-        function = function_of(arguments, [found, found.diff(z)])
+        function = compile_function(arguments, [found, found.diff(z)])
         assert np.isfinite(function(*np.full(len(arguments), 0.5))).all()
 
 
@@ -240,7 +240,7 @@ def test_every_function_compiles() -> None:
     x, y = sympy.symbols("x y")
     for name, function in formulas.FUNCTIONS.items():
         text = f"{name}(0.3*x)" if function.most == 1 else f"{name}(x, 0.2, y)"
-        compiled = function_of([x, y], [expression(parse(text))])
+        compiled = compile_function([x, y], [expression(parse(text))])
         operands = (0.15,) if function.most == 1 else (0.5, 0.2, 0.1)
         found = compiled(np.array([0.5, 0.5]), np.array([0.1, 0.1]))[0]
         np.testing.assert_allclose(found, function.value(*operands), rtol=1e-12)
@@ -251,7 +251,7 @@ def test_the_greater_of_two_has_the_slope_of_the_greater() -> None:
 
     x, y = sympy.symbols("x y", real=True)
     slope = expression(parse("max(x, y)*min(x, 2)"), {"x": x, "y": y}).diff(x)
-    compiled = function_of([x, y], slope)
+    compiled = compile_function([x, y], slope)
     assert compiled(1.0, 3.0) == 3.0
     assert compiled(4.0, 3.0) == 2.0
     assert compiled(2.5, 3.0) == 0.0

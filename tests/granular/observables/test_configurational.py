@@ -8,7 +8,7 @@ import pytest
 from granular import load_scene
 from granular.observables import configurational_temperature
 from granular.observables.interactions import pair_interactions, wall_interactions
-from granular.observables.temperature import laplacian_of
+from granular.observables.temperature import potential_laplacian
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun, hexagonal
@@ -38,6 +38,6 @@ def test_friction_and_weight_add_nothing_to_the_laplacian() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
     places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
     bare = scene.replace(**{"effects.gravity": None})
-    assert laplacian_of(scene, places) == laplacian_of(bare, places) > 0.0
+    assert potential_laplacian(scene, places) == potential_laplacian(bare, places) > 0.0
     with pytest.raises(InputError, match="only dipoles and walls"):
-        laplacian_of(scene.replace(**{"effects.contact": {"modulus": "1 GPa"}}), places)
+        potential_laplacian(scene.replace(**{"effects.contact": {"modulus": "1 GPa"}}), places)

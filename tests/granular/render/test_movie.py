@@ -14,7 +14,7 @@ from PIL import Image
 
 from granular.export.frames import BedFrame, bed_frames
 from granular.render import movie
-from granular.render.moments import bed_at
+from granular.render.moments import interpolate_bed
 from granular.render.picture import BedPicture, highest
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -168,7 +168,7 @@ def test_real_time_is_the_default(swing: Trajectory, tmp_path: Path) -> None:
 
 def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
     times = np.linspace(0.0, 1.0, 101)
-    found = list(bed_at(swing, range(11), times))
+    found = list(interpolate_bed(swing, range(11), times))
     place = np.array([one.position[0] for one in found])
     true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
     assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines: 5e-2
@@ -181,7 +181,7 @@ def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
 
 def test_frames_that_lie_too_far_apart_are_told(swing: Trajectory) -> None:
     with pytest.warns(UserWarning, match="lower output.frames for true ones"):
-        list(bed_at(swing, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
+        list(interpolate_bed(swing, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
 
 
 PLACE, SIZE, PACE = np.array([0.02, 0.01]), 0.004, 2.0 * np.pi

@@ -19,7 +19,7 @@ from granular.response.linear_system import (
     linear_response,
     slowest_decay,
 )
-from granular.response.page import add_steadiness, losses_of, response_page
+from granular.response.page import add_steadiness, period_losses, response_page
 from granular.response.response import Response, response_dataset
 from granular.response.transients import pace_of_sweep
 from granular.shared.errors import InputError
@@ -69,7 +69,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
 
 
 def test_what_rearranges_is_drag_beyond_the_affine() -> None:
-    losses = losses_of(made(load_scene("machine")).dataset.isel(amplitude=0))
+    losses = period_losses(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
 

@@ -16,7 +16,7 @@ from granular import Scene, simulate
 from granular.__main__ import main
 from granular.response import settling_time, swept_response
 from granular.response.steady import swept_amplitudes
-from granular.response.transients import settling_time_of
+from granular.response.transients import settling_time_of_samples
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
@@ -44,13 +44,13 @@ def test_a_decay_comes_down_in_its_own_time() -> None:
     """exp(-delta t) cos(omega t), with peaks ten to a decade."""
     time = np.linspace(0.0, 5.0, 50_001)
     decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
-    found = settling_time_of(time + 1.0, decay, 1.0, 0.1)
+    found = settling_time_of_samples(time + 1.0, decay, 1.0, 0.1)
     assert found == pytest.approx(math.log(10.0) / 2.0, abs=0.5 / 20.0)
-    assert settling_time_of(time + 1.0, decay, 1.0, 0.5) < found
+    assert settling_time_of_samples(time + 1.0, decay, 1.0, 0.5) < found
     with pytest.raises(InputError, match="still swings wider"):
-        settling_time_of(time[:5000], decay[:5000], 0.0, 0.1)
+        settling_time_of_samples(time[:5000], decay[:5000], 0.0, 0.1)
     with pytest.raises(InputError, match="below 1"):
-        settling_time_of(time, decay, 0.0, 1.5)
+        settling_time_of_samples(time, decay, 0.0, 1.5)
 
 
 def off(length: float) -> float:

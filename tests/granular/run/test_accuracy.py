@@ -45,7 +45,7 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantit
     assert nearest_table(scene, quantity) == costs
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
-        holding = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
+        accurate_points = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
         if tolerance < FLOORS * costs.floors[quantity]:
             with pytest.raises(InputError, match="random starts scatter"):
                 choose_settings(scene, f"{tolerance} {quantity}")
@@ -57,9 +57,9 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantit
         fraction = checked_step(found.dt, scene).fraction
         same = [one for one in costs.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
-        if holding:
+        if accurate_points:
             price = near.seconds * near.fraction / fraction
-            assert price <= 1.5 * min(one.seconds for one in holding)
+            assert price <= 1.5 * min(one.seconds for one in accurate_points)
         if fraction <= near.fraction:
             assert near.bounds[quantity] <= tolerance or quantity in near.clear
     assert chosen

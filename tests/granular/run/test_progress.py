@@ -12,7 +12,7 @@ import pytest
 from granular import load_scene, load_trajectory
 from granular.engine.step_size import Step
 from granular.methods import METHODS
-from granular.run.progress import Settling, outlook, steps_ahead
+from granular.run.progress import Settling, remaining_time_text, steps_ahead
 from granular.run.run import Run
 from granular.scene.system import natural_system
 
@@ -20,10 +20,12 @@ ROOT = Path(__file__).parents[3]
 
 
 def test_the_outlook_of_a_long_run() -> None:
-    assert outlook(1e12, 1e6) == "up to 1e+12 steps, 12 days at 1e+06 steps a second"
-    assert outlook(2e9, 1e6) == "up to 2e+09 steps, 33 minutes at 1e+06 steps a second"
-    assert outlook(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
-    assert outlook(5e6, 1e6) is None
+    assert remaining_time_text(1e12, 1e6) == "up to 1e+12 steps, 12 days at 1e+06 steps a second"
+    assert remaining_time_text(2e9, 1e6) == "up to 2e+09 steps, 33 minutes at 1e+06 steps a second"
+    assert (
+        remaining_time_text(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
+    )
+    assert remaining_time_text(5e6, 1e6) is None
 
 
 def test_steps_ahead_are_those_of_all_stages() -> None:

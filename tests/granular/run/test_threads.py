@@ -8,7 +8,7 @@ import pytest
 
 from granular import Scene, simulate
 from granular.run import threads
-from granular.run.threads import Threads, threads_of
+from granular.run.threads import Threads, choose_threads
 
 TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one processor")
 
@@ -62,9 +62,9 @@ def test_small_beds_and_the_source_s_list_take_one(bed: Scene) -> None:
             "arrangement.height": "60 D",
         }
     )
-    assert threads_of(bed, None) == 1
-    assert threads_of(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
-    assert threads_of(large, 1) == 1
+    assert choose_threads(bed, None) == 1
+    assert choose_threads(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
+    assert choose_threads(large, 1) == 1
 
 
 @TWO
@@ -80,7 +80,7 @@ def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.Mo
         }
     )
     monkeypatch.setattr(numba.config, "THREADING_LAYER", "workqueue")
-    assert (threads_of(large, None) > 1) == (method == "direct")
+    assert (choose_threads(large, None) > 1) == (method == "direct")
 
 
 @TWO

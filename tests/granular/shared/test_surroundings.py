@@ -16,7 +16,7 @@ Command = Callable[..., subprocess.CompletedProcess[str]]
 PLAIN = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
-def error_of(done: subprocess.CompletedProcess[str]) -> str:
+def propagate_error(done: subprocess.CompletedProcess[str]) -> str:
     assert done.stderr.startswith("error: "), done.stderr
     assert done.stderr.count("\n") == 1
     return done.stderr
@@ -38,14 +38,14 @@ def test_a_working_directory_that_was_deleted(
 def test_no_threads_at_all(process: Command, number: str) -> None:
     done = process("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
     assert done.returncode == 2
-    assert f"NUMBA_NUM_THREADS = '{number}'; give at least 1" in error_of(done)
+    assert f"NUMBA_NUM_THREADS = '{number}'; give at least 1" in propagate_error(done)
 
 
 def test_threads_by_a_library_that_is_not_there(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "1e-3", "--quiet")
     done = process(*words, NUMBA_THREADING_LAYER="none such")
     assert done.returncode == 2
-    assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in error_of(done)
+    assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in propagate_error(done)
 
 
 def test_signs_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None:
@@ -60,4 +60,4 @@ def test_warnings_taken_for_errors(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "0.01", "--dt", "7e-4", "--quiet")
     done = process(*words, PYTHONWARNINGS="error")
     assert done.returncode == 1
-    assert "warning taken for an error: records come every 0.0007 s" in error_of(done)
+    assert "warning taken for an error: records come every 0.0007 s" in propagate_error(done)

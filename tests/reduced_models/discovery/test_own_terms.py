@@ -20,11 +20,11 @@ from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import (
     CustomTerm,
+    join_terms,
     library,
     read_terms,
-    sum_of,
+    split_terms,
     symbols,
-    terms_of,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
@@ -146,7 +146,7 @@ def test_libraries_can_be_written_and_read(name: str) -> None:
     terms = library_terms(name, (), 3, "force")
     assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
     values = np.linspace(1.0, 2.0, len(terms))
-    assert terms_of(sum_of(terms, list(values))) == pytest.approx(
+    assert split_terms(join_terms(terms, list(values))) == pytest.approx(
         dict(zip(terms, values, strict=True))
     )
 
@@ -156,7 +156,7 @@ OWN = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*
 
 @given(st.sampled_from(OWN), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
 def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: float) -> None:
-    (term,) = terms_of(read_terms([text], "u")[0]) or ()
+    (term,) = split_terms(read_terms([text], "u")[0]) or ()
     assert isinstance(term, CustomTerm)
     h = 1e-6
 
@@ -180,7 +180,7 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
 def test_the_primitive_needs_no_formula(text: str) -> None:
     """The integrals of G'(z) z' against bumps are those of G, though G be in no table."""
     z, v = np.cos(TIME), -np.sin(TIME)
-    (term,) = terms_of(read_terms([text])[0]) or ()
+    (term,) = split_terms(read_terms([text])[0]) or ()
     assert term.total
     (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
     direct = part.bump @ term.values(z, v, None)
@@ -200,7 +200,7 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
     z = motion(law, start)
     v = np.gradient(z, TIME)
     level = 0.01 * float(z.std())
-    terms = tuple(terms_of(read_terms(["sin(z) + z'"])[0]) or ())
+    terms = tuple(split_terms(read_terms(["sin(z) + z'"])[0]) or ())
     misfits = []
     for seed in range(5):
         noisy = z + np.random.default_rng(seed).normal(0.0, level, len(z))

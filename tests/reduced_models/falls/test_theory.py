@@ -13,7 +13,7 @@ from granular import damper, load_scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
-from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, PredictedLaw, parameters_of
+from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, PredictedLaw, bed_parameters
 from reduced_models.laws.equation import compiled_field
 
 
@@ -34,7 +34,7 @@ def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
 def test_weight_and_pressure_balance_at_rest() -> None:
     """In a bed so large that walls do not count, the lattice's pressure carries the piston."""
     scene = damper(count=10**6, drag=1e-4)
-    values = parameters_of(scene)
+    values = bed_parameters(scene)
     assert scene.piston is not None
     scales, width = Scales.of(scene.grains), scene.cell.width
     density = scene.grains.count * scales.length**2 / (width * values["rest"])
@@ -51,14 +51,16 @@ def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> No
     assert scene.piston is not None
     mass = scene.piston.mass
     grains = 1000 * Scales.of(scene.grains).mass / 3.0
-    loose, damped = (parameters_of(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2))
+    loose, damped = (
+        bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2)
+    )
     assert loose == pytest.approx(WEIGHT * 9.8 * mass / (mass + grains), rel=1e-6)
     assert damped > loose
 
 
 def test_the_law_stands_for_falls_of_the_packaged_damper() -> None:
     """Little mass is missing there, and little added."""
-    assert parameters_of(damper())["weight"] == pytest.approx(9.8, rel=0.06)
+    assert bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
 
 
 def test_a_mixture_of_equals_is_the_bed_itself() -> None:
@@ -66,7 +68,7 @@ def test_a_mixture_of_equals_is_the_bed_itself() -> None:
     (one,) = plain.grains.species
     halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
     mixed = plain.replace(**{"grains.species": halves})
-    assert parameters_of(mixed) == pytest.approx(parameters_of(plain))
+    assert bed_parameters(mixed) == pytest.approx(bed_parameters(plain))
 
 
 def test_small_swing_and_motion_follow() -> None:
@@ -81,7 +83,7 @@ def test_small_swing_and_motion_follow() -> None:
 
 def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
     """The source's own damper is beyond it."""
-    assert parameters_of(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
+    assert bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.raises(InputError, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))
 
@@ -109,7 +111,7 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
     heights, freely = (followed(law) for law in (rubbing, plain))
     assert np.ptp(heights[600:]) < 0.05 * np.ptp(freely[600:])
     with pytest.raises(InputError, match="friction of the piston"):
-        parameters_of(damper().replace(**{"piston.friction": 5.0}))
+        bed_parameters(damper().replace(**{"piston.friction": 5.0}))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,12 @@ from granular import PistonRecord
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solution
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, drive_at, piecewise_cubics
+from reduced_models.records.inputs import (
+    INTERPOLATIONS,
+    Interpolation,
+    interpolate_inputs,
+    piecewise_cubics,
+)
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
 TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}
@@ -39,7 +44,7 @@ def test_pieces_and_values_are_the_same_input(how: Interpolation) -> None:
     middle = 0.5 * length
     values = cubic @ [1.0, middle, middle**2, middle**3]
     times = np.concatenate([[0.0], np.cumsum(found.length)[:-1]]) + middle
-    wanted = drive_at(TIME, columns, times, how)[:, 0]
+    wanted = interpolate_inputs(TIME, columns, times, how)[:, 0]
     inner = slice(200, -200)
     np.testing.assert_allclose(values[inner], wanted[inner], atol=2e-4)
 
@@ -50,7 +55,7 @@ def test_a_band_limited_input_is_that_between_samples() -> None:
     exact = 0.2 * np.sin(np.outer(times, np.linspace(0.2, 6.0, 10)) + phases).sum(axis=1)
     limits: dict[Interpolation, float] = {"band-limited": 1e-4, "spline": 0.02, "linear": 0.1}
     for how, limit in limits.items():
-        found = drive_at(TIME, [force()], times, how)[:, 0]
+        found = interpolate_inputs(TIME, [force()], times, how)[:, 0]
         assert np.abs(found - exact).max() < limit
 
 

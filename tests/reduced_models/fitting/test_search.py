@@ -10,7 +10,7 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
-from reduced_models.fitting.diagnostics import autoregression, diagnostics, spread_of
+from reduced_models.fitting.diagnostics import autoregression, diagnostics, propagate_covariance
 from reduced_models.laws.solution import solution
 from reduced_models.least_squares.residuals import with_random_walk, without_random_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak
@@ -171,7 +171,7 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     random = np.random.default_rng(1)
     noise = lfilter([1.0], [1.0, -memory], random.normal(size=8000))[4000:]
     slopes = np.stack([np.ones(4000), np.sin(0.1 * np.arange(4000))], axis=1)
-    found = spread_of(slopes, autoregression(noise))
+    found = propagate_covariance(slopes, autoregression(noise))
     power = [1.0 / abs(1.0 - memory * np.exp(1j * angle)) ** 2 for angle in (0.0, 0.1)]
     assert found[0, 0] == pytest.approx(4000.0 * power[0], rel=0.5)
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)

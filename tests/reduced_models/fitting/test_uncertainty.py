@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import marginal, sandwich
+from reduced_models.fitting.covariance import marginal_information, sandwich
 
 SAMPLES, SIZE = 400, 4
 
@@ -47,15 +47,17 @@ def test_information_on_some_entries_is_that_of_their_covariance() -> None:
     normal, asked = slopes.T @ slopes, np.array([0, 2])
     free = np.ones(SIZE, dtype=bool)
     exact = np.linalg.inv(np.linalg.inv(normal)[np.ix_(asked, asked)])
-    assert_allclose(marginal(normal, asked, free), exact, rtol=1e-10)
+    assert_allclose(marginal_information(normal, asked, free), exact, rtol=1e-10)
 
 
 def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
     slopes = np.random.default_rng(3).normal(size=(SAMPLES, SIZE))
     slopes[:, -1] = 0.0
     normal, asked = slopes.T @ slopes, np.array([0, 1])
-    without = marginal(normal[:-1, :-1], asked, np.ones(SIZE - 1, dtype=bool))
-    assert_allclose(marginal(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10)
+    without = marginal_information(normal[:-1, :-1], asked, np.ones(SIZE - 1, dtype=bool))
+    assert_allclose(
+        marginal_information(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10
+    )
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import HeightMap, identify, law_named, load_model
-from reduced_models.identification.elliptic import averaging_of
+from reduced_models.identification.elliptic import average_elliptically
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
@@ -61,7 +61,7 @@ def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None
         parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2}, initial=(2.6, 0.0),
     )  # fmt: skip
     time = np.linspace(0.0, 40.0, 2000)
-    found = averaging_of(model, time)
+    found = average_elliptically(model, time)
     assert found is not None
     assert (found.critical < 1.0) == held
     assert ("in the first cycle" in found.text) == held

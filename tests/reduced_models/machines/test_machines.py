@@ -19,7 +19,7 @@ from reduced_models.machines.response import (
     CoupledSystem,
     OutsideRangeWarning,
     rates_of,
-    response_of,
+    solve_response,
 )
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
@@ -49,7 +49,7 @@ def _name(symbol: sympy.Symbol) -> str:
 
 def test_small_swings_are_linear() -> None:
     law = CoupledSystem.of(load_scene("machine"))._replace(modulus=1e-9)
-    found = response_of(law, FREQUENCIES, 0.01)
+    found = solve_response(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
 
 
