@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.engine import bed_of
 from benchmarks.hand import KERNELS, Bed
 from benchmarks.timing import least_seconds
+from granular.effects.flow import Flow
 from validation.effect_costs import STEP, EngineSteps
 
 
@@ -20,7 +21,8 @@ def hand_and_engine(
     kernel, changes = KERNELS[scenery]
     engine = EngineSteps(bed_of(count, changes))
     system, bed = engine.run.system, bed_by_hand(engine)
-    rate = sum(one.decay_rate(system.scales) for one in system.effects)
+    flows = (effect for effect in system.effects if isinstance(effect, Flow))
+    rate = sum(flow.decay_rate(system.scales) for flow in flows)
     calls = {
         "by hand": lambda: kernel(bed, system.pull, rate, STEP, steps),
         "engine": lambda: engine.make(steps),

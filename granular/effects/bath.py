@@ -26,6 +26,8 @@ import numpy as np
 
 from granular.compiled import compiled, entry
 from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.flow import Flow
+from granular.effects.frame import Frame
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.vector import lane_sum
@@ -41,7 +43,7 @@ _TOP, _REST = np.uint64(5), np.uint64(6)
 _SCALE = 1.0 / 2.0**53
 
 
-class Bath(Effect):
+class Bath(Frame, Flow):
     """A Langevin bath.
 
     Attributes

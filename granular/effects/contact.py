@@ -18,7 +18,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.flow import Flow
+from granular.effects.force import Force
 from granular.kernel_data.constants import Constants, value_of
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
@@ -26,7 +28,7 @@ from granular.pairs.dipole import pair_energy
 from granular.schema.sections import quantity
 
 
-class Contact(Effect):
+class Contact(Force, Flow):
     """Hertzian contact between grains; off unless named.
 
     Attributes

@@ -82,7 +82,9 @@ from granular.effects.custom_definition import (
     functions_digest,
 )
 from granular.effects.custom_law import CustomLaw, CustomWallLaw
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.flow import Flow
+from granular.effects.force import Force
 from granular.effects.registry import WALL_LAWS, register
 from granular.schema.scales import Scales
 from granular.schema.sections import Integer, Quantity, Section, unknown
@@ -134,7 +136,7 @@ class CustomSection(Section):
         return _of_script, (type(self).made_by, self.written, values)
 
 
-class CustomEffect(CustomSection, Effect):
+class CustomEffect(CustomSection, Force, Flow):
     """Base of the effects that `effect` makes."""
 
     rank = 1

@@ -7,10 +7,11 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 
 from __future__ import annotations
 
-from granular.effects.effect import Effect, in_joules
+from granular.effects.effect import in_joules
+from granular.effects.force import Force
 
 
-class Dipole(Effect):
+class Dipole(Force):
     """Dipole repulsion between all grains. It has no parameters: the grains' moments fix it."""
 
     key = "dipole"

@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.flow import Flow
 from granular.kernel_data.compensation import speed_up
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
@@ -30,7 +31,7 @@ from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Drag(Effect):
+class Drag(Flow):
     """Viscous drag on every grain.
 
     Attributes

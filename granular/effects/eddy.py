@@ -15,14 +15,15 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.flow import Flow
 from granular.kernel_data.constants import moments_of, value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import integer, quantity
 
 
-class Eddy(Effect):
+class Eddy(Flow):
     """Drag by eddy currents in one or both plates of the cell.
 
     Attributes

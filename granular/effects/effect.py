@@ -4,42 +4,13 @@ An effect is a section of the scene: its fields are its parameters, with units a
 run it makes its *law*: a named tuple of numbers in natural units, and of arrays with one value for
 each grain, which follow a grain that leaves. (Arrays that are something else stand in a tuple of
 their own within the law.) The law's class has kernels as static methods, the *hooks* of the loop.
-What is not there costs nothing; ``law, room, place`` come before the others' arguments. An effect
-is of one of three kinds, or of several.
+What is not there costs nothing; ``law, workspace, index`` come before the others' arguments.
 
-A **force** has an energy, and is minus its gradient. `granular.effects.gravity` is one.
+An effect is of one of three kinds, or of two, and subclasses what it is:
 
-``add_forces(..., bed, time) -> int``
-    Add the forces on the grains; how many grains are where they cannot be.
-``measure(..., bed, time, stiffness, energies) -> int``
-    Enter the energy at ``energies[place]``; add to ``stiffness`` a bound of each grain's stiffness
-    over its mass, which the automatic step follows.
-``work(..., dt, bed, time) -> int``
-    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
-``collision(..., speed, constants) -> float``
-    Greatest stiffness over mass that a grain of this speed meets.
-
-A **flow** takes energy: the velocities after a duration, solved exactly at fixed positions.
-As a force it would cost the second order. What it takes is entered in
-``state.ledger[LOSSES + place]``. `granular.effects.eddy` is one.
-
-``flow(..., dt, bed, opening) -> int``
-    Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
-    backward before the one that closes it.
-``kick(..., dt, bed, opening) -> int``
-    Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
-    together with them; the last effect that has one gives it, and must take along what others do.
-``damping_slope(..., slopes, dt, bed) -> int``
-    The same as a force, for Runge-Kutta methods.
-
-A **frame** acts on everything, the piston too. `granular.effects.shaking` is one. (A host moves
-grains and piston by their forces, so the loop itself moves it: `granular.engine.host`.)
-
-``lift(..., time) -> float``
-    Upward acceleration of all that has a mass.
-``drift(..., dt, bed) -> int``
-    Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
-    a heat bath wants it; for Störmer-Verlet's coefficients alone.
+- a force, `granular.effects.force`: it has an energy, and is minus its gradient;
+- a flow, `granular.effects.flow`: it takes energy, and is solved exactly;
+- a frame, `granular.effects.frame`: it acts on everything, the piston too.
 
 ``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
 over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
@@ -188,20 +159,8 @@ class Effect(Section):
         """Values of its `grain_records` at the present moment, in natural units."""
         return {}
 
-    def pull(self, scales: Scales) -> float:
-        """Downward acceleration that never changes, which can make grains faster."""
-        return 0.0
-
-    def greatest_speed(self, scales: Scales) -> float:
-        """Speed [D/tau] that it lends to all grains."""
-        return 0.0
-
     def drive_frequency(self, scales: Scales) -> float:
         """Angular frequency [1/tau] of a drive, which a step is to resolve."""
-        return 0.0
-
-    def decay_rate(self, scales: Scales) -> float:
-        """Rate [1/tau] of a linear decay, which a step is to resolve up to a limit."""
         return 0.0
 
 

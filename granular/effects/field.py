@@ -18,6 +18,7 @@ import numpy as np
 from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions, Listed
 from granular.formulas import names, parse
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
@@ -46,7 +47,7 @@ class _Factors(FieldKind):
         return dict(value)
 
 
-class FieldText(Formula, Effect):
+class FieldText(Formula, Force):
     """One field.
 
     Attributes

@@ -18,6 +18,7 @@ import numba
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.custom_definition import DEFINITIONS, Definition
 from granular.effects.effect import Effect
+from granular.effects.force import Force
 from granular.formulas import parse
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
@@ -90,7 +91,7 @@ class Formula(Parametric):
         return (self.definition.digest,)
 
 
-class Listed(Effect):
+class Listed(Force):
     """Base of an effect that a scene gives as a list of tables, or as one table.
 
     Its subclass declares ``fields``, whose sections are effects.

@@ -27,6 +27,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from granular.effects.effect import Effect, EffectContext, Record, in_joules
+from granular.effects.flow import Flow
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct import padded_values
@@ -36,7 +37,7 @@ from granular.schema.sections import FieldError, choice, quantity
 SCHEMES = ("velocity", "regularised")
 
 
-class Friction(Effect):
+class Friction(Flow):
     """Dry friction. Coefficients as in [D, Table 4.3].
 
     Attributes

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.force import Force
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Gravity(Effect):
+class Gravity(Force):
     """Uniform gravity, downwards; towards the piston, where a host carries it below the cell.
 
     Attributes

@@ -17,6 +17,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, EffectContext, Record, in_joules
 from granular.effects.excitation import Drive, Excitation
+from granular.effects.frame import Frame
 from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.schema.parts import Cell, Grains, Piston
@@ -54,7 +55,7 @@ class Body(Section):
     damping: float = quantity("kg/s", default=0.0, least=0.0)
 
 
-class Host(Effect):
+class Host(Frame):
     """Primary structure that carries the damper, and its excitation.
 
     Attributes

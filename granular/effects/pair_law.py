@@ -15,14 +15,15 @@ from typing import Any, ClassVar
 from granular.effects.custom_check import check
 from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions, Listed
 from granular.formulas import names, parse
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import Many, declare, quantity
 
 
-class PairText(Formula, Effect):
+class PairText(Formula, Force):
     """One pair law.
 
     Attributes

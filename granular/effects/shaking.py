@@ -12,13 +12,14 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import EffectContext, in_joules
+from granular.effects.frame import Frame
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 
 
-class Shaking(Effect):
+class Shaking(Frame):
     """Sinusoidal motion of the whole cell.
 
     Attributes

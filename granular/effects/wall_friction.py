@@ -17,6 +17,7 @@ from granular.compiled import compiled
 from granular.compiled.dispatch import by_law
 from granular.effects import drag
 from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.flow import Flow
 from granular.kernel_data.constants import moments_of, value_of
 from granular.kernel_data.state import LOSSES, Bed
 from granular.schema.parts import Cell, Grains, Piston
@@ -25,7 +26,7 @@ from granular.schema.sections import FieldError, quantity
 _SIDES = ("left", "right")
 
 
-class WallFriction(Effect):
+class WallFriction(Flow):
     """Coulomb friction at the left and the right wall.
 
     Attributes

@@ -15,6 +15,7 @@ import numpy as np
 from granular.effects.custom_definition import Kind as OwnKind
 from granular.effects.custom_law import CustomWallLaw
 from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions
 from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_experimental import ExperimentalWall
@@ -152,7 +153,7 @@ class Wall(Section):
         return SlabWall(natural[::2].copy(), natural[1::2].copy(), not self.has_gap)
 
 
-class Walls(Effect):
+class Walls(Force):
     """The four walls; the top is the piston. ``"none"`` leaves a side open."""
 
     key = "walls"

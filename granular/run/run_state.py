@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from granular.effects.flow import Flow
+from granular.effects.frame import Frame
 from granular.engine import columns
 from granular.engine.failures import misplaced_grain_error, too_many_steps_error
 from granular.engine.ledger import Ledger
@@ -276,7 +278,11 @@ class RunState:
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
         speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
-        speed += sum(effect.greatest_speed(scales) for effect in self.system.effects)
+        speed += sum(
+            effect.greatest_speed(scales)
+            for effect in self.system.effects
+            if isinstance(effect, Frame)
+        )
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
         pace = self.step.pace(
             output.scalars / scales.time,
@@ -301,7 +307,10 @@ class RunState:
     def _resolved_frequency(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
-        rate = max((effect.decay_rate(scales) for effect in effects), default=0.0)
+        rate = max(
+            (effect.decay_rate(scales) for effect in effects if isinstance(effect, Flow)),
+            default=0.0,
+        )
         record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.fraction / record)
         drives = [

@@ -10,6 +10,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from granular.effects.effect import Effect, EffectContext
+from granular.effects.force import Force
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Acting, Constants, Resistance
 from granular.methods import Method
@@ -56,7 +57,7 @@ class System:
     @property
     def pull(self) -> float:
         """Downward acceleration that never changes [F*/m]."""
-        return sum(effect.pull(self.scales) for effect in self.effects)
+        return sum(effect.pull(self.scales) for effect in self.effects if isinstance(effect, Force))
 
 
 def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = None) -> System:
@@ -77,7 +78,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     effects = scene.effects.laws
     acting = _acting(scene, scales, species, method)
     piston_mass, piston_weight = _piston_mass(
-        scene, scales, sum(effect.pull(scales) for effect in effects)
+        scene, scales, sum(effect.pull(scales) for effect in effects if isinstance(effect, Force))
     )
     walls = scene.effects.walls
     constants = Constants(

@@ -154,8 +154,9 @@ class Identification:
         best, angle = self.comparison.rows[0], self.record.angle
         swing = swing_text(self.engineering, self.figures, angle, self.mass)
         cycles = cycles_at_amplitudes(self.shown, self.record.height)
-        words = f"{swing} {best_text(best)}{amplitude_text(cycles, engineering_units(angle,
-        self.mass))}" return words if self.falls is None else f"{self.falls.verdict} {words}"
+        units = engineering_units(angle, self.mass)
+        words = f"{swing} {best_text(best)}{amplitude_text(cycles, units)}"
+        return words if self.falls is None else f"{self.falls.verdict} {words}"
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""

@@ -1,0 +1,30 @@
+"""A flow: it takes energy, and is solved exactly. `granular.effects.eddy` is a short one.
+
+Its velocities after a duration are exact at fixed positions: as a force it would cost the second
+order. What it takes is entered in ``state.ledger[LOSSES + index]``. Hooks of its law, behind
+``law, workspace, index``:
+
+``flow(..., dt, bed, opening) -> int``
+    Velocities after ``dt`` under this effect alone; forward behind the kick that opens a step,
+    backward before the one that closes it.
+``kick(..., dt, bed, opening) -> int``
+    Velocities after ``dt`` under all forces, instead of the plain kick, for what must be solved
+    together with them; the last effect that has one gives it, and must take along what others do.
+``damping_slope(..., slopes, dt, bed) -> int``
+    The same as a force, for Runge-Kutta methods.
+"""
+
+from __future__ import annotations
+
+from granular.effects.effect import Effect
+from granular.schema.scales import Scales
+
+HOOKS = ("flow", "kick", "damping_slope")
+
+
+class Flow(Effect):
+    """Base of the effects that take energy."""
+
+    def decay_rate(self, scales: Scales) -> float:
+        """Rate [1/tau] of a linear decay, which a step is to resolve up to a limit."""
+        return 0.0

@@ -1,0 +1,29 @@
+"""A force: it has an energy, and is minus its gradient. `granular.effects.gravity` is a short one.
+
+Hooks of its law, behind ``law, workspace, index``:
+
+``add_forces(..., bed, time) -> int``
+    Add the forces on the grains; how many grains are where they cannot be.
+``measure(..., bed, time, stiffness, energies) -> int``
+    Enter the energy at ``energies[index]``; add to ``stiffness`` a bound of each grain's stiffness
+    over its mass, which the automatic step follows.
+``work(..., dt, bed, time) -> int``
+    Enter in ``state.ledger[WORK]`` what a force that depends on time does.
+``collision(..., speed, constants) -> float``
+    Greatest stiffness over mass that a grain of this speed meets.
+"""
+
+from __future__ import annotations
+
+from granular.effects.effect import Effect
+from granular.schema.scales import Scales
+
+HOOKS = ("add_forces", "measure", "work", "collision")
+
+
+class Force(Effect):
+    """Base of the effects that have an energy."""
+
+    def pull(self, scales: Scales) -> float:
+        """Downward acceleration that never changes, which can make grains faster."""
+        return 0.0

@@ -1,0 +1,26 @@
+"""A frame: it acts on everything, the piston too. `granular.effects.shaking` is a short one.
+
+A host moves grains and piston by their forces, so the loop itself moves it: `granular.engine.host`.
+Hooks of its law, behind ``law, workspace, index``, next to those of a force that it may have:
+
+``lift(..., time) -> float``
+    Upward acceleration of all that has a mass.
+``drift(..., dt, bed) -> int``
+    Positions after ``dt``, instead of the plain drift, and velocities that change in its middle, as
+    a heat bath wants it; for Störmer-Verlet's coefficients alone.
+"""
+
+from __future__ import annotations
+
+from granular.effects.effect import Effect
+from granular.schema.scales import Scales
+
+HOOKS = ("lift", "drift")
+
+
+class Frame(Effect):
+    """Base of the effects that carry grains and piston together."""
+
+    def greatest_speed(self, scales: Scales) -> float:
+        """Speed [D/tau] that it lends to all grains."""
+        return 0.0

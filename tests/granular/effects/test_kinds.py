@@ -1,0 +1,48 @@
+"""Every effect is of the kind that its law's hooks are of: a force, a flow or a frame."""
+
+from __future__ import annotations
+
+import pytest
+
+from granular.effects import flow, force, frame
+from granular.effects.effect import Effect
+from granular.effects.registry import effects
+from granular.scene.scene import Scene
+from granular.scene.system import natural_system
+
+KINDS = {force.Force: force.HOOKS, flow.Flow: flow.HOOKS, frame.Frame: frame.HOOKS}
+EVERY = {hook for hooks in KINDS.values() for hook in hooks}
+
+
+def hooks_of(law: object) -> set[str]:
+    """Return the hooks that a law's class has."""
+    return {hook for hook in EVERY if hasattr(type(law), hook)}
+
+
+def test_nine_hooks_are_all() -> None:
+    assert len(EVERY) == sum(map(len, KINDS.values())) == 9
+
+
+@pytest.mark.parametrize("key", sorted(effects()))
+def test_an_effect_is_what_its_base_says(key: str) -> None:
+    kind = effects()[key]
+    bases = [base for base in KINDS if issubclass(kind, base)]
+    assert bases, f"{key} is neither a force, nor a flow, nor a frame"
+    assert Effect not in kind.__bases__
+
+
+def test_laws_have_hooks_of_their_kind_alone(small_damper: Scene) -> None:
+    plate = {"conductivity": "6e7 S/m", "thickness": "1 mm", "distance": "4 mm"}
+    shaken = {"amplitude": "0.1 mm", "frequency": "5 Hz"}
+    changes = {"effects.eddy": plate, "effects.shaking": shaken, "effects.friction": {}}
+    system = natural_system(small_damper.replace(**changes))
+    with_hooks = 0
+    for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
+        bases = [base for base in KINDS if isinstance(effect, base)]
+        allowed = {hook for base in bases for hook in KINDS[base]}
+        if isinstance(effect, frame.Frame):
+            allowed |= set(force.HOOKS)
+        present = hooks_of(law)
+        with_hooks += bool(present)
+        assert present <= allowed, effect.key
+    assert with_hooks >= 5
