@@ -126,10 +126,10 @@ frames = data["frame_time"].values
 first, second = (int(np.argmin(abs(frames - moment))) for moment in (passing, lowest))
 before, after = (data["position"].values[one] for one in (first, second))
 squeeze = float(data["frame_height"][second] / data["frame_height"][first])
-adjacent = after - before * [1.0, squeeze]
+beside = after - before * [1.0, squeeze]
 figure, axes = plt.subplots(figsize=(8, 2.9), layout="constrained")
-size = np.hypot(*adjacent.T) / DIAMETER
-arrows = axes.quiver(*(1e3 * after.T), *(1e3 * adjacent.T), size, angles="xy", scale_units="xy",
+size = np.hypot(*beside.T) / DIAMETER
+arrows = axes.quiver(*(1e3 * after.T), *(1e3 * beside.T), size, angles="xy", scale_units="xy",
                      scale=1.0, width=0.004, cmap="cividis")  # fmt: skip
 axes.axhline(1e3 * height.min(), color="#666666", linewidth=2)
 axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(100, 220))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from granular.readers.calibration import parse_scale
 from granular.readers.headers import (
     ACCELERATION,
     FORCE,
@@ -28,16 +29,42 @@ SI = {TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N"}
 """Of the columns that have a meaning; of an angle rad and rad/s instead of m and m/s."""
 
 _MOST_SHOWN = 20
+_UNEVEN = 0.01
+"""Relative deviation of steps from their median from which on they are not those of a clock."""
 
 
 def assign_roles(sheet: Sheet, reading: ReadOptions, notes: list[str]) -> dict[str, Column]:
+    """Return the column of each role: as the user says, by its name, or the only one that fits."""
     chosen = {role: _said(sheet, column) for role, column in reading.columns.items()}
+    if reading.rate is not None and TIME not in chosen:
+        chosen[TIME] = _even_times(sheet, float(reading.rate))
+    if reading.scale is not None:
+        _free_of_unit(sheet, chosen, reading.scale)
     _choose_by_name(sheet, chosen, notes)
     if TIME not in chosen:
         _choose_time(sheet, chosen, notes)
     if HEIGHT not in chosen:
         _choose_height(sheet, chosen, notes)
     return chosen
+
+
+def _even_times(sheet: Sheet, rate: float) -> Column:
+    """Column of times at a rate [Hz], which the file does not hold."""
+    lengths = [len(column.values) for column in sheet.columns if column.values is not None]
+    return Column("", "s", np.arange(max(lengths, default=0)) / rate)
+
+
+def _free_of_unit(sheet: Sheet, chosen: dict[str, Column], scale: str) -> None:
+    """Take the only column in the unit of a scale for the height, where no name says more."""
+    unit = parse_scale(scale).unit
+    taken = list(map(id, chosen.values()))
+    fitting = [
+        column
+        for column in sheet.columns
+        if id(column) not in taken and column.unit and normalize_unit(column.unit) == unit
+    ]
+    if HEIGHT not in chosen and len(fitting) == 1:
+        chosen[HEIGHT] = fitting[0]
 
 
 def time_column(sheet: Sheet) -> Column:
@@ -105,7 +132,8 @@ def _fits(column: Column, role: str) -> bool:
         dimension = unit_size(normalize_unit(column.unit))[1]
     except SceneError:
         return True  # said when it is used
-    return dimension in (unit_size(SI[role])[1], unit_size("rad" if role == HEIGHT else "1/s")[1])
+    wanted = (unit_size(SI[role])[1], unit_size("rad" if role == HEIGHT else "1/s")[1])
+    return dimension in wanted or dimension[3] != 0  # of a sensor: said when it is used
 
 
 def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
@@ -119,7 +147,7 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
         item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)
     ]
     nameless = [item for item in free if not item.name and _increases(item)]
-    result = (stamps or timed or nameless)[:1]
+    result = (stamps or timed or sorted(nameless, key=_is_uneven))[:1]
     if not result:
         raise RecordError(
             f"no column 'time'; found: {_names(sheet)}; name the columns in the first line, such "
@@ -129,6 +157,13 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
     if not stamps and not timed:
         number = sheet.columns.index(result[0]) + 1
         notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
+
+
+def _is_uneven(column: Column) -> bool:
+    """Return True unless a column's steps are all alike, as those of a sampled time are."""
+    assert column.values is not None
+    steps = np.diff(column.values[np.isfinite(column.values)])
+    return bool(np.abs(steps - np.median(steps)).max() > _UNEVEN * np.median(steps))
 
 
 def _is_acceleration(column: Column) -> bool:
@@ -176,9 +211,16 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
                 f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
                 "integrated, its offset grows with the square of the time; record a position"
             )
+        sensors = [item for item in free if item.unit and not _fits(item, HEIGHT)]
+        calibrated = (
+            f"; of a sensor in {quote(sensors[0].unit)}, give the scale "
+            f"(scale: '2.5 mm/{sensors[0].unit}')"
+            if sensors
+            else ""
+        )
         raise RecordError(
             f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
-            "as 'time [s], height [mm]', or say which is which (columns: height=NAME)"
+            "as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + calibrated
         )
     chosen[HEIGHT] = result[0]
     if result[0].name:

@@ -34,7 +34,7 @@ _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
 
-def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Sheet:
+def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: int = 2) -> Sheet:
     """Read the table in a text.
 
     Parameters
@@ -44,6 +44,8 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Shee
         Decimal sign; detected if not given.
     skip : int
         Lines at the head of the text that precede the table.
+    least : int
+        Columns of numbers that a table has at least: 1 where the times are not in the file.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Shee
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
-    form = detect_dialect(plain, decimal)
+    form = detect_dialect(plain, decimal, least)
     if form is None:
         raise RecordError(_no_table(plain or lines))
     start, head = _begin(plain, form)
@@ -70,7 +72,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0) -> Shee
     below, commas = plain[start:], form.decimal == ","
     if form.separator == "," and not names and _has_decimal_commas(below, form, decimal):
         below, commas = replace_decimal_commas(below), True
-        form = detect_dialect(below, ".") or form
+        form = detect_dialect(below, ".", least) or form
     rows, notes = _end(below, form)
     columns = _columns(rows, form, names, units)
     words = f"text separated by {SEPARATORS[form.separator]}"

@@ -42,13 +42,13 @@ class Dialect(NamedTuple):
     numeric: tuple[int, ...]
 
 
-def detect_dialect(lines: Sequence[Line], decimal: str | None) -> Dialect | None:
-    """Return the dialect in which most lines are rows of numbers; None if there is none."""
+def detect_dialect(lines: Sequence[Line], decimal: str | None, least: int = 2) -> Dialect | None:
+    """Return the dialect in which most lines are rows of at least so many numbers, or None."""
     sample = [lines[k].text for k in _sample_lines(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
-            candidate = _try_dialect(sample, separator, mark)
+            candidate = _try_dialect(sample, separator, mark, least)
             if candidate is not None and (best is None or candidate[0] > best[0]):
                 best = candidate
     return None if best is None else best[1]
@@ -70,7 +70,7 @@ def _sample_lines(lines: Sequence[Line]) -> list[int]:
 
 
 def _try_dialect(
-    sample: Sequence[str], separator: str, decimal: str
+    sample: Sequence[str], separator: str, decimal: str, least: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Count the lines that a form explains, the fraction of numbers in them, and columns."""
     rows = [split_fields(line, separator) for line in sample]
@@ -78,7 +78,7 @@ def _try_dialect(
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
-        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= 2
+        len(row) for row, good in zip(rows, numeric, strict=True) if len(good) >= least
     )
     if not widths:
         return None
@@ -94,7 +94,7 @@ def _try_dialect(
     core = tuple(
         field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
     )
-    if len(core) < 2:
+    if len(core) < least:
         return None
     fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
     return (widths[raw], fraction, len(core)), Dialect(separator, decimal, width, core)

@@ -136,7 +136,9 @@ def read_text(content: bytes, options: ReadOptions) -> Sheet:
     elif is_rigol(text):
         sheet = read_rigol(text)
     else:
-        sheet = read_delimited(text, options.decimal, options.skip)
+        sheet = read_delimited(
+            text, options.decimal, options.skip, 2 if options.rate is None else 1
+        )
     if encoding not in ("utf-8", "utf-8-sig"):
         sheet.form += f", in {encoding}"
     return sheet

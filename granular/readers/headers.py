@@ -6,6 +6,8 @@ import re
 
 TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"
+INPUT = "input"
+"""Role of what is no motion: never taken for the height unasked."""
 
 SYNONYMS = {
     TIME: (
@@ -16,12 +18,22 @@ SYNONYMS = {
         "height", "z", "h", "piston height", "piston position", "höhe", "hoehe", "hauteur",
         "altura", "position", "pos", "displacement", "disp", "deflection", "stroke", "travel",
         "weg", "auslenkung", "level", "distance", "dist", "y", "x", "angle", "theta", "θ", "phi",
-        "φ", "winkel", "rotation", "encoder", "laser", "lvdt",
+        "φ", "winkel", "rotation", "encoder", "laser", "lvdt", "amplitude", "heave", "roll",
+        "pitch", "deplacement", "déplacement", "desplazamiento", "posición", "posicion",
+        "verplaatsing", "spostamento", "deslocamento", "elongation", "elongación", "ort",
     ),
-    VELOCITY: ("velocity", "v", "vel", "speed", "piston velocity", "geschwindigkeit", "vitesse"),
+    VELOCITY: (
+        "velocity", "v", "vel", "speed", "piston velocity", "geschwindigkeit", "vitesse",
+        "velocidad", "omega", "angular velocity", "gyro", "gyroscope", "winkelgeschwindigkeit",
+    ),
     FORCE: ("force", "f", "piston force", "kraft", "load cell", "fuerza"),
     ACCELERATION: (
         "acceleration", "accel", "acc", "a", "az", "ay", "ax", "beschleunigung", "accelerometer",
+        "aceleracion", "aceleración",
+    ),
+    INPUT: (
+        "input", "control", "control voltage", "voltage", "current", "spannung", "strom", "u", "i",
+        "tension", "corriente", "drive", "command", "setpoint", "temperature", "temperatur",
     ),
 }  # fmt: skip
 """Names of columns in lower case, without punctuation; the first that is there is taken."""
@@ -36,6 +48,8 @@ UNITS = {
     "centimeter": "cm", "centimeters": "cm", "centimetre": "cm", "centimetres": "cm",
     "μm": "um", "µm": "um", "micron": "um", "microns": "um", "micrometer": "um",
     "micrometers": "um", "micrometre": "um", "micrometres": "um",
+    "count": "counts", "cnt": "counts", "cts": "counts", "ticks": "counts",
+    "pixel": "px", "pixels": "px", "volt": "V", "volts": "V", "millivolt": "mV", "micros": "us",
     "inch": "in", "inches": "in", "feet": "ft", "foot": "ft",
     "newton": "N", "newtons": "N", "kilonewton": "kN",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg",
@@ -48,7 +62,7 @@ KNOWN = {
     *UNITS.values(), "s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "um", "nm", "km", "in",
     "ft", "N", "mN", "kN", "lbf", "kgf", "deg", "rad", "mrad", "m/s", "mm/s", "cm/s", "in/s",
     "ft/s", "deg/s", "rad/s", "m/s^2", "mm/s^2", "g", "V", "mV", "A", "K", "°C", "C", "Hz", "Pa",
-    "kPa", "bar", "1", "%",
+    "kPa", "bar", "1", "%", "mA", "counts", "px", "lb", "kip", "psi", "mil",
 }  # fmt: skip
 """Units that are recognised behind a name, without brackets."""
 
@@ -60,6 +74,9 @@ _WITHIN = re.compile(r"([^\[\]\(\)]+)[\[\(]([^\[\]\(\)]+)[\]\)]([^\[\]\(\)]+)")
 _RUN = re.compile(r"^(latest|run \d+) | run \d+$")
 """What programs for schools put before or behind a name."""
 _IN = re.compile(r"(.*)\bin\s+([^\s_,:]+)")
+_OVER = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
+"""A quantity over its unit, with spaces about the stroke."""
+_TEX = re.compile(r"_\{?\w+\}?|[\${}\\]")
 _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
@@ -78,7 +95,8 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     """Name and unit of a column from its header.
 
     ``height [mm]``, ``height (mm)``; and, where the name is one of `SYNONYMS` and the unit is
-    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``. A
+    known, ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm`` too; ``height in mm``; the
+    quotient of ISO 80000 and DIN 461, ``s / mm``, by any name. TeX, ``$t_{1}$``, is a name. A
     header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
     """
     cell = cell.strip()
@@ -92,6 +110,11 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     if match is not None and is_unit(match[2]):
         name = match[1].strip()
         return name or (TIME if normalize_unit(match[2]) in _TIMES else ""), match[2]
+    if cell.startswith("$"):
+        cell = _TEX.sub("", cell)
+    match = _OVER.fullmatch(cell) if len(cell) <= _LONGEST else None
+    if match is not None and is_unit(match[2]):
+        return match[1], match[2]
     match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None and is_unit(match[2]) and guess_role(match[1]) is not None:
         return match[1], match[2]

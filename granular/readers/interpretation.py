@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from granular.readers.calibration import calibrate_column, parse_scale
 from granular.readers.column_roles import SI, assign_roles
 from granular.readers.headers import (
     HEIGHT,
     TIME,
     VELOCITY,
+    normalize_name,
     normalize_unit,
 )
 from granular.readers.options import ReadOptions
@@ -20,10 +22,33 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote
+from granular.shared.messages import quote, visible
 
 TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
+
+
+ANGLES = (
+    "angle",
+    "theta",
+    "θ",
+    "phi",
+    "φ",
+    "winkel",
+    "rotation",
+    "angulo",
+    "ángulo",
+    "roll",
+    "pitch",
+)
+"""Names of columns that hold an angle."""
+_TURN = 7.0
+"""Angle beyond which a column without a unit is in degrees: a little more than 2 pi."""
+_EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
+_LEAST_SAMPLES = 20
+_AGREEMENT = 0.3
+"""Correlation of a velocity with the height's slope; noise on both leaves more than that."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,11 +96,26 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     units = _units(sheet, chosen, reading)
     angle = _is_angle(units.get(HEIGHT))
     values = {role: check_values(sheet, role, column) for role, column in chosen.items()}
+    scale = None if reading.scale is None else parse_scale(reading.scale)
+    if scale is not None:
+        angle = scale.angle
+        raw = calibrate_column(values.pop(HEIGHT), units.pop(HEIGHT, None), scale, reading.zero)
+    else:
+        angle = angle or _is_unnamed_angle(chosen[HEIGHT], values[HEIGHT], units, notes)
     own = {role: numbers * _size(role, units.get(role), angle) for role, numbers in values.items()}
+    if scale is not None:
+        own[HEIGHT] = raw
+        units[HEIGHT] = "rad" if angle else "m"
+    _check_epoch(own, chosen[TIME], notes)
+    _check_velocity(own, notes)
     if reading.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY) if role in own}
     others, left_out = _others(sheet, chosen)
     own, others = _without_gaps(sheet, own, others, notes, left_out)
+    if reading.sort:
+        order = np.argsort(own[TIME], kind="stable")
+        own = {role: numbers[order] for role, numbers in own.items()}
+        others = {name: numbers[order] for name, numbers in others.items()}
     own[TIME] = spread_ticks(own[TIME], notes)
     every = own | others
     if reading.between is not None:
@@ -127,6 +167,54 @@ def _is_angle(unit: str | None) -> bool:
     return unit is not None and unit in ("deg", "rad", "mrad")
 
 
+def _is_unnamed_angle(
+    column: Column, values: np.ndarray, units: dict[str, str], notes: list[str]
+) -> bool:
+    """Take a column that is named after an angle, without a unit, for radians or degrees."""
+    if units.get(HEIGHT) is not None or normalize_name(column.name) not in ANGLES:
+        return False
+    known = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    units[HEIGHT], other = ("deg", "rad") if known > _TURN else ("rad", "deg")
+    notes.append(
+        f"{quote(column.name)} goes to {known:.3g}, so it is taken for an angle in {units[HEIGHT]} "
+        f"(units: height={other}, or height=m for a height)"
+    )
+    return True
+
+
+def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -> None:
+    """Turn times since 1970, told by their size, into seconds since the first sample."""
+    if column.clock or column.unit is not None:
+        return
+    known = own[TIME][np.isfinite(own[TIME])]
+    first = float(known[0]) if len(known) else 0.0
+    for name, size in _EPOCHS.items():
+        if _YEAR_2000 / size <= first <= _YEAR_2100 / size:
+            own[TIME] = (own[TIME] - first) * size
+            notes.append(f"times are {name} since 1970; they begin at 0 s here (units: time=s)")
+            return
+
+
+def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
+    """Leave a velocity out that is not the slope of the height."""
+    if VELOCITY not in own:
+        return
+    time, height, velocity = own[TIME], own[HEIGHT], own[VELOCITY]
+    known = np.isfinite(time) & np.isfinite(height) & np.isfinite(velocity)
+    if known.sum() < _LEAST_SAMPLES or not (np.diff(time[known]) > 0.0).all():
+        return
+    slope = np.gradient(height[known], time[known])
+    if slope.std() == 0.0 or velocity[known].std() == 0.0:
+        return
+    agreement = float(np.corrcoef(slope, velocity[known])[0, 1])
+    if agreement < _AGREEMENT:
+        del own[VELOCITY]
+        notes.append(
+            f"the velocity does not follow the slope of the height (correlation {agreement:.2f}) "
+            "and is left out; say which columns they are (columns: height=..., velocity=...)"
+        )
+
+
 def _size(role: str, unit: str | None, angle: bool) -> float:
     wanted = SI[role]
     if angle and role in (HEIGHT, VELOCITY):
@@ -137,8 +225,14 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
         size, dimension = unit_size(unit)
     except SceneError as error:
         raise RecordError(
-            f"{role}: {error}; if it is another, say so (units: {role}=...)"
+            f"{role}: {error}; if it is another, say so (units: {role}=...); of a sensor, give "
+            f"the scale (scale: '2.5 mm/{visible(unit, 12)}')"
         ) from None
+    if dimension[3] != 0:
+        raise RecordError(
+            f"{role} has the unit {quote(unit)}; if it is another, say so (units: {role}=...); of "
+            f"a sensor, give the scale (scale: '2.5 mm/{visible(unit, 12)}')"
+        )
     if dimension != unit_size(wanted)[1]:
         raise RecordError(
             f"{role}: the unit {quote(unit)} does not fit; one of {wanted} is wanted: name "

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from granular.schema.sections import unknown
-from granular.shared.errors import RecordError
+from granular.schema.units import si_value
+from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text
 from granular.shared.messages import quote, visible
 
@@ -51,6 +52,13 @@ class ReadOptions:
         Whether the coordinate grows downwards, as the distance from a sensor above does.
     between : tuple of float or None
         The samples from this time to that one [s].
+    scale, zero : str or None
+        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``; see
+        `granular.readers.calibration`.
+    rate : str, float or None
+        Samples a second [Hz] of a file without times.
+    sort : bool
+        Whether rows are put in the order of their times.
 
     Raises
     ------
@@ -65,6 +73,10 @@ class ReadOptions:
     sheet: str | None = None
     flip: bool = False
     between: tuple[float, float] | None = None
+    scale: str | None = None
+    zero: str | None = None
+    rate: str | float | None = None
+    sort: bool = False
 
     def __post_init__(self) -> None:
         for name in ("columns", "units"):
@@ -82,8 +94,16 @@ class ReadOptions:
             raise RecordError(f"decimal = {quote(self.decimal)}; give '.' or ','")
         if isinstance(self.skip, bool) or not isinstance(self.skip, int) or self.skip < 0:
             raise RecordError(f"skip = {quote(self.skip)}; give a number of lines")
-        if not isinstance(self.flip, bool):
-            raise RecordError(f"flip = {quote(self.flip)}; give true or false")
+        for name in ("flip", "sort"):
+            if not isinstance(getattr(self, name), bool):
+                raise RecordError(f"{name} = {quote(getattr(self, name))}; give true or false")
+        for name in ("scale", "zero"):
+            if not isinstance(getattr(self, name), str | None):
+                raise RecordError(f"{name} = {quote(getattr(self, name))}; give a text with units")
+        if self.zero is not None and self.scale is None:
+            raise RecordError("zero without scale; give both, such as scale = '2.4894 mm/V'")
+        if self.rate is not None:
+            object.__setattr__(self, "rate", _sampling_rate(self.rate))
         if self.sheet is not None and not isinstance(self.sheet, str):
             raise RecordError(f"sheet = {quote(self.sheet)}; give a name")
         if self.between is not None:
@@ -115,7 +135,8 @@ class ReadOptions:
         plain = {
             "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
             "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
-            "between": None if self.between is None else list(self.between),
+            "between": None if self.between is None else list(self.between), "scale": self.scale,
+            "zero": self.zero, "rate": self.rate, "sort": self.sort,
         }  # fmt: skip
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 
@@ -133,6 +154,16 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
         if key not in known:
             raise RecordError(unknown(str(key), known, "key of a record"))
     return ReadOptions(**plain)
+
+
+def _sampling_rate(rate: Any) -> float:
+    try:
+        value = si_value(str(rate), "Hz")
+    except SceneError as error:
+        raise RecordError(f"rate = {quote(rate)}: {error}") from None
+    if not 0.0 < value < math.inf:
+        raise RecordError(f"rate = {value:g} Hz; give a number above 0")
+    return value
 
 
 def _time_range(times: Any) -> tuple[float, float]:

@@ -104,7 +104,7 @@ def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
 
 
 def sheet_from_table(table: Any) -> Sheet:
-    """Make a sheet of a DataFrame, an xarray object, or a mapping of names to arrays.
+    """Make a sheet of a DataFrame or Series, an xarray object, or a mapping of names to arrays.
 
     The index of a DataFrame that has a name, and coordinates, are columns too; units stand in the
     names, or in an xarray variable's attributes.
@@ -114,6 +114,8 @@ def sheet_from_table(table: Any) -> Sheet:
     RecordError
         If it is no such table.
     """
+    if hasattr(table, "to_frame") and not hasattr(table, "columns") and hasattr(table, "iloc"):
+        table = table.to_frame(table.name or "height")  # a Series
     if hasattr(table, "to_dataset") and hasattr(table, "dims"):  # a DataArray
         table = table.to_dataset(name=table.name or "height")
     if hasattr(table, "data_vars"):
@@ -126,6 +128,8 @@ def sheet_from_table(table: Any) -> Sheet:
     elif hasattr(table, "iloc") and hasattr(table, "columns"):
         if table.index.name is not None:
             table = table.reset_index()
+        elif table.index.dtype.kind in "mMf":  # times, without a name
+            table = table.rename_axis("time").reset_index()
         columns = {name: (table[name].to_numpy(), None) for name in table.columns}
         form = "DataFrame"
     elif isinstance(table, Mapping):

@@ -79,7 +79,9 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
-            sheet = read_delimited(_csv(table), None, reading.skip)
+            sheet = read_delimited(
+                _csv(table), None, reading.skip, 2 if reading.rate is None else 1
+            )
         except RecordError as error:
             first_error = first_error or error
             continue

@@ -34,6 +34,10 @@ READING = group(
         help="only the samples between these times [s]; ':' for all, also those before a release, "
         "which are left out otherwise",
     ),
+    option("--scale", metavar="SCALE", help="calibration of the height, such as '2.4894 mm/V'"),
+    option("--zero", metavar="VALUE", help="the column's number at the height 0: '2.513 V'"),
+    option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
+    option("--sort", action="store_true", help="put the rows in the order of their times"),
     title="how a record's file is read, where it is not to be guessed",
 )  # fmt: skip
 
@@ -63,7 +67,8 @@ def reading_from(options: Any) -> ReadOptions:
         columns=_pairs("--columns", options.columns.split(",")),
         units=_pairs("--units", options.units.split(",")),
         decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
-        between=between,
+        between=between, scale=options.scale, zero=options.zero, rate=options.rate,
+        sort=options.sort,
     )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ REFUSED = {
         "z'' + " + "*".join(f"(a{k} + z)" for k in range(24)) + " = 0", "multiplied out"
     ),
     "signs": ("z'' + k*" + "-" * 5000 + "z = 0", "5013 characters"),
-    "fewer signs": ("z'' + k*" + "-" * 500 + "z = 0", "more than 50 brackets, signs"),
+    "fewer signs": ("z'' + k*" + "-" * 500 + "z = 0", "more than 50 brackets, operators"),
     "characters": ("z'' + k*z = " + "1" * 10**6, "1000012 characters"),
     "brackets": ("z'' + " + "(" * 200 + "z" + ")" * 200 + " = 0", "more than 50 brackets"),
     "look-alike": ("z'' + \u043a*z + \u0435xp(z) = 0", "CYRILLIC SMALL LETTER KA"),
