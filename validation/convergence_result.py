@@ -111,15 +111,15 @@ class ConvergenceResult(PlainData):
     def summary(self) -> tuple[str, ...]:
         """Row of this result in a table of results; see `HEADER`."""
         measured = "exact to rounding" if self.exact else "too few steps above rounding"
-        interval = duration = ""
+        interval = steps_range = ""
         if self.fit is not None:
             measured = f"{self.fit.value:.4f}"
             interval = f"{self.fit.interval[0]:.3f} to {self.fit.interval[1]:.3f}"
             first, last = self.steps[self.fit.first], self.steps[self.fit.last]
-            duration = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
+            steps_range = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
         declared = str(self.order) if self.smooth else f"{self.order}, motion not smooth"
         return (
-            self.problem, self.method, declared, measured, interval, duration,
+            self.problem, self.method, declared, measured, interval, steps_range,
             f"{min(self.errors):.2g}", f"{self.rounding:.1g}",
         )  # fmt: skip
 

@@ -77,11 +77,11 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     [2. 1.] [-3.   0.5]
     """
     x, y = _checked(x, y)
-    start, duration = float(x.min()), float(np.ptp(x))
-    u = (x - start) / duration
+    start, width = float(x.min()), float(np.ptp(x))
+    u = (x - start) / width
     rates = _best_rates(u, y)
-    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / duration)
-    rates = rates / duration
+    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / width)
+    rates = rates / width
     order = np.argsort(rates)
     return _with_intervals(x, y, amplitudes[order], rates[order])
 

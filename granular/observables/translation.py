@@ -83,12 +83,12 @@ def lattice_vector(positions: np.ndarray) -> np.ndarray:
     length = 2.0 * math.pi * math.sqrt(2.0 / (math.sqrt(3.0) * area))
     points = np.asarray(positions, dtype=np.float64)[cells.interior]
     best = _peak_on_a_mesh(points, length)
-    duration = math.pi / float(np.linalg.norm(np.ptp(points, axis=0)))
+    resolution = math.pi / float(np.linalg.norm(np.ptp(points, axis=0)))
     for _ in range(_NARROWINGS):
-        steps = np.linspace(-duration, duration, 5)
+        steps = np.linspace(-resolution, resolution, 5)
         about = best + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         best = about[np.argmax(structure_factor(points, about))]
-        duration *= 0.5
+        resolution *= 0.5
     return np.asarray(best)
 
 

@@ -218,9 +218,9 @@ def _triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(points) < 3:
         return none, none
     # Places about the middle lose fewest bits where they are squared.
-    centre_swing = points - points.mean(axis=0)
+    centred = points - points.mean(axis=0)
     try:
-        mesh = Delaunay(centre_swing)
+        mesh = Delaunay(centred)
     except QhullError:
         return none, none
     return mesh.simplices.astype(np.intp), mesh.neighbors.astype(np.intp)

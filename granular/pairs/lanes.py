@@ -210,8 +210,8 @@ def _estimated_seed(code: Code, r2: ir.Value) -> ir.Value:
 def _portable_seed(code: Code, r2: ir.Value) -> ir.Value:
     """Approximate from the bits: the same on every processor."""
     b = code.builder
-    halve_step = b.lshr(code.bits(r2), integer_constant(1))
-    y = code.number(b.sub(integer_constant(_HALVED_EXPONENT), halve_step))
+    halved = b.lshr(code.bits(r2), integer_constant(1))
+    y = code.number(b.sub(integer_constant(_HALVED_EXPONENT), halved))
     t = b.fmul(r2, b.fmul(y, y))
     slope = code.fused_multiply_add(t, constant(_FIRST[2]), constant(_FIRST[1]))
     return b.fmul(y, code.fused_multiply_add(t, slope, constant(_FIRST[0])))

@@ -199,8 +199,8 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
     point = finer.points([centre.position])[0]
     if point.failure:
         return None, 1
-    double_step = 2.0 ** method_of(simulator.settings["method"]).order
-    return np.asarray(double_step / (double_step - 1.0) * (centre.logs[0] - point.logs[0])), 1
+    growth = 2.0 ** method_of(simulator.settings["method"]).order
+    return np.asarray(growth / (growth - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
 def _result(

@@ -219,9 +219,9 @@ def _resampler(
         left = without_random_walk(residuals, gain)
         left = left - middle(left, loss)
         return lambda random: with_random_walk(random.choice(left, count), gain)
-    centre_swing = residuals - middle(residuals, loss)
-    series = autoregression(centre_swing)
-    new = series.new(centre_swing)
+    centred = residuals - middle(residuals, loss)
+    series = autoregression(centred)
+    new = series.new(centred)
     new = new - middle(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0

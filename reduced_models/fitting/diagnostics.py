@@ -80,9 +80,9 @@ def autocorrelation_time(values: np.ndarray) -> float:
     A. Sokal (1997), doi:10.1007/978-1-4899-0319-8_6.
     """
     count = len(values)
-    centre_swing = values - values.mean()
+    centred = values - values.mean()
     size = 1 << (2 * count - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centre_swing, size)) ** 2
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
     correlation = np.fft.irfft(spectrum, size)[:count]
     if correlation[0] <= 0.0:
         return 1.0

@@ -228,9 +228,9 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         # A mean of few samples is moved to its grid point by the slope between them, which is off
         # where they are far apart: by as much as the noise, which the doubling does not survive.
         samples = samples_on_grid(training, grid, law.inputs, how)
-        pad_to_vectors = np.zeros_like(samples.weight)
-        pad_to_vectors[: len(training)] = weights
-        samples = samples.weighted(pad_to_vectors)
+        padded = np.zeros_like(samples.weight)
+        padded[: len(training)] = weights
+        samples = samples.weighted(padded)
     loss = problem.loss_of(data, unknowns.amplitude)
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 

@@ -257,11 +257,11 @@ def solution(
     if law.inputs:
         return _driven_solution(law, times, start, values, size, list(inputs), how)
     count = len(times)
-    pad_to_vectors = np.full(-(-count // 1024) * 1024, times[-1])
-    pad_to_vectors[:count] = times
+    padded = np.full(-(-count // 1024) * 1024, times[-1])
+    padded[:count] = times
     for budget in STEP_BUDGETS:
         solve = _adaptive(law.equation, budget)
-        z, v, complete, blown_up = solve(pad_to_vectors, start, (values, float(size)), float(size))
+        z, v, complete, blown_up = solve(padded, start, (values, float(size)), float(size))
         if complete or blown_up:
             break
     ending: Ending = "complete" if complete else ("blow-up" if blown_up else "steps")
@@ -325,8 +325,8 @@ def _driven_solution(
     result = piecewise_cubics(times, inputs, how)
     every = len(result.length) // (len(times) - 1)
     count = len(result.length)
-    pad_to_vectors = padded_steps(count)
-    length, cubics = np.ones(pad_to_vectors), np.zeros((pad_to_vectors, *result.cubics.shape[1:]))
+    padded = padded_steps(count)
+    length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
     length[:count], cubics[:count] = result.length, result.cubics
     solve = _stepping(law.equation, law.inputs)
     before = np.full((len(times), 2), np.inf)

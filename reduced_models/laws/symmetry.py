@@ -63,18 +63,18 @@ def _symmetries(
     def moved(k: int, by: float) -> Callable[[np.ndarray], np.ndarray]:
         return lambda given: given + by * (np.arange(len(given)) == k)[:, None]
 
-    def flip_sign(k: int) -> Callable[[np.ndarray], np.ndarray]:
+    def flipped(k: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda given: np.where((np.arange(len(given)) == k)[:, None], -given, given)
 
     def both(k: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda given: moved(other, math.pi)(flip_sign(k)(given))
+        return lambda given: moved(other, math.pi)(flipped(k)(given))
 
     turning = [k for k in range(len(parameters)) if same(moved(k, _TURN))]
     # What means the same anywhere is no angle.
     turning = [k for k in turning if not same(moved(k, 1.0))]
     flipping: list[tuple[str, str | None]] = []
     for k, name in enumerate(parameters):
-        if same(flip_sign(k)):
+        if same(flipped(k)):
             flipping.append((name, None))
             continue
         for other in turning:
@@ -107,10 +107,10 @@ def canonical(
         low, high = edges.get(name, _OPEN)
         outside = (result[name] < low) | (result[name] > high)
         turned = -result[name]
-        flip_sign = ((turned > 0.0) | outside) & (turned >= low) & (turned <= high)
-        result[name] = np.where(flip_sign, turned, result[name])
+        flipped = ((turned > 0.0) | outside) & (turned >= low) & (turned <= high)
+        result[name] = np.where(flipped, turned, result[name])
         if other is not None:
-            result[other] = result[other] + math.pi * flip_sign
+            result[other] = result[other] + math.pi * flipped
     for name in known.turning:
         if name in collection:
             continue

@@ -249,10 +249,10 @@ class GriddedRecord:
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:
         """Return the same with other heights (n,)."""
-        pad_to_vectors = self.samples.height.copy()
-        pad_to_vectors[: len(height)] = height
+        padded = self.samples.height.copy()
+        padded[: len(height)] = height
         record = dataclasses.replace(self.record, height=height)
-        samples = self.samples._replace(height=pad_to_vectors)
+        samples = self.samples._replace(height=padded)
         return dataclasses.replace(self, record=record, samples=samples)
 
     def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:

@@ -186,12 +186,12 @@ def _uneven_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np
         here = np.arange(start, min(start + _BATCH, count))
         inside = first[here, None] + np.arange(window)
         away = time[inside] - time[here, None]
-        duration = np.abs(away).max(axis=1)
-        powers = (away / duration[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
+        reach = np.abs(away).max(axis=1)
+        powers = (away / reach[:, None])[:, :, None] ** np.arange(_DEGREE + 1)
         basis, triangle = np.linalg.qr(powers)
         projected = np.einsum("nwp,nw->np", basis, height[inside])
         result = np.linalg.solve(triangle, projected[:, :, None])[:, :, 0]
-        out[:, here] = result[:, 0], result[:, 1] / duration, 2.0 * result[:, 2] / duration**2
+        out[:, here] = result[:, 0], result[:, 1] / reach, 2.0 * result[:, 2] / reach**2
     return out
 
 

@@ -161,15 +161,13 @@ def _band_limited(time: np.ndarray, values: np.ndarray, times: np.ndarray) -> np
     step = float(time[-1] - time[0]) / (len(time) - 1)
     before = 2.0 * values[0] - values[_TAPS:0:-1]
     after = 2.0 * values[-1] - values[-2 : -_TAPS - 2 : -1]
-    pad_to_vectors = np.concatenate([before, values, after])
+    padded = np.concatenate([before, values, after])
     flat = (times.ravel() - time[0]) / step + _TAPS
     result = np.zeros(len(flat))
     index = np.floor(flat).astype(np.int64)
     for tap in range(1 - _TAPS, _TAPS + 1):
-        here = np.clip(index + tap, 0, len(pad_to_vectors) - 1)
+        here = np.clip(index + tap, 0, len(padded) - 1)
         away = flat - (index + tap)
         inside = np.maximum(1.0 - (away / _TAPS) ** 2, 0.0)
-        result += (
-            pad_to_vectors[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
-        )
+        result += padded[here] * np.sinc(away) * np.i0(_KAISER * np.sqrt(inside)) / np.i0(_KAISER)
     return result.reshape(times.shape)

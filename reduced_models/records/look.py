@@ -161,10 +161,10 @@ def _useful(record: PistonRecord, noise: float) -> float:
 
 def _draw_motion(record: PistonRecord) -> list[str]:
     """Motion in characters, for a terminal."""
-    duration = float(np.ptp(record.height)) or 1.0
+    extent = float(np.ptp(record.height)) or 1.0
     position = (record.time - record.time[0]) / (record.time[-1] - record.time[0])
     columns = np.minimum((position * _WIDTH).astype(int), _WIDTH - 1)
-    rows = ((record.height - record.height.min()) / duration * (_ROWS - 1)).round().astype(int)
+    rows = ((record.height - record.height.min()) / extent * (_ROWS - 1)).round().astype(int)
     counts = np.zeros((_ROWS, _WIDTH), dtype=int)
     np.add.at(counts, (rows, columns), 1)
     return ["".join("*" if count else " " for count in row).rstrip() for row in counts[::-1]]

@@ -120,21 +120,19 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
         )
         level = float(np.median(height[: max(5, first // 2)]))
     together = 2 * (max(last - first, 0) // 8) + 1
-    pad_to_vectors = np.pad(height, together // 2, mode="edge")
-    displacement = np.abs(
-        np.convolve(pad_to_vectors, np.ones(together) / together, mode="valid") - level
-    )
-    duration = float(displacement.max())
-    if not duration > 0.0:
+    padded = np.pad(height, together // 2, mode="edge")
+    displacement = np.abs(np.convolve(padded, np.ones(together) / together, mode="valid") - level)
+    largest = float(displacement.max())
+    if not largest > 0.0:
         return None
     steps = np.abs(np.diff(height))
-    rounding = float(steps[steps > 1e-9 * duration].min(initial=duration))
+    rounding = float(steps[steps > 1e-9 * largest].min(initial=largest))
     noise = math.hypot(noise_level(height, time), rounding / math.sqrt(12.0))
     left_noise = noise / math.sqrt(together)
-    low = max(_LOWEST, _SIGMAS * left_noise / duration, 1.6 * rounding / duration)
+    low = max(_LOWEST, _SIGMAS * left_noise / largest, 1.6 * rounding / largest)
     if low > _NOISIEST:
         return None
-    levels = duration * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
+    levels = largest * np.array([low, _RATIO * low, max(_HIGHEST, 1.5 * _RATIO * low)])
     times = _crossings(time, displacement, levels)
     if times is None:
         return None
@@ -202,10 +200,10 @@ def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], e
 
 def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
     """Return whether a column is a drive, by its name, and acts well before the release."""
-    duration = float(np.ptp(values))
-    if early == 0 or duration == 0.0 or not any(word in name.lower() for word in _DRIVES):
+    extent = float(np.ptp(values))
+    if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVES):
         return False
-    return float(np.ptp(values[:early])) > _ACTS * duration > 5.0 * noise_level(values, time)
+    return float(np.ptp(values[:early])) > _ACTS * extent > 5.0 * noise_level(values, time)
 
 
 def _change(values: np.ndarray, early: int, start: int) -> int:

@@ -32,7 +32,7 @@ class Rate(NamedTuple):
         Median time of the processor.
     """
 
-    plan_runs: int
+    planned: int
     run: int
     exact: int
     usable: int
@@ -63,7 +63,7 @@ class Results:
             if (row := self.rows.get(Case(method, name, library, noise, seed))) is not None
         ]
         return Rate(
-            plan_runs=len(names) * SEEDS,
+            planned=len(names) * SEEDS,
             run=len(rows),
             exact=sum(row["exact"] for row in rows),
             usable=sum(row["usable"] for row in rows),

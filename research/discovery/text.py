@@ -85,7 +85,7 @@ def rate_words(rate: Rate) -> str:
     if not rate.run:
         return NOT_RUN
     words = f"{rate.found} of {rate.run} ({rate.exact} exact)"
-    left = rate.plan_runs - rate.run
+    left = rate.planned - rate.run
     return f"{words}, {left} {NOT_RUN}" if left else words
 
 
@@ -110,9 +110,9 @@ def words(found: Results) -> str:
     ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
     sentences.append(f"Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
-    plan_runs = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
-    if len(found.rows) < plan_runs:
-        sentences.append(f"{plan_runs - len(found.rows)} of {plan_runs} runs were {NOT_RUN}.")
+    planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
+    if len(found.rows) < planned:
+        sentences.append(f"{planned - len(found.rows)} of {planned} runs were {NOT_RUN}.")
     return " ".join(sentences)
 
 

@@ -152,12 +152,12 @@ def _piston_temperature(
 def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
     """d^2U/dH^2 at fixed places of the grains [N/m], by differences."""
     step = _SHIFT * run.scene.grains.species[0].diameter
-    forces_at = [
+    pushed = [
         float(wall_interactions(run.scene, places, height + way).forces[:, :, 1].sum())
         for way in (step, -step)
     ]
     # The bottom's share does not depend on the piston; the grains are pushed down by it.
-    return (forces_at[0] - forces_at[1]) / (2.0 * step)
+    return (pushed[0] - pushed[1]) / (2.0 * step)
 
 
 def _shaking(run: Trajectory, spacing: float, energy: float) -> dict[str, float]:

@@ -128,14 +128,14 @@ def collapse(
     _, owner = np.unique(np.array(groups), return_inverse=True)
     random = np.random.default_rng(seed)
     members = [np.flatnonzero(owner == group) for group in np.unique(owner)]
-    again, shuffle = np.zeros((2, draws, 2))
+    again, shuffled = np.zeros((2, draws, 2))
     for k in range(draws):
         drawn = np.concatenate([random.choice(one, len(one)) for one in members])
         again[k] = _both(x[drawn], y[drawn], owner[drawn])
-        shuffle[k] = _both(random.permutation(x), y, owner)
+        shuffled[k] = _both(random.permutation(x), y, owner)
     tail = 0.5 * (1.0 - LEVEL)
     low, high = np.quantile(again, [tail, 1.0 - tail], axis=0)
-    chance = np.quantile(shuffle, LEVEL, axis=0)
+    chance = np.quantile(shuffled, LEVEL, axis=0)
     figures = [Figure(*map(float, one))
                for one in zip(_both(x, y, owner), low, high, chance, strict=True)]  # fmt: skip
     return Collapse(*figures)

@@ -41,8 +41,8 @@ def reference(series: Series) -> Reference:
     The error of a value is what half the step changes.
     """
     scene = _short(series.scene(series.seeds[0]))
-    integer, halve_step = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
-    return {name: [value, abs(value - halve_step[name])] for name, value in integer.items()}
+    integer, halved = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
+    return {name: [value, abs(value - halved[name])] for name, value in integer.items()}
 
 
 def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]) -> bool:

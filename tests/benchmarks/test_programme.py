@@ -110,8 +110,8 @@ def test_growth_needs_three_large_counts() -> None:
 
 def test_every_method_of_pairs_takes_part() -> None:
     assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
-    plan_runs = {key["method"] for key, _ in programme._WORK["memory"](True)}
-    assert plan_runs == set(PAIR_METHODS)
+    planned = {key["method"] for key, _ in programme._WORK["memory"](True)}
+    assert planned == set(PAIR_METHODS)
 
 
 def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:

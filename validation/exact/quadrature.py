@@ -84,11 +84,11 @@ def closed_integrand(potential: Potential, turning: Number, other: Number) -> Po
     from mpmath import sin, sqrt
 
     energy = potential(turning)
-    duration = other - turning
+    interval = other - turning
 
     def integrand(phi: Number) -> Number:
-        position = turning + duration * sin(phi / 2) ** 2
-        return abs(duration) * sin(phi) / 2 / sqrt(2 * (energy - potential(position)))
+        position = turning + interval * sin(phi / 2) ** 2
+        return abs(interval) * sin(phi) / 2 / sqrt(2 * (energy - potential(position)))
 
     return integrand
 

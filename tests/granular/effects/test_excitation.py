@@ -53,8 +53,8 @@ def test_a_displacement_is_that_of_the_base(words: dict[str, Any]) -> None:
     h = 1e-4
     times = np.arange(0.0, 1.8, h)
     rate = math.log(4.0) / 2.0
-    swept_area = math.tau * np.expm1(rate * times) / rate
-    path = 2e-3 * np.sin(swept_area if words["kind"] == "sweep" else math.tau * times)
+    swept = math.tau * np.expm1(rate * times) / rate
+    path = 2e-3 * np.sin(swept if words["kind"] == "sweep" else math.tau * times)
     wanted = np.diff(path, 2) / h**2
     found = of(times[1:-1], displacement="2 mm", frequency="1 Hz", **words)
     np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())

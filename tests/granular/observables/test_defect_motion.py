@@ -115,8 +115,8 @@ def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray
         if kind == "vacancy":
             return np.asarray(np.delete(LATTICE, site, 0) + noise[:-2])
         arm = LATTICE - (LATTICE[site] + aside)
-        forces_at = LATTICE + 0.25 * arm / np.linalg.norm(arm, axis=1)[:, None] ** 2
-        return np.concatenate([forces_at, [LATTICE[site] + aside]]) + noise
+        pushed = LATTICE + 0.25 * arm / np.linalg.norm(arm, axis=1)[:, None] ** 2
+        return np.concatenate([pushed, [LATTICE[site] + aside]]) + noise
 
     return [made], frame
 

@@ -44,10 +44,10 @@ from validation.published import published_value
 
 
 def series(
-    name: str, protocol: str = "published", plan_runs: int = 3, **figures: list[Any]
+    name: str, protocol: str = "published", planned: int = 3, **figures: list[Any]
 ) -> dict[str, dict[str, Any]]:
     count = max((len(one) for one in figures.values()), default=0)
-    seeds = list(range(1, plan_runs + 1))
+    seeds = list(range(1, planned + 1))
     plain = {
         "name": name, "protocol": protocol, "words": protocol, "step": "auto*1.5", "coarse": False,
         "seeds": seeds, "done": seeds[:count], "keys": [f"{k}" for k in seeds[:count]],
@@ -184,7 +184,7 @@ def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
         force = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r))
         order = 1.0 - r * (1.0 - r)
         made.append(
-            series(mixture_name(aspect, r), plan_runs=2, force=[force - 0.01, force + 0.01],
+            series(mixture_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01],
                    hexagons_full=[order, order + 0.01], psi6_full=[order, order - 0.01])
         )  # fmt: skip
     return made
@@ -205,7 +205,7 @@ def test_the_published_curve_is_found_again() -> None:
 
 def test_deviations_anywhere_in_the_cycle() -> None:
     down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
-    found = results(series("starts", plan_runs=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
+    found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
     assert one.found is not None
     assert one.found.value == pytest.approx(np.sqrt(0.5) / 10.0)
