@@ -427,6 +427,21 @@ class PistonRecord:
         """
         return self._chosen((self.time >= start) & (self.time <= stop))
 
+    def select(self, samples: np.ndarray) -> PistonRecord:
+        """Return some of the samples.
+
+        Parameters
+        ----------
+        samples : bool (n,)
+            True for the samples that are kept.
+
+        Returns
+        -------
+        PistonRecord
+            Record with these samples; its times are kept as they are.
+        """
+        return self._chosen(samples)
+
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.
 

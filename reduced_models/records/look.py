@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +13,10 @@ from granular.readers.formats import interpret_file
 from granular.readers.interpretation import Interpretation
 from granular.readers.options import ReadOptions
 from granular.run.record import PistonRecord
-from granular.shared.errors import RecordError
+from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.messages import visible
 from reduced_models.records.first_guesses import noise_level
-from reduced_models.records.release import release, tail_from, words
+from reduced_models.records.motion import find_motion
 from reduced_models.records.sources import has_times
 
 if TYPE_CHECKING:
@@ -127,9 +128,12 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
         record = PistonRecord.from_interpretation(meaning)
     except RecordError as error:
         raise RecordError(f"{visible(path)}: {error}") from None
-    if not has_times(path, options) and (start := release(record)):
-        meaning = dataclasses.replace(meaning, notes=(*meaning.notes, words(record, start)))
-        record = tail_from(record, start)
+    if not has_times(path, options):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", RecordWarning)
+            record = find_motion(record)
+        notes = (*meaning.notes, *(str(warning.message) for warning in caught))
+        meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0

@@ -11,7 +11,7 @@ from granular.readers.options import ReadOptions, is_description, read_descripti
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quote, visible
-from reduced_models.records.release import from_release
+from reduced_models.records.motion import find_motion
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -94,8 +94,8 @@ def read_record(
 ) -> PistonRecord:
     """Motion in a file: what `PistonRecord.from_file` reads, from its release on.
 
-    What stands still before the release is left out (`from_release`), unless times are given, here
-    or in the ``record.toml`` that is read.
+    Left out are clipped samples, further releases, and what stands still before the release
+    (`reduced_models.records.motion`), unless times are given, here or in the ``record.toml``.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def read_record(
         Of what was guessed or done, the cut among it.
     """
     record = PistonRecord.from_file(path, units, **said)
-    return record if has_times(Path(path), ReadOptions(**said)) else from_release(record)
+    return record if has_times(Path(path), ReadOptions(**said)) else find_motion(record)
 
 
 def has_times(path: Path, options: ReadOptions) -> bool:
