@@ -196,7 +196,7 @@ def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -
 
 
 def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
-    """Leave a velocity out that is not the slope of the height."""
+    """Note a velocity that is not the slope of the height."""
     if VELOCITY not in own:
         return
     time, height, velocity = own[TIME], own[HEIGHT], own[VELOCITY]
@@ -208,10 +208,9 @@ def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
         return
     agreement = float(np.corrcoef(slope, velocity[known])[0, 1])
     if agreement < _AGREEMENT:
-        del own[VELOCITY]
         notes.append(
-            f"the velocity does not follow the slope of the height (correlation {agreement:.2f}) "
-            "and is left out; say which columns they are (columns: height=..., velocity=...)"
+            f"the velocity does not follow the slope of the height (correlation {agreement:.2f}): "
+            "if these are not what they are called, say so (columns: height=..., velocity=...)"
         )
 
 

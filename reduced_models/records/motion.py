@@ -46,7 +46,7 @@ def find_motion(record: PistonRecord) -> PistonRecord:
     """
     record = _without_clipped(record)
     starts = _releases(record)
-    if len(starts) > 1:
+    if len(starts) > 1 and starts[1] >= LEAST_SAMPLES:
         times = ", ".join(f"{record.time[k]:.4g}" for k in starts)
         end = float(record.time[starts[1] - 1])
         warnings.warn(
