@@ -203,10 +203,15 @@ def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
     known = np.isfinite(time) & np.isfinite(height) & np.isfinite(velocity)
     if known.sum() < _LEAST_SAMPLES or not (np.diff(time[known]) > 0.0).all():
         return
-    slope = np.gradient(height[known], time[known])
-    if slope.std() == 0.0 or velocity[known].std() == 0.0:
-        return
-    agreement = float(np.corrcoef(slope, velocity[known])[0, 1])
+    # times that differ by less than a float resolves, and heights near its end, have no slope
+    with np.errstate(all="ignore"):
+        slope = np.gradient(height[known], time[known])
+        if not np.isfinite(slope).all():
+            return
+        spread = float(slope.std()) * float(velocity[known].std())
+        if not 0.0 < spread < np.inf:
+            return
+        agreement = float(np.corrcoef(slope, velocity[known])[0, 1])
     if agreement < _AGREEMENT:
         notes.append(
             f"the velocity does not follow the slope of the height (correlation {agreement:.2f}): "
