@@ -15,6 +15,7 @@ import numpy as np
 from granular.effects import drag
 from granular.effects.wall_experimental import force
 from granular.pairs.direct import direct_sum
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.vector import lane_sum
 
 _by_hand = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})
@@ -49,7 +50,8 @@ class Bed(NamedTuple):
 
 @_by_hand
 def _pairs(bed: Bed) -> None:
-    direct_sum(bed.x, bed.y, bed.fx, bed.fy, None, None, None, None, None, None, None, None)
+    arrays = PairArrays(bed.x, bed.y, bed.fx, bed.fy, None, None, None, None, None)
+    direct_sum(arrays, None, None, None)
 
 
 @_by_hand

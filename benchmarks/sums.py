@@ -29,6 +29,7 @@ from granular.pairs.direct import (
     padded_values,
     part_buffers,
 )
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 
@@ -99,15 +100,7 @@ def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) 
     return grains.timed(
         sums,
         lambda: _direct_sum(
-            x,
-            grains.y,
-            sums[0],
-            sums[1],
-            None,
-            None,
-            None,
-            third,
-            weight,
+            PairArrays(x, grains.y, sums[0], sums[1], load=third, weight=weight),
             buffers,
             thread,
             None,
@@ -150,10 +143,8 @@ def _cut_off_steps(
 ) -> None:  # fmt: skip
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
-        cut_sum(
-            near, radius, None, None, start.shape[1], x, y, sums[0], sums[1],
-            None, None, None, None, None,
-        )  # fmt: skip
+        arrays = PairArrays(x, y, sums[0], sums[1], None, None, None, None, None)
+        cut_sum(near, radius, None, None, start.shape[1], arrays)
 
 
 @numba.njit(error_model="numpy")

@@ -28,8 +28,8 @@ from granular.compiled import compiled, entry
 from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.flow import Flow
 from granular.effects.frame import Frame
-from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, STEPS, Bed
+from granular.pairs.pair_arrays import value_of
 from granular.pairs.vector import lane_sum
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales

@@ -21,10 +21,11 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, in_joules
 from granular.effects.flow import Flow
 from granular.effects.force import Force
-from granular.kernel_data.constants import Constants, value_of
+from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import pair_energy
+from granular.pairs.pair_arrays import value_of
 from granular.schema.sections import quantity
 
 

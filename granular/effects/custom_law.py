@@ -12,9 +12,10 @@ from numba.extending import overload
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.custom_definition import DEFINITIONS, Definition, Grain
-from granular.kernel_data.constants import Constants, moments_of, value_of
+from granular.kernel_data.constants import Constants, moments_of
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells
+from granular.pairs.pair_arrays import value_of
 
 
 class CustomLaw(NamedTuple):

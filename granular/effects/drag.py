@@ -24,8 +24,8 @@ from granular.compiled import Array, compiled, entry
 from granular.effects.effect import EffectContext, in_joules
 from granular.effects.flow import Flow
 from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
+from granular.pairs.pair_arrays import value_of
 from granular.pairs.vector import lane_sum
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity

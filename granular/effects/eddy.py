@@ -17,8 +17,9 @@ from typing import Any, ClassVar, NamedTuple
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, in_joules
 from granular.effects.flow import Flow
-from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.constants import moments_of
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.pairs.pair_arrays import value_of
 from granular.schema.scales import Scales
 from granular.schema.sections import integer, quantity
 

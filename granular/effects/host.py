@@ -18,8 +18,8 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, EffectContext, Record, in_joules
 from granular.effects.excitation import Drive, Excitation
 from granular.effects.frame import Frame
-from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
+from granular.pairs.pair_arrays import value_of
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, integer, many, nested, quantity

@@ -18,8 +18,9 @@ from granular.compiled.dispatch import by_law
 from granular.effects import drag
 from granular.effects.effect import Effect, EffectContext, in_joules
 from granular.effects.flow import Flow
-from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.constants import moments_of
 from granular.kernel_data.state import LOSSES, Bed
+from granular.pairs.pair_arrays import value_of
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 

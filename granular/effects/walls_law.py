@@ -22,8 +22,9 @@ from granular.effects.wall_side import (
     distance_energies,
     distance_forces,
 )
-from granular.kernel_data.constants import Constants, divide_by_mass, moments_of, value_of
+from granular.kernel_data.constants import Constants, divide_by_mass, moments_of
 from granular.kernel_data.state import HEIGHT, Bed
+from granular.pairs.pair_arrays import value_of
 from granular.pairs.vector import lane_sum
 
 

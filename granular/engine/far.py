@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import moments_of, value_of
+from granular.kernel_data.constants import moments_of
 from granular.kernel_data.state import Bed, State
-from granular.pairs.far_direct import DirectRoom, find_far_direct
+from granular.pairs.far_direct import DirectWorkspace, find_far_direct
 from granular.pairs.far_field import (
     CALLS,
     CHANGING,
@@ -21,6 +21,7 @@ from granular.pairs.far_field import (
     store_positions,
 )
 from granular.pairs.mesh import Mesh
+from granular.pairs.pair_arrays import PairArrays, value_of
 
 
 @compiled(inline=True)
@@ -35,22 +36,26 @@ def find_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
 
 
 @compiled(inline=True)
-def _find(mesh: Mesh | None, direct: DirectRoom | None, far: FarForces, bed: Bed) -> int:
+def _find(mesh: Mesh | None, direct: DirectWorkspace | None, far: FarForces, bed: Bed) -> int:
     state, constants = bed.state, bed.constants
     assert state.stripes is not None
-    crowded = 0
+    crowded, grains, threaded = 0, constants.grains, constants.threaded
+    arrays = PairArrays(
+        state.x,
+        state.y,
+        far.fx,
+        far.fy,
+        moments_of(constants),
+        None,
+        None,
+        far.load,
+        constants.acting.weight,
+    )
     if mesh is not None:
-        crowded = find_far_forces(
-            mesh, far, constants.threaded, constants.grains, state.x, state.y,
-            moments_of(constants), constants.acting.weight, state.stripes.order,
-        )  # fmt: skip
+        crowded = find_far_forces(mesh, far, threaded, grains, arrays, state.stripes.order)
     if direct is not None:
-        find_far_direct(
-            direct, state.stripes, far.radius, constants.threaded, constants.grains,
-            state.x, state.y, far.fx, far.fy, far.energy, moments_of(constants),
-            far.load, constants.acting.weight,
-        )  # fmt: skip
-        store_positions(far.met, state.x, state.y, constants.grains)
+        find_far_direct(direct, state.stripes, far.radius, threaded, grains, arrays, far.energy)
+        store_positions(far.met, state.x, state.y, grains)
     return crowded
 
 

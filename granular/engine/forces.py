@@ -11,6 +11,7 @@ from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
+from granular.pairs.pair_arrays import PairArrays, clear_sums, if_given
 from granular.pairs.stripes import CutOff
 from granular.pairs.vector import lane_sum
 from granular.pairs.verlet_list import VerletSettings, list_sum
@@ -18,53 +19,41 @@ from granular.pairs.verlet_list import VerletSettings, list_sum
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: VerletSettings | None, bed: Bed,
-    stiffness: Array | None, extremes: Array | None, load: Array | None, weight: Array | None,
-) -> None:  # fmt: skip
+    cut: CutOff | None, listing: VerletSettings | None, bed: Bed, arrays: PairArrays
+) -> None:
     state, constants = bed.state, bed.constants
+    grains, threaded = constants.grains, constants.threaded
     if cut is None and listing is None:
-        direct_sum(
-            state.x, state.y, state.fx, state.fy, moments_of(constants),
-            stiffness, extremes, load, weight, state.buffers, constants.threaded,
-            constants.acting.nearest,
-        )  # fmt: skip
+        direct_sum(arrays, state.buffers, threaded, constants.acting.nearest)
     if cut is not None:
         assert state.stripes is not None
-        cut_sum(
-            state.stripes, cut.radius, cut.smooth, constants.threaded, constants.grains,
-            state.x, state.y, state.fx, state.fy, moments_of(constants),
-            stiffness, extremes, load, weight,
-        )  # fmt: skip
+        cut_sum(state.stripes, cut.radius, cut.smooth, threaded, grains, arrays)
     if listing is not None:
         assert state.verlet_list is not None
-        list_sum(
-            state.verlet_list, listing, constants.grains, state.x, state.y, state.fx, state.fy,
-            moments_of(constants), stiffness, extremes, load, weight,
-        )  # fmt: skip
+        list_sum(state.verlet_list, listing, grains, arrays)
 
 
 @compiled(inline=True)
 def _pair_forces(
-    dipole: bool | None, weight: Array | None, bed: Bed,
-    stiffness: Array | None, extremes: Array | None,
-) -> None:  # fmt: skip
+    dipole: bool | None, bed: Bed, stiffness: Array | None, extremes: Array | None
+) -> None:
     state, constants = bed.state, bed.constants
+    weight = constants.acting.weight
+    arrays = PairArrays(
+        state.x,
+        state.y,
+        state.fx,
+        state.fy,
+        moments_of(constants),
+        stiffness,
+        extremes,
+        if_given(weight, state.load),
+        weight,
+    )
     if dipole is None:
-        state.fx[:] = 0.0
-        state.fy[:] = 0.0
-        if stiffness is not None:
-            stiffness[:] = 0.0
-        if extremes is not None:
-            extremes[:] = 0.0
-    elif weight is None:
-        _magnetic_forces(
-            constants.acting.cut, constants.acting.listing, bed, stiffness, extremes, None, None
-        )
+        clear_sums(arrays)
     else:
-        _magnetic_forces(
-            constants.acting.cut, constants.acting.listing, bed,
-            stiffness, extremes, state.load, weight,
-        )  # fmt: skip
+        _magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
 
 
 _add_forces = sum_over("add_forces", "bed time")
@@ -82,7 +71,7 @@ def compute_forces(bed: Bed, time: float) -> int:
     """
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(acting.dipole, acting.weight, bed, None, None)
+    _pair_forces(acting.dipole, bed, None, None)
     crowded = refresh_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
@@ -93,7 +82,7 @@ def measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(acting.dipole, acting.weight, bed, measurement.stiffness, measurement.extremes)
+    _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.extremes)
     crowded = find_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)

@@ -46,8 +46,8 @@ from granular.effects.host import (
 from granular.effects.wall_side import TOP
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
-from granular.kernel_data.constants import value_of
 from granular.kernel_data.state import SPEED, WORK, Bed, State
+from granular.pairs.pair_arrays import value_of
 from granular.protocol.motion import Motion, outer_force
 
 

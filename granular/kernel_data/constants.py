@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.pairs.far_field import FarField
+from granular.pairs.pair_arrays import value_of
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings
 
@@ -119,12 +120,6 @@ def moments_of(constants: Constants) -> Array | None:
 @compiled(inline=True)
 def _given(values: Array | None, otherwise: Array | None) -> Array | None:
     return otherwise if values is None else values
-
-
-@compiled(inline=True)
-def value_of(values: Array | None, i: int) -> float:
-    """Value of one grain; 1 where all grains are alike."""
-    return 1.0 if values is None else values[i]
 
 
 @compiled

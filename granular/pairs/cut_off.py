@@ -7,7 +7,7 @@ fixed order: one thread or several give the same bits.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -19,8 +19,9 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
+from granular.pairs.pair_arrays import PairArrays, if_given, refuse, with_extremes
 from granular.pairs.plain import plain_cut_sum
-from granular.pairs.runs import if_given, sweep_runs
+from granular.pairs.runs import sweep_runs
 from granular.pairs.stripe_lists import make_ready
 from granular.pairs.stripes import Stripes
 
@@ -61,28 +62,8 @@ def _step() -> ir.Constant:
     return ir.Constant(INDEX, WIDTH)
 
 
-class Asked(NamedTuple):
-    """Arrays of a sum over pairs: the positions that it reads, and the results that it fills.
-
-    Attributes
-    ----------
-    x, y, fx, fy : float64 (m,)
-    stiffness, load : float64 (m,) or None
-    extremes : float64 (parts, 2) or None
-        Extremes of each part.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    fx: np.ndarray
-    fy: np.ndarray
-    stiffness: np.ndarray | None
-    load: np.ndarray | None
-    extremes: np.ndarray | None
-
-
 @compiled
-def _place_part(stripes: Stripes, asked: Asked, part: int) -> None:
+def _place_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
     """Put the grains of a part where they are now, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
@@ -117,15 +98,22 @@ def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
 
 @compiled
 def _sweep_part(
-    stripes: Stripes, asked: Asked, part: int, radius: float, smooth: bool | None
+    stripes: Stripes, asked: PairArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
     """Meet the partners of a part's rows."""
-    sweep_runs(
-        stripes.x, stripes.y, stripes.fx, stripes.fy, stripes.moments,
-        if_given(asked.stiffness, stripes.stiffness), asked.extremes,
-        if_given(asked.load, stripes.load), stripes.weight, stripes.runs,
-        part, stripes.rows[part], stripes.rows[part + 1], radius, smooth, stripes.shifts,
-    )  # fmt: skip
+    sums = PairArrays(
+        stripes.x,
+        stripes.y,
+        stripes.fx,
+        stripes.fy,
+        stripes.moments,
+        if_given(asked.stiffness, stripes.stiffness),
+        asked.extremes,
+        if_given(asked.load, stripes.load),
+        stripes.weight,
+    )
+    first, stop = stripes.rows[part], stripes.rows[part + 1]
+    sweep_runs(sums, stripes.runs, part, first, stop, radius, smooth, stripes.shifts)
 
 
 @compiled(inline=True)
@@ -156,7 +144,7 @@ def _give(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: 
 
 
 @compiled
-def _collect_part(stripes: Stripes, asked: Asked, part: int) -> None:
+def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
     _collect(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
     _collect(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
     _collect(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
@@ -164,7 +152,7 @@ def _collect_part(stripes: Stripes, asked: Asked, part: int) -> None:
 
 
 @compiled
-def _sum_parts(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+def _sum_parts(stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None) -> None:
     parts = stripes.ends.size
     for part in range(parts):
         _place_part(stripes, asked, part)
@@ -179,26 +167,28 @@ def _sum_parts(stripes: Stripes, asked: Asked, radius: float, smooth: bool | Non
 
 
 @compiled(parallel=True)
-def _place_threaded(stripes: Stripes, asked: Asked) -> None:
+def _place_threaded(stripes: Stripes, asked: PairArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _place_part(stripes, asked, part)
 
 
 @compiled(parallel=True)
-def _sweep_threaded(stripes: Stripes, asked: Asked, radius: float, smooth: bool | None) -> None:
+def _sweep_threaded(
+    stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None
+) -> None:
     for part in numba.prange(stripes.ends.size):
         _sweep_part(stripes, asked, part, radius, smooth)
 
 
 @compiled(parallel=True)
-def _collect_threaded(stripes: Stripes, asked: Asked) -> None:
+def _collect_threaded(stripes: Stripes, asked: PairArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _collect_part(stripes, asked, part)
 
 
 @compiled
 def _sum_all(
-    threaded: bool | None, stripes: Stripes, asked: Asked, radius: float, smooth: bool | None
+    threaded: bool | None, stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None
 ) -> None:
     if threaded is None:
         _sum_parts(stripes, asked, radius, smooth)
@@ -208,27 +198,41 @@ def _sum_all(
         _collect_threaded(stripes, asked)
 
 
-@compiled
-def _cut_sum(
-    stripes: Stripes, radius: float, smooth: bool | None, threaded: bool | None, grains: int,
-    x: Array, y: Array, fx: Array, fy: Array, moments: Array | None, stiffness: Array | None,
-    extremes: Array | None, load: Array | None, weight: Array | None,
-) -> None:  # fmt: skip
-    if not make_ready(stripes, x, y, grains, moments, weight, radius):
-        fx[:grains] = np.nan
-        fy[:grains] = np.nan
-        return
+@compiled(inline=True)
+def _sum_extremes(
+    extremes: Array | None,
+    threaded: bool | None,
+    stripes: Stripes,
+    arrays: PairArrays,
+    radius: float,
+    smooth: bool | None,
+) -> None:
+    """Sum the pairs; extremes, where they are asked for, by a row for each part."""
     if extremes is None:
-        asked = Asked(x, y, fx, fy, stiffness, load, None)
-        _sum_all(threaded, stripes, asked, radius, smooth)
+        _sum_all(threaded, stripes, arrays, radius, smooth)
     else:
         parts = np.zeros((stripes.ends.size, 2))
-        measured = Asked(x, y, fx, fy, stiffness, load, parts)
+        measured = with_extremes(arrays, parts)
         _sum_all(threaded, stripes, measured, radius, smooth)
         extremes[:] = 0.0
         for part in range(len(parts)):
             extremes[0] += SCALE * parts[part, 0]
             extremes[1] = max(extremes[1], SCALE * parts[part, 1])
+
+
+@compiled
+def _cut_sum(
+    stripes: Stripes,
+    radius: float,
+    smooth: bool | None,
+    threaded: bool | None,
+    grains: int,
+    arrays: PairArrays,
+) -> None:
+    if make_ready(stripes, arrays, grains, radius):
+        _sum_extremes(arrays.extremes, threaded, stripes, arrays, radius, smooth)
+    else:
+        refuse(arrays, grains)
 
 
 cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum
@@ -244,6 +248,5 @@ smooth : bool or None
 threaded : bool or None
     None sweeps the stripes one after another, anything else on Numba's threads.
 grains : int
-x, y, fx, fy, moments, stiffness, extremes, load, weight
-    As in `granular.pairs.direct.direct_sum`.
+arrays : PairArrays
 """

@@ -13,6 +13,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.lanes import SCALE
+from granular.pairs.pair_arrays import PairArrays, clear, clear_sums, if_given, scale
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, pad_to_vectors, sweep_block, sweep_rows
 
@@ -44,150 +45,84 @@ def part_buffers(size: int) -> np.ndarray | None:
 
 
 @compiled
-def _sweep(
-    x: Array,
-    y: Array,
-    fx: Array,
-    fy: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
-    nearest: Array | None,
-    part: int,
-    parts: int,
-) -> None:
-    size = x.size
+def _sweep(arrays: PairArrays, nearest: Array | None, part: int, parts: int) -> None:
+    size = arrays.x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
-        sweep_block(x, y, fx, fy, moments, stiffness, extremes, load, weight, first, nearest)
-        sweep_rows(
-            x, y, fx, fy, moments, stiffness, extremes, load, weight, first, first + WIDTH, size,
-            nearest,
-        )  # fmt: skip
+        sweep_block(arrays, first, nearest)
+        sweep_rows(arrays, first, first + WIDTH, size, nearest)
 
 
 @compiled
-def _sweep_part(
-    x: Array,
-    y: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
-    nearest: Array | None,
-    buffer: Array,
-    part: int,
-) -> None:
-    buffer[0] = 0.0
-    buffer[1] = 0.0
-    if stiffness is not None:
-        stiffness = buffer[2]
-        stiffness[:] = 0.0
-    if extremes is not None:
-        extremes = buffer[4]
-        extremes[:2] = 0.0
-    if load is not None:
-        load = buffer[3]
-        load[:] = 0.0
-    _sweep(
-        x, y, buffer[0], buffer[1], moments, stiffness, extremes, load, weight, nearest, part, PARTS
+def _sweep_part(arrays: PairArrays, nearest: Array | None, buffer: Array, part: int) -> None:
+    buffer[:4] = 0.0
+    buffer[4, :2] = 0.0
+    sums = PairArrays(
+        arrays.x,
+        arrays.y,
+        buffer[0],
+        buffer[1],
+        arrays.moments,
+        if_given(arrays.stiffness, buffer[2]),
+        if_given(arrays.extremes, buffer[4]),
+        if_given(arrays.load, buffer[3]),
+        arrays.weight,
     )
+    _sweep(sums, nearest, part, PARTS)
 
 
 @compiled
-def _sweep_parts(
-    x: Array,
-    y: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
-    nearest: Array | None,
-    buffers: Array,
-) -> None:
+def _sweep_parts(arrays: PairArrays, nearest: Array | None, buffers: Array) -> None:
     for part in range(PARTS):
-        _sweep_part(x, y, moments, stiffness, extremes, load, weight, nearest, buffers[part], part)
+        _sweep_part(arrays, nearest, buffers[part], part)
 
 
 @compiled(parallel=True)
-def _sweep_parts_threaded(
-    x: Array,
-    y: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
-    nearest: Array | None,
-    buffers: Array,
-) -> None:
+def _sweep_parts_threaded(arrays: PairArrays, nearest: Array | None, buffers: Array) -> None:
     for part in numba.prange(PARTS):
-        _sweep_part(x, y, moments, stiffness, extremes, load, weight, nearest, buffers[part], part)
+        _sweep_part(arrays, nearest, buffers[part], part)
 
 
 @compiled
-def _add_parts(buffers: Array, row: int, out: Array) -> None:
-    for i in range(out.size):
-        total = buffers[0, row, i]
-        for part in range(1, PARTS):
-            total += buffers[part, row, i]
-        out[i] = total
+def _add_parts(buffers: Array, row: int, out: Array | None) -> None:
+    if out is not None:
+        for i in range(out.size):
+            total = buffers[0, row, i]
+            for part in range(1, PARTS):
+                total += buffers[part, row, i]
+            out[i] = total
+
+
+@compiled
+def _join_extremes(buffers: Array, extremes: Array | None) -> None:
+    if extremes is not None:
+        for part in range(PARTS):
+            extremes[0] += buffers[part, 4, 0]
+            extremes[1] = max(extremes[1], buffers[part, 4, 1])
 
 
 @compiled
 def _direct_sum(
-    x: Array,
-    y: Array,
-    fx: Array,
-    fy: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
-    buffers: Array | None,
-    threaded: bool | None,
-    nearest: Array | None,
+    arrays: PairArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
-    if extremes is not None:
-        extremes[:] = 0.0
     if buffers is None:
-        fx[:] = 0.0
-        fy[:] = 0.0
-        if stiffness is not None:
-            stiffness[:] = 0.0
-        if load is not None:
-            load[:] = 0.0
-        _sweep(x, y, fx, fy, moments, stiffness, extremes, load, weight, nearest, 0, 1)
+        clear_sums(arrays)
+        _sweep(arrays, nearest, 0, 1)
     else:
         if threaded is None:
-            _sweep_parts(x, y, moments, stiffness, extremes, load, weight, nearest, buffers)
+            _sweep_parts(arrays, nearest, buffers)
         else:
-            _sweep_parts_threaded(
-                x, y, moments, stiffness, extremes, load, weight, nearest, buffers
-            )
-        _add_parts(buffers, 0, fx)
-        _add_parts(buffers, 1, fy)
-        if stiffness is not None:
-            _add_parts(buffers, 2, stiffness)
-        if load is not None:
-            _add_parts(buffers, 3, load)
-        if extremes is not None:
-            for part in range(PARTS):
-                extremes[0] += buffers[part, 4, 0]
-                extremes[1] = max(extremes[1], buffers[part, 4, 1])
-    for i in range(fx.size):
-        fx[i] *= STRENGTH * SCALE
-        fy[i] *= STRENGTH * SCALE
-    if stiffness is not None:
-        stiffness *= SCALE
-    if load is not None:
-        load *= SCALE
-    if extremes is not None:
-        extremes *= SCALE
+            _sweep_parts_threaded(arrays, nearest, buffers)
+        _add_parts(buffers, 0, arrays.fx)
+        _add_parts(buffers, 1, arrays.fy)
+        _add_parts(buffers, 2, arrays.stiffness)
+        _add_parts(buffers, 3, arrays.load)
+        clear(arrays.extremes)
+        _join_extremes(buffers, arrays.extremes)
+    scale(arrays.fx, STRENGTH * SCALE)
+    scale(arrays.fy, STRENGTH * SCALE)
+    scale(arrays.stiffness, SCALE)
+    scale(arrays.load, SCALE)
+    scale(arrays.extremes, SCALE)
 
 
 direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum
@@ -195,18 +130,7 @@ direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum
 
 Parameters
 ----------
-x, y : float64 (m,)
-    Positions [D], padded.
-fx, fy : float64 (m,)
-    Overwritten by the forces [F*].
-moments : float64 (m,) or None
-    Moment of each grain over the first species'; None where all are alike.
-stiffness : float64 (m,) or None
-    Overwritten by sum_j q_j / r^5.
-extremes : float64 (2,) or None
-    Overwritten by the sum over pairs of q_i q_j / r^3 and by the largest 1 / r^5.
-load, weight : float64 (m,) or None
-    ``load`` is overwritten by sum_j weight_j / r^3.
+arrays : PairArrays
 buffers : float64 (PARTS, 5, m) or None
     From `part_buffers`.
 threaded : bool or None

@@ -14,11 +14,12 @@ from granular.compiled import Array, compiled
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum, part_buffers
+from granular.pairs.pair_arrays import PairArrays, refuse, with_extremes
 from granular.pairs.stripe_lists import finite
 from granular.pairs.stripes import Stripes
 
 
-class DirectRoom(NamedTuple):
+class DirectWorkspace(NamedTuple):
     """Workspace for the two sums.
 
     Attributes
@@ -39,9 +40,9 @@ class DirectRoom(NamedTuple):
     load: np.ndarray | None
 
 
-def direct_workspace(size: int, *, loaded: bool) -> DirectRoom:
+def direct_workspace(size: int, *, loaded: bool) -> DirectWorkspace:
     """Workspace for that many grains (padded)."""
-    return DirectRoom(
+    return DirectWorkspace(
         near=np.zeros((2, size)),
         extremes=np.zeros((2, 2)),
         buffers=part_buffers(size),
@@ -49,46 +50,56 @@ def direct_workspace(size: int, *, loaded: bool) -> DirectRoom:
     )
 
 
+@compiled(inline=True)
+def _subtract(values: Array | None, other: Array | None, grains: int) -> None:
+    if values is not None and other is not None:
+        for i in range(grains):
+            values[i] -= other[i]
+
+
 @compiled
 def find_far_direct(
-    workspace: DirectRoom, stripes: Stripes, radius: float, threaded: bool | None, grains: int,
-    x: Array, y: Array, fx: Array, fy: Array, energy: Array, moments: Array | None,
-    load: Array | None, weight: Array | None,
-) -> None:  # fmt: skip
+    workspace: DirectWorkspace,
+    stripes: Stripes,
+    radius: float,
+    threaded: bool | None,
+    grains: int,
+    arrays: PairArrays,
+    energy: Array,
+) -> None:
     """Overwrite forces, energy and, where grains rub, loads by those of the far part.
 
     Parameters
     ----------
-    room : DirectRoom
+    workspace : DirectWorkspace
     stripes : Stripes
         Stripes of the near part.
     radius : float
         Distance at which the near part ends [D].
     threaded : bool or None
     grains : int
-    x, y, fx, fy, moments, load, weight
-        As in `granular.pairs.direct.direct_sum`.
+    arrays : PairArrays
+        Without stiffness and extremes.
     energy : float64 (1,)
     """
-    if not finite(x, y, grains):
-        fx[:grains] = np.nan
-        fy[:grains] = np.nan
+    if not finite(arrays.x, arrays.y, grains):
+        refuse(arrays, grains)
         return
-    near_x, near_y, every, near = (
-        workspace.near[0],
-        workspace.near[1],
-        workspace.extremes[0],
-        workspace.extremes[1],
+    forces, every, near = workspace.near, workspace.extremes[0], workspace.extremes[1]
+    direct_sum(with_extremes(arrays, every), workspace.buffers, threaded, None)
+    close = PairArrays(
+        arrays.x,
+        arrays.y,
+        forces[0],
+        forces[1],
+        arrays.moments,
+        None,
+        near,
+        workspace.load,
+        arrays.weight,
     )
-    direct_sum(x, y, fx, fy, moments, None, every, load, weight, workspace.buffers, threaded, None)
-    cut_sum(
-        stripes, radius, True, threaded, grains, x, y, near_x, near_y, moments, None, near,
-        workspace.load, weight,
-    )  # fmt: skip
-    for i in range(grains):
-        fx[i] -= near_x[i]
-        fy[i] -= near_y[i]
+    cut_sum(stripes, radius, True, threaded, grains, close)
+    _subtract(arrays.fx, forces[0], grains)
+    _subtract(arrays.fy, forces[1], grains)
+    _subtract(arrays.load, workspace.load, grains)
     energy[0] = ENERGY * (every[0] - near[0])
-    if load is not None and workspace.load is not None:
-        for i in range(grains):
-            load[i] -= workspace.load[i]

@@ -13,11 +13,12 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY
-from granular.pairs.far_direct import DirectRoom, direct_workspace
+from granular.pairs.far_direct import DirectWorkspace, direct_workspace
 from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, open_windows
 from granular.pairs.mesh_around import mesh_around_workspace
 from granular.pairs.mesh_grains import gather_potential, spread
 from granular.pairs.mesh_potential import find_potential
+from granular.pairs.pair_arrays import PairArrays, refuse, value_of
 from granular.pairs.stripe_lists import finite
 
 SPACINGS = 4.5
@@ -81,7 +82,7 @@ class FarForces(NamedTuple):
     Attributes
     ----------
     mesh : Mesh or None
-    direct : DirectRoom or None
+    direct : DirectWorkspace or None
         Instead of the mesh where all pairs are summed.
     radius : float
     fx, fy : float64 (m,)
@@ -107,7 +108,7 @@ class FarForces(NamedTuple):
     """
 
     mesh: Mesh | None
-    direct: DirectRoom | None
+    direct: DirectWorkspace | None
     radius: float
     fx: np.ndarray
     fy: np.ndarray
@@ -147,7 +148,7 @@ def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForc
     )
 
 
-class Asked(NamedTuple):
+class FarSums(NamedTuple):
     """Grains for a far field, and the arrays for its results; see `find_far_forces`.
 
     Attributes
@@ -170,55 +171,50 @@ class Asked(NamedTuple):
 
 
 @compiled(inline=True)
-def _value(values: Array | None, i: int) -> float:
-    return 1.0 if values is None else values[i]
-
-
-@compiled(inline=True)
 def _put_load(load: Array | None, i: int, value: float) -> None:
     if load is not None:
         load[i] = value
 
 
 @compiled
-def _gather_part(mesh: Mesh, asked: Asked, part: int) -> None:
+def _gather_part(mesh: Mesh, asked: FarSums, part: int) -> None:
     """Return the forces of a part of the grains, and loads of grains that are all alike."""
     grains, total = asked.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
         value, by_x, by_y = gather_potential(mesh, asked.x[i], asked.y[i])
-        q = _value(asked.moments, i)
+        q = value_of(asked.moments, i)
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
         total += q * (value - asked.own * q)
-        _put_load(asked.load, i, _value(asked.weight, i) * (value - asked.own))
+        _put_load(asked.load, i, value_of(asked.weight, i) * (value - asked.own))
     asked.totals[part] = total
 
 
 @compiled
-def _gather_load_part(mesh: Mesh, asked: Asked, part: int) -> None:
+def _gather_load_part(mesh: Mesh, asked: FarSums, part: int) -> None:
     """Return the loads of grains that differ, from a mesh of their weights."""
     grains = asked.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
         value, _, _ = gather_potential(mesh, asked.x[i], asked.y[i])
-        _put_load(asked.load, i, value - asked.own * _value(asked.weight, i))
+        _put_load(asked.load, i, value - asked.own * value_of(asked.weight, i))
 
 
 @compiled(parallel=True)
-def _gather_threaded(mesh: Mesh, asked: Asked) -> None:
+def _gather_threaded(mesh: Mesh, asked: FarSums) -> None:
     for part in numba.prange(PARTS):
         _gather_part(mesh, asked, part)
 
 
 @compiled(parallel=True)
-def _gather_load_threaded(mesh: Mesh, asked: Asked) -> None:
+def _gather_load_threaded(mesh: Mesh, asked: FarSums) -> None:
     for part in numba.prange(PARTS):
         _gather_load_part(mesh, asked, part)
 
 
 @compiled
-def _gather(threaded: bool | None, mesh: Mesh, asked: Asked) -> float:
+def _gather(threaded: bool | None, mesh: Mesh, asked: FarSums) -> float:
     """Fill forces and loads; the energy."""
     if threaded is None:
         for part in range(PARTS):
@@ -232,7 +228,7 @@ def _gather(threaded: bool | None, mesh: Mesh, asked: Asked) -> float:
 
 
 @compiled
-def _gather_load(threaded: bool | None, mesh: Mesh, asked: Asked) -> None:
+def _gather_load(threaded: bool | None, mesh: Mesh, asked: FarSums) -> None:
     if threaded is None:
         for part in range(PARTS):
             _gather_load_part(mesh, asked, part)
@@ -245,11 +241,30 @@ def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int
     return True if around is not None else open_windows(mesh, x, y, grains)
 
 
+@compiled(inline=True)
+def _find_load(
+    weight: Array | None,
+    moments: Array | None,
+    mesh: Mesh,
+    threaded: bool | None,
+    sums: FarSums,
+) -> None:
+    """Compute the load of grains that differ; of others it comes with the forces."""
+    if weight is not None and moments is not None:
+        spread(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
+        find_potential(mesh, threaded)
+        _gather_load(threaded, mesh, sums)
+
+
 @compiled
 def find_far_forces(
-    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, x: Array, y: Array,
-    moments: Array | None, weight: Array | None, order: Array,
-) -> int:  # fmt: skip
+    mesh: Mesh,
+    far: FarForces,
+    threaded: bool | None,
+    grains: int,
+    arrays: PairArrays,
+    order: Array,
+) -> int:
     """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
 
     Parameters
@@ -259,31 +274,39 @@ def find_far_forces(
     threaded : bool or None
         As in `granular.pairs.direct.direct_sum`.
     grains : int
-    x, y, moments, weight
-        As in `granular.pairs.direct.direct_sum`.
+    arrays : PairArrays
+        Without stiffness and extremes.
     order : int64 (m,)
         The grains in the order in which they are taken; quickest where neighbours follow each
         other.
     """
     if grains == 0:
         return 0
+    x, y = arrays.x, arrays.y
     if not finite(x, y, grains):
-        far.fx[:grains] = np.nan
-        far.fy[:grains] = np.nan
+        refuse(arrays, grains)
         return 0
     if not _has_space(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
-    own = CUBE[0] / (far.radius * far.radius * far.radius)
-    asked = Asked(grains, x, y, moments, weight, order, own, far.fx, far.fy, far.load, far.totals)
-    spread(mesh, threaded, x, y, moments, order, grains)
+    sums = FarSums(
+        grains,
+        x,
+        y,
+        arrays.moments,
+        arrays.weight,
+        order,
+        CUBE[0] / (far.radius * far.radius * far.radius),
+        arrays.fx,
+        arrays.fy,
+        arrays.load,
+        far.totals,
+    )
+    spread(mesh, threaded, x, y, arrays.moments, order, grains)
     find_potential(mesh, threaded)
-    far.energy[0] = _gather(threaded, mesh, asked)
+    far.energy[0] = _gather(threaded, mesh, sums)
     store_positions(far.met, x, y, grains)
-    if weight is not None and moments is not None:
-        spread(mesh, threaded, x, y, weight, order, grains)
-        find_potential(mesh, threaded)
-        _gather_load(threaded, mesh, asked)
+    _find_load(arrays.weight, arrays.moments, mesh, threaded, sums)
     return 0
 
 

@@ -27,13 +27,16 @@ class Sums(NamedTuple):
 
 
 class Arrays:
-    """Pointers of one call. An absent array is None, and no code is made for it.
+    """Pointers of one call's `PairArrays`. An absent array is None, and no code is made for it.
 
     Of arrays with two dimensions, the row that is given.
     """
 
     def __init__(self, code: Code, kinds: Any, arrays: Any, row: ir.Value | None = None) -> None:
-        pointers = [code.data(kind, array, row) for kind, array in zip(kinds, arrays, strict=True)]
+        pointers = [
+            code.data(kind, code.builder.extract_value(arrays, index), row)
+            for index, kind in enumerate(kinds)
+        ]
         self.x, self.y = pointers[:2]
         self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]

@@ -9,26 +9,20 @@ import numpy as np
 
 from granular.compiled import Array
 from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
+from granular.pairs.pair_arrays import PairArrays
 
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
 
 
 def plain_direct_sum(
-    x: Array,
-    y: Array,
-    fx: Array,
-    fy: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
+    arrays: PairArrays,
     buffers: Array | None,
     threaded: bool | None,
     nearest: Array | None,
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
+    x, y, fx, fy, moments, stiffness, extremes, load, weight = arrays
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0
@@ -72,21 +66,14 @@ def plain_cut_sum(
     smooth: bool | None,
     threaded: bool | None,
     grains: int,
-    x: Array,
-    y: Array,
-    fx: Array,
-    fy: Array,
-    moments: Array | None,
-    stiffness: Array | None,
-    extremes: Array | None,
-    load: Array | None,
-    weight: Array | None,
+    arrays: PairArrays,
 ) -> None:
     """Pair forces and sums within a radius, where the energy of a pair is zero.
 
     With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
     periodic cell, where each grain meets the nearest image of every other one.
     """
+    x, y, fx, fy, moments, stiffness, extremes, load, weight = arrays
     for out in (fx, fy, stiffness, extremes, load):
         if out is not None:
             out[:] = 0.0

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.pairs.dipole import CUBE, FIFTH
@@ -128,15 +127,7 @@ def _cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
 @intrinsic
 def sweep_runs(
     typing: Any,
-    x: Any,
-    y: Any,
-    fx: Any,
-    fy: Any,
-    moments: Any,
-    stiffness: Any,
-    extremes: Any,
-    load: Any,
-    weight: Any,
+    arrays: Any,
     runs: Any,
     part: Any,
     first: Any,
@@ -156,18 +147,17 @@ def sweep_runs(
     far part of their law (`granular.pairs.dipole`) is taken off.
     """
     signature = types.void(
-        x, y, fx, fy, moments, stiffness, extremes, load, weight, runs,
-        types.intp, types.intp, types.intp, types.float64, smooth, shifts,
-    )  # fmt: skip
+        arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts
+    )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        part, first, stop, radius = values[10:14]
-        arrays = Arrays(code, signature.args[:9], values[:9], part)
-        listed = code.data(signature.args[9], values[9])
-        ends = not isinstance(signature.args[14], types.NoneType)
+        part, first, stop, radius = values[2:6]
+        arrays = Arrays(code, signature.args[0], values[0], part)
+        listed = code.data(signature.args[1], values[1])
+        ends = not isinstance(signature.args[6], types.NoneType)
         cut = _cut(code, radius, smooth=ends)
-        away = code.data(signature.args[15], values[15])
+        away = code.data(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
@@ -183,16 +173,3 @@ def sweep_runs(
         return context.get_dummy_value()
 
     return signature, generate
-
-
-@intrinsic
-def if_given(typing: Any, asked: Any, sums: Any) -> Any:
-    """Return sums or None, by what is asked for; a choice in the source is made at run time."""
-    kind = types.none if isinstance(asked, types.NoneType) else sums
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        if kind is types.none:
-            return context.get_dummy_value()
-        return impl_ret_borrowed(context, builder, kind, values[1])
-
-    return kind(asked, sums), generate

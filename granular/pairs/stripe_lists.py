@@ -17,6 +17,7 @@ import math
 
 from granular.compiled import Array, compiled
 from granular.pairs.lanes import WIDTH
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.runs import IMAGES, ROWS, RUNS
 from granular.pairs.stripes import (
     BUILDS,
@@ -199,11 +200,9 @@ def finite(x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def make_ready(
-    stripes: Stripes, x: Array, y: Array, grains: int, moments: Array | None, weight: Array | None,
-    radius: float,
-) -> bool:  # fmt: skip
+def make_ready(stripes: Stripes, arrays: PairArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius; False where a position is no number."""
+    x, y = arrays.x, arrays.y
     if _moved(stripes, x, y, grains):
         if not finite(x, y, grains):
             return False
@@ -217,7 +216,7 @@ def make_ready(
         stripes.memory[BUILDS] += 1.0
         stripes.memory[LISTED] = 0.0
     if stripes.memory[LISTED] == 0.0:
-        _list_partners(stripes, grains, moments, weight, radius)
+        _list_partners(stripes, grains, arrays.moments, arrays.weight, radius)
     stripes.memory[CALLS] += 1.0
     return True
 

@@ -106,15 +106,7 @@ def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> No
 @intrinsic
 def sweep_rows(
     typing: Any,
-    x: Any,
-    y: Any,
-    fx: Any,
-    fy: Any,
-    moments: Any,
-    stiffness: Any,
-    extremes: Any,
-    load: Any,
-    weight: Any,
+    arrays: Any,
     first: Any,
     start: Any,
     stop: Any,
@@ -124,16 +116,13 @@ def sweep_rows(
 
     ``nearest`` as in `granular.pairs.direct.direct_sum`.
     """
-    signature = types.void(
-        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, types.intp,
-        types.intp, nearest,
-    )  # fmt: skip
+    signature = types.void(arrays, types.intp, types.intp, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        arrays = Arrays(code, signature.args[:9], values[:9])
-        first, start, stop, nearest = values[9:]
-        ends = _ends(code, signature.args[12], nearest)
+        arrays = Arrays(code, signature.args[0], values[0])
+        first, start, stop, nearest = values[1:]
+        ends = _ends(code, signature.args[4], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
@@ -147,27 +136,17 @@ def sweep_rows(
 @intrinsic
 def sweep_block(
     typing: Any,
-    x: Any,
-    y: Any,
-    fx: Any,
-    fy: Any,
-    moments: Any,
-    stiffness: Any,
-    extremes: Any,
-    load: Any,
-    weight: Any,
+    arrays: Any,
     first: Any,
     nearest: Any,
 ) -> Any:
     """Sum the pairs of the eight grains from ``first`` on among themselves."""
-    signature = types.void(
-        x, y, fx, fy, moments, stiffness, extremes, load, weight, types.intp, nearest
-    )
+    signature = types.void(arrays, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        ends = _ends(code, signature.args[10], values[10])
-        _sweep_among(code, Arrays(code, signature.args[:9], values[:9]), ends, values[9])
+        ends = _ends(code, signature.args[2], values[2])
+        _sweep_among(code, Arrays(code, signature.args[0], values[0]), ends, values[1])
         return context.get_dummy_value()
 
     return signature, generate

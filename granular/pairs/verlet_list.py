@@ -16,6 +16,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import ENERGY, pair_energy, pair_force
+from granular.pairs.pair_arrays import PairArrays, add_at, clear_sums, refuse, value_of
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
@@ -83,50 +84,37 @@ def _make_ready(
 
 
 @compiled
-def list_sum(
-    listed: VerletList, listing: VerletSettings, grains: int, x: Array, y: Array, fx: Array,
-    fy: Array, moments: Array | None, stiffness: Array | None, extremes: Array | None,
-    load: Array | None, weight: Array | None,
-) -> None:  # fmt: skip
-    """Return the forces of the listed pairs; arguments as in `granular.pairs.cut_off.cut_sum`.
+def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: PairArrays) -> None:
+    """Fill the sums over the listed pairs; as `granular.pairs.cut_off.cut_sum`.
 
     Forces are no numbers where there are more pairs than the list holds.
     """
-    _make_ready(listed, listing, x, y, grains)
-    fx[:grains] = 0.0
-    fy[:grains] = 0.0
-    if stiffness is not None:
-        stiffness[:] = 0.0
-    if extremes is not None:
-        extremes[:] = 0.0
-    if load is not None:
-        load[:] = 0.0
+    _make_ready(listed, listing, arrays.x, arrays.y, grains)
+    clear_sums(arrays)
     rest = pair_energy(listing.radius)
     if listed.pairs.filled[0] < 0:
-        fx[:grains] = np.nan
-        fy[:grains] = np.nan
+        refuse(arrays, grains)
     for p in range(listed.pairs.filled[0]):
         i, j = listed.pairs.first[p], listed.pairs.second[p]
-        dx, dy = x[i] - x[j], y[i] - y[j]
+        dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
         r = math.sqrt(dx * dx + dy * dy)
         force, energy = pair_force(r), pair_energy(r)
-        ratio = force / r
-        if moments is not None:
-            ratio *= moments[i] * moments[j]
-        fx[i] += ratio * dx
-        fy[i] += ratio * dy
-        fx[j] -= ratio * dx
-        fy[j] -= ratio * dy
-        if stiffness is not None:
-            fifth = force / (3.0 * ENERGY * r)
-            stiffness[i] += fifth if moments is None else fifth * moments[j]
-            stiffness[j] += fifth if moments is None else fifth * moments[i]
-        if extremes is not None:
-            product = 1.0
-            if moments is not None:
-                product = moments[i] * moments[j]
-            extremes[0] += product * (energy - rest) / ENERGY
-            extremes[1] = max(extremes[1], force / (3.0 * ENERGY * r))
-        if load is not None and weight is not None:
-            load[i] += weight[j] * energy / ENERGY
-            load[j] += weight[i] * energy / ENERGY
+        first, second = value_of(arrays.moments, i), value_of(arrays.moments, j)
+        ratio = force / r * (first * second)
+        arrays.fx[i] += ratio * dx
+        arrays.fy[i] += ratio * dy
+        arrays.fx[j] -= ratio * dx
+        arrays.fy[j] -= ratio * dy
+        fifth = force / (3.0 * ENERGY * r)
+        add_at(arrays.stiffness, i, fifth * second)
+        add_at(arrays.stiffness, j, fifth * first)
+        _meet(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
+        add_at(arrays.load, i, value_of(arrays.weight, j) * energy / ENERGY)
+        add_at(arrays.load, j, value_of(arrays.weight, i) * energy / ENERGY)
+
+
+@compiled(inline=True)
+def _meet(extremes: Array | None, energy: float, fifth: float) -> None:
+    if extremes is not None:
+        extremes[0] += energy
+        extremes[1] = max(extremes[1], fifth)

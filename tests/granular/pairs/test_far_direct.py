@@ -11,6 +11,7 @@ from granular.pairs import far_direct
 from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_direct import direct_workspace
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.stripes import stripes_workspace
 
@@ -36,9 +37,20 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     find_far_direct(
         direct_workspace(x.size, loaded=True),
         stripes_workspace(x.size, moments=differing, loaded=True),
-        RADIUS, None, COUNT, x, y, fx, fy, energy, padded_values(moments) if differing else None,
-        load, padded_values(WEIGHTS),
-    )  # fmt: skip
+        RADIUS,
+        None,
+        COUNT,
+        PairArrays(
+            x,
+            y,
+            fx,
+            fy,
+            padded_values(moments) if differing else None,
+            load=load,
+            weight=padded_values(WEIGHTS),
+        ),
+        energy,
+    )
     forces = np.column_stack([fx[:COUNT], fy[:COUNT]])
     return forces, float(energy[0]), load[:COUNT], moments if differing else np.ones(COUNT)
 

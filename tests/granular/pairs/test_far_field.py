@@ -20,6 +20,7 @@ from granular.pairs.far_field import (
     FarForces,
     far_forces_workspace,
 )
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.scene.beds import mono_bed
@@ -50,6 +51,12 @@ def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
         far = np.diff(far_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
         jumps.append(abs(near - far))
     assert jumps[0] / jumps[1] == pytest.approx(16.0, rel=0.2)
+
+
+def far_arrays(far: FarForces, x: object, y: object, *own: object) -> PairArrays:
+    """Arrays of a bed whose forces and loads go to the far field."""
+    moments, weight = own or (None, None)
+    return PairArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
 
 
 class Bed:
@@ -85,9 +92,8 @@ class Bed:
 
     def found(self, far: FarForces, moments: object = None, weight: object = None) -> int:
         order = np.random.default_rng(2).permutation(self.count)
-        return find_far_forces(
-            far.mesh, far, self.threaded, self.count, self.x, self.y, moments, weight, order
-        )
+        arrays = far_arrays(far, self.x, self.y, moments, weight)
+        return find_far_forces(far.mesh, far, self.threaded, self.count, arrays, order)
 
     @property
     def moments(self) -> np.ndarray:
@@ -185,16 +191,14 @@ def test_no_room_and_no_number() -> None:
     assert np.isnan(workspace.energy[0])
     bed.y[3] = np.nan
     assert bed.found(bed.workspace()) == 0
-    assert (
-        find_far_forces(workspace.mesh, workspace, None, 0, bed.x, bed.y, None, None, np.arange(1))
-        == 0
-    )
+    arrays = far_arrays(workspace, bed.x, bed.y)
+    assert find_far_forces(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
     x, y = padded_coordinates(np.array([[3.3, 4.4]]))
     far = far_forces_workspace(FarField(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
-    assert find_far_forces(far.mesh, far, None, 1, x, y, None, None, np.arange(1)) == 0
+    assert find_far_forces(far.mesh, far, None, 1, far_arrays(far, x, y), np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 

@@ -10,6 +10,7 @@ from granular.compiled import entry
 from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
 from granular.run.snapshot import kept_lists, put_lists
@@ -30,7 +31,8 @@ def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     moments = padded_values(np.linspace(0.3, 1.0, count))
     out, extremes = np.zeros((4, x.size)), np.zeros(2)
-    function(first, second, count, x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
+    arrays = PairArrays(x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
+    function(first, second, count, arrays)
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 

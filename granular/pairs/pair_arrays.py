@@ -1,0 +1,127 @@
+"""Arrays that every sum over pairs takes: what it reads, and what it fills."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import config, types
+from numba.core.imputils import impl_ret_borrowed
+from numba.extending import intrinsic
+
+from granular.compiled import Array, compiled
+
+
+class PairArrays(NamedTuple):
+    """Positions and properties of grains, and their sums over pairs; None for what is not wanted.
+
+    Attributes
+    ----------
+    x, y : float64 (m,)
+        Positions [D], padded.
+    fx, fy : float64 (m,)
+        Overwritten by the forces [F*].
+    moments : float64 (m,) or None
+        Moment of each grain over the first species'; None where all are alike.
+    stiffness : float64 (m,) or None
+        Overwritten by sum_j q_j / r^5.
+    extremes : float64 (2,) or None
+        Overwritten by the sum over pairs of q_i q_j / r^3 and by the largest 1 / r^5. The sweeps of
+        the parts of a sum take a row for each part.
+    load, weight : float64 (m,) or None
+        ``load`` is overwritten by sum_j weight_j / r^3.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    fx: np.ndarray
+    fy: np.ndarray
+    moments: np.ndarray | None = None
+    stiffness: np.ndarray | None = None
+    extremes: np.ndarray | None = None
+    load: np.ndarray | None = None
+    weight: np.ndarray | None = None
+
+
+@compiled(inline=True)
+def with_extremes(arrays: PairArrays, extremes: Array) -> PairArrays:
+    """Return the same arrays with others for the extremes."""
+    return PairArrays(
+        arrays.x,
+        arrays.y,
+        arrays.fx,
+        arrays.fy,
+        arrays.moments,
+        arrays.stiffness,
+        extremes,
+        arrays.load,
+        arrays.weight,
+    )
+
+
+# Numba drops a branch where an argument is None, and does not where a field is: one kernel each.
+
+
+@compiled(inline=True)
+def clear(values: Array | None) -> None:
+    """Set an array, if there is one, to zero."""
+    if values is not None:
+        values[:] = 0.0
+
+
+@compiled(inline=True)
+def clear_sums(arrays: PairArrays) -> None:
+    """Set all that a sum fills to zero."""
+    clear(arrays.fx)
+    clear(arrays.fy)
+    clear(arrays.stiffness)
+    clear(arrays.extremes)
+    clear(arrays.load)
+
+
+@compiled(inline=True)
+def scale(values: Array | None, factor: float) -> None:
+    """Multiply an array, if there is one."""
+    if values is not None:
+        for i in range(values.size):
+            values[i] *= factor
+
+
+@compiled(inline=True)
+def value_of(values: Array | None, i: int) -> float:
+    """Value of one grain; 1 where all grains are alike."""
+    return 1.0 if values is None else values[i]
+
+
+@compiled(inline=True)
+def add_at(values: Array | None, i: int, amount: float) -> None:
+    """Add an amount to one grain's entry, if there is such an array."""
+    if values is not None:
+        values[i] += amount
+
+
+@compiled(inline=True)
+def refuse(arrays: PairArrays, grains: int) -> None:
+    """Make the forces no numbers, for positions that are none or lists that overflow."""
+    arrays.fx[:grains] = np.nan
+    arrays.fy[:grains] = np.nan
+
+
+def _plain_if_given(asked: Array | None, sums: Array | None) -> Array | None:
+    return None if asked is None else sums
+
+
+@intrinsic
+def _if_given(typing: Any, asked: Any, sums: Any) -> Any:
+    kind = types.none if isinstance(asked, types.NoneType) else sums
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        if kind is types.none:
+            return context.get_dummy_value()
+        return impl_ret_borrowed(context, builder, kind, values[1])
+
+    return kind(asked, sums), generate
+
+
+if_given = _plain_if_given if config.DISABLE_JIT else _if_given
+"""Return sums, or None where they are not asked for: a choice of types, made while compiling."""
