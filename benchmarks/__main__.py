@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS
-from granular.commands.console import Parser, add_version, emit, launch
+from granular.commands.console import Parser, add_version_option, launch, print_result
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 
@@ -24,7 +24,7 @@ def parser() -> Parser:
         epilog=f"parts:\n{EXAMPLES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_version(one)
+    add_version_option(one)
     one.add_argument(
         "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
         help="measure this part only; see below (repeatable)",
@@ -72,7 +72,7 @@ def _benchmark(options: Any) -> None:
         progress=not options.quiet,
     )  # fmt: skip
     where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
-    emit(found, benchmark_text(found) + where, options.json)
+    print_result(found, benchmark_text(found) + where, options.json)
 
 
 def _history(options: Any) -> None:
@@ -82,7 +82,7 @@ def _history(options: Any) -> None:
     path = Path(options.history)
     read(path)  # before minutes are spent
     entries = add(path, measured())
-    emit(entries[-1], history_table(entries).text(), options.json)
+    print_result(entries[-1], history_table(entries).text(), options.json)
 
 
 def _prices(options: Any) -> None:
@@ -90,7 +90,7 @@ def _prices(options: Any) -> None:
 
     _alone(options, "--prices")
     found = costs(Path(options.prices), progress=not options.quiet)
-    emit(found, prices_text(found), options.json)
+    print_result(found, prices_text(found), options.json)
 
 
 def _alone(options: Any, name: str) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.options import checked_step
+from granular.run.options import validated_step
 from granular.run.work_precision import damping_kind
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
@@ -24,10 +24,16 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.measuring import Truth, points, reference_values, run, starts_of
+from validation.cost.measuring import (
+    Truth,
+    measure_points,
+    reference_values,
+    run_setting,
+    scenes_with_other_seeds,
+)
 from validation.cost.point import Point, SolverSettings
 from validation.quantities import QUANTITIES
-from validation.runner import FAILED, Plain, Task, measure
+from validation.runner import FAILED, Plain, Task, run_tasks
 from validation.scenes import compression_scene
 
 
@@ -94,11 +100,11 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
 
     scenes = priced_scenes()
     kept = path.with_suffix("")
-    known = measure("references", _references(scenes), kept, progress=progress)
+    known = run_tasks("references", _references(scenes), kept, progress=progress)
     failed = next((one for one in known if FAILED in one), None)
     if failed is not None:
         raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
-    entries = iter(measure("settings", _rungs(scenes, known), kept, progress=progress))
+    entries = iter(run_tasks("settings", _rungs(scenes, known), kept, progress=progress))
     rows = [
         _row(one, truth, [next(entries) for _ in _settings(one)])
         for one, truth in zip(scenes, known, strict=True)
@@ -136,7 +142,7 @@ def _settings(one: Priced) -> list[SolverSettings]:
 
 def _truth(one: Priced) -> Plain:
     """Values of each quantity over the starts, and their scatter."""
-    scenes = starts_of(one.scene, one.starts - 1)
+    scenes = scenes_with_other_seeds(one.scene, one.starts - 1)
     reference = SolverSettings("stormer-verlet", one.reference)
     chosen = [QUANTITIES[name] for name in one.quantities]
     given = [None if each.exact is not None else reference for each in chosen]
@@ -150,18 +156,18 @@ def _truth(one: Priced) -> Plain:
 
 def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     """A row of the table; empty for a setting that fails."""
-    scenes = starts_of(one.scene, one.starts - 1)
+    scenes = scenes_with_other_seeds(one.scene, one.starts - 1)
     chosen = [QUANTITIES[name] for name in one.quantities]
     known = [Truth("", tuple(each["values"]), each["floor"]) for each in truth.values()]
-    found = points(scenes, chosen, setting, known, None, 1)
+    found = measure_points(scenes, chosen, setting, known, None, 1)
     if any(each.failed for each in found):
         return {}
     started = time.process_time()  # other programs take none of it
-    seen = run(one.scene, setting, None).settings()["step_times_highest_frequency"]
+    seen = run_setting(one.scene, setting, None).settings()["step_times_highest_frequency"]
     seconds = time.process_time() - started
     return {
         "method": setting.method, "dt": str(setting.dt),
-        "fraction": checked_step(setting.dt, one.scene).fraction, "frequency": rounded(seen),
+        "fraction": validated_step(setting.dt, one.scene).fraction, "frequency": rounded(seen),
         "seconds": rounded(seconds),
         "bounds": {
             name: rounded(each.bound) for name, each in zip(one.quantities, found, strict=True)

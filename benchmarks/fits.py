@@ -90,12 +90,12 @@ def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
     from granular.run.record import PistonRecord
     from reduced_models.fitting.fitting import fit
     from reduced_models.laws.catalogue import law_named
-    from reduced_models.laws.solution import solution
+    from reduced_models.laws.solution import solve_law
 
     truth, shape = TRUTHS[law], law_named(law)
     values = [truth.parameters[name] for name in shape.parameters]
     times = np.linspace(0.0, DURATION, samples)
-    clean = solution(shape, times, truth.start, 0.0, values, 1.0).z
+    clean = solve_law(shape, times, truth.start, 0.0, values, 1.0).z
     seconds, errors, converged = [], [], []
     for seed in range(1 + rounds):
         noise = np.random.default_rng(seed).normal(0.0, NOISE * clean.std(), samples)

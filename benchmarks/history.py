@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from benchmarks.timing import least_seconds
 from granular.shared.errors import InputError
 from granular.shared.version import versions
-from validation.table import TextTable, table
+from validation.table import TextTable, text_table
 
 GRAINS, MANY = 368, 1472
 
@@ -166,7 +166,7 @@ def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
     ]  # fmt: skip
     if len(shown) > 1:
         rows.append(["newest over the median before", "", *(_trend(shown, one) for one in names)])
-    return table(["date (UTC)", "commit", *names], rows)
+    return text_table(["date (UTC)", "commit", *names], rows)
 
 
 def _number(value: float | None) -> str:

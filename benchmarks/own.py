@@ -13,8 +13,8 @@ from benchmarks.process import finished
 from benchmarks.timing import least_seconds
 from granular.compiled import Array, compiled
 from granular.custom import import_user_code
-from granular.effects.effect import Effect, EffectContext, in_joules
-from granular.effects.registry import register
+from granular.effects.effect import Effect, EffectContext, energy_variable
+from granular.effects.registry import register_effect
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
 from validation.effect_costs import EngineSteps
@@ -59,7 +59,7 @@ class BuiltInSpring(Effect):
 
     key = "built_in_spring"
     example: ClassVar[Any] = {"k": "1 N/m"}
-    energy_record = in_joules("built_in_spring_energy", "energy of the spring")
+    energy_record = energy_variable("built_in_spring_energy", "energy of the spring")
 
     k: float = quantity("N/m", above=0.0)
     height: float = quantity("m", default=0.0)
@@ -106,7 +106,7 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     """Time of a step with the spring brought in each way [s], over that of the one built in."""
     with tempfile.TemporaryDirectory() as folder:
         import_user_code([_class_file(folder)])
-    register(BuiltInSpring)
+    register_effect(BuiltInSpring)
     steps = max(64, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}
     calls = {name: _call(engine, steps) for name, engine in engines.items()}

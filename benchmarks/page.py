@@ -13,7 +13,7 @@ from benchmarks.sums import exponent
 from granular.shared.html import Page
 from granular.shared.plotting import figure
 from validation.runner import FAILED, Plain
-from validation.table import TextTable, table
+from validation.table import TextTable, text_table
 
 LINEAR_FROM = 1000
 """Grains from which the growth of the time is fitted."""
@@ -181,7 +181,7 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
 
 
 def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
-    return table(
+    return text_table(
         [header for header, _ in sheet.columns],
         [[cell(row) for _, cell in sheet.columns] for row in rows],
     )

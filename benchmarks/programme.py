@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks import PARTS, c_kernel
 from benchmarks.others import NAMES, why_not
 from granular.shared.files import make_directory, write_json
-from validation.runner import Task, machine, measure
+from validation.runner import Task, machine_info, run_tasks
 
 _Rows = list[dict[str, Any]]
 _Work = Iterator[tuple[dict[str, Any], Callable[[], _Rows]]]
@@ -202,13 +202,16 @@ def benchmark(
     if where is not None:
         make_directory(where)
     results = {
-        name: measure(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
+        name: run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
         for name in parts
     }
     found: dict[str, Any] = {
-        "parts": results, "growth": growth(results), "missing": _missing(), "machine": machine(),
+        "parts": results,
+        "growth": growth(results),
+        "missing": _missing(),
+        "machine": machine_info(),
         "full": full,
-    }  # fmt: skip
+    }
     if where is not None:
         _save(found, where)
     return found

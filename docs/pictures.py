@@ -25,11 +25,11 @@ from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_sce
 from granular import simulate as simulated
 from granular.observables import per_distance, radial_distribution, track_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
-from granular.render import movie, save, still
+from granular.render import movie, save_picture, still
 from granular.response import frequency_response
 from granular.run.accuracy import FLOORS
 from granular.run.work_precision import WorkPrecisionTable
-from granular.run.work_precision import table as prices
+from granular.run.work_precision import load_price_table as prices
 from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
@@ -60,7 +60,7 @@ def compressed_run() -> Trajectory:
 
 
 def keep(drawing: Any, name: str) -> None:
-    save(drawing, IMAGES / f"{name}.png", overwrite=True)
+    save_picture(drawing, IMAGES / f"{name}.png", overwrite=True)
 
 
 def draw_motion() -> None:

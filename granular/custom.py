@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from granular.effects.custom import mark_origin
 from granular.methods.method import Method
-from granular.methods.named import add_methods
+from granular.methods.named import register_methods
 from granular.methods.tables import METHODS
-from granular.observables.frame import Frame, Value, observable_mark
-from granular.shared.user_file import contents, read_user_file
+from granular.observables.frame import Frame, Value, observable_metadata
+from granular.shared.user_file import run_user_file, user_definitions
 from granular.studies.measures import CustomMeasure, custom_measures
 
 
@@ -41,13 +41,15 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
     """
     user_code = UserCode({}, {})
     for path in paths:
-        file = read_user_file(path)
+        file = run_user_file(path)
         mark_origin(file)
-        values = contents(file).values()
+        values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
-        add_methods(function for function in methods if METHODS.get(function.name) is not function)
+        register_methods(
+            function for function in methods if METHODS.get(function.name) is not function
+        )
         user_code.measures.update(custom_measures(file))
-        marked = ((observable_mark(function), function) for function in values)
+        marked = ((observable_metadata(function), function) for function in values)
         user_code.observables.update(
             (mark.name, function) for mark, function in marked if mark is not None
         )

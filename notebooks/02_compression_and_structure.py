@@ -38,7 +38,7 @@ from granular.observables import (
     voronoi_cells,
 )
 from granular.observables.plots import plot_cells, plot_hysteresis, plot_series
-from validation.published import duration, published_value
+from validation.published import compression_duration, published_value
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 
@@ -62,7 +62,7 @@ DIAMETER = 6e-3
 # %%
 def compressed(count: int, seed: int) -> Trajectory:
     """The whole cycle of a bed."""
-    relaxation = 5.0 if RELAXATION is None else RELAXATION / duration(count, SPEED)
+    relaxation = 5.0 if RELAXATION is None else RELAXATION / compression_duration(count, SPEED)
     scene = mono_bed(count, speed=SPEED, relaxation=relaxation, seed=seed)
     often = {"output.scalars": 20 * STEP, "output.frames": 200 * STEP}
     return simulate(scene.replace(**often), STEP, progress=False)

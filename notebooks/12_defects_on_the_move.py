@@ -36,8 +36,8 @@ from granular.observables import (
     elastic_strain,
     lindemann_parameter,
     per_frame,
+    plastic_distortion,
     psi6,
-    slip_of_frames,
     track_defects,
     voronoi_cells,
 )
@@ -233,7 +233,7 @@ cycle = base.replace(
 run = simulate(cycle, progress=False)
 data = run.dataset.isel(frame=run.dataset["frame_time"].values >= 3.0)
 frames, height = data["position"].values, data["frame_height"].values
-slip = slip_of_frames(frames)
+slip = plastic_distortion(frames)
 elastic, moved = elastic_strain(frames), slip.moves
 driven = np.log(height / height[0])
 plastic = driven - (elastic[:, 1, 1] - elastic[:, 0, 0])

@@ -11,7 +11,7 @@ from typing import Any
 
 from granular.shared.caches import private_folder, toolkit_cache
 from granular.shared.errors import InputError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 from granular.shared.stops import deferred_stop
 
 with deferred_stop():  # broken off, the import of JAX's C++ ended in a segmentation fault
@@ -41,7 +41,7 @@ def _check_platform(chosen: str) -> None:
     except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing
         why = f", {error}" if str(error) else ""
         raise InputError(
-            f"JAX_PLATFORMS = {quote(chosen)}, which JAX cannot use here{visible(why)}; unset it, "
+            f"JAX_PLATFORMS = {quote(chosen)}, which JAX cannot use here{sanitize(why)}; unset it, "
             "or set it to cpu"
         ) from None
 

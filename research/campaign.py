@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-from granular.commands.console import Parser, add_version, emit
+from granular.commands.console import Parser, add_version_option, print_result
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
-from granular.shared.files import finite, write_text
+from granular.shared.files import finite_or_none, write_text
 from granular.shared.result_cache import ResultCache
 from validation.table import TextTable
 
@@ -111,7 +111,7 @@ class Campaign(Generic[Results]):
             epilog=self.examples,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        add_version(one)
+        add_version_option(one)
         out = f"out/{self.name}"
         one.add_argument(
             "-o", "--out", metavar="DIR", default=out,
@@ -140,21 +140,21 @@ class Campaign(Generic[Results]):
         """Run the command."""
         options = self.parser().parse_args(arguments)
         if (other := self.instead(options)) is not None:
-            emit(*other, options.json)
+            print_result(*other, options.json)
         elif options.guide:
             pages = [str(path) for path in self.write_pages(self.committed(), ROOT)]
-            emit({"pages": pages}, f"written: {', '.join(pages)}", options.json)
+            print_result({"pages": pages}, f"written: {', '.join(pages)}", options.json)
         elif options.check:
             stale, off = list(self.stale(options)), self.different(self.committed(), ROOT)
             words = [f"{len(stale)} stale", *stale, f"{len(off)} blocks of pages differ", *off]
-            emit({"stale": stale, "pages": off}, "\n".join(words), options.json)
+            print_result({"stale": stale, "pages": off}, "\n".join(words), options.json)
         elif options.quick or options.full:
             found = self.run(options)
             where = f"\nresults: {Path(options.out) / RESULTS}"
-            emit(self.summary(found), self.text(found) + where, options.json)
+            print_result(self.summary(found), self.text(found) + where, options.json)
         else:
             found = self.committed() if self.show is None else self.show(options)
-            emit(self.summary(found), self.text(found), options.json)
+            print_result(self.summary(found), self.text(found), options.json)
 
     def with_blocks(self, page: str, blocks: Mapping[str, str]) -> str:
         """A page with the texts between the marks of its blocks replaced, by name."""
@@ -192,9 +192,9 @@ class Campaign(Generic[Results]):
             path.write_text(self.with_blocks(page, texts), encoding="utf-8")
         drawn = {root / name: figure for name, figure in self.pictures(results).items()}
         for path, figure in drawn.items():
-            from granular.render import save
+            from granular.render import save_picture
 
-            save(figure, path, overwrite=True)
+            save_picture(figure, path, overwrite=True)
         return [*pages, *drawn]
 
 
@@ -266,7 +266,7 @@ def read_results(path: Path, from_plain: Callable[[Any], Results], empty: Result
 
 def write_results(plain: Mapping[str, Any], path: Path) -> None:
     """Write results, one row a line, so that changes of the file can be read."""
-    text = json.dumps(finite(plain), separators=(",", ":"))
+    text = json.dumps(finite_or_none(plain), separators=(",", ":"))
     for mark in ('},"', '},{"'):
         text = text.replace(mark, "},\n" + mark[2:])
     write_text(path, text + "\n")
@@ -274,10 +274,10 @@ def write_results(plain: Mapping[str, Any], path: Path) -> None:
 
 def made_now(command: str) -> Plain:
     """Command, date, machine and versions."""
-    from validation.runner import machine
+    from validation.runner import machine_info
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
-    return {"command": command, "date": now, **machine()}
+    return {"command": command, "date": now, **machine_info()}
 
 
 def rounded(value: Any, digits: int) -> Any:

@@ -12,20 +12,20 @@ from granular.commands.console import (
     Option,
     Program,
     command,
-    emit,
-    group,
     launch,
     option,
-    refuse,
+    option_group,
+    print_result,
+    refuse_options,
 )
 from granular.commands.options import (
     CHANGES,
     IMPORT,
     OUTPUT,
     SCENE,
-    in_unit,
     parse_changes,
-    scene_of,
+    quantity_reader,
+    scene_from_options,
 )
 from granular.shared.errors import InputError
 
@@ -38,7 +38,9 @@ REPORT = "out/validation"
 METHOD_REPORT = "out/method"
 """The same, of a user's own methods."""
 
-UNTIL = option("--t-end", type=in_unit("s"), metavar="T", help="stop each run at this time [s]")
+UNTIL = option(
+    "--t-end", type=quantity_reader("s"), metavar="T", help="stop each run at this time [s]"
+)
 
 
 def _length(parser: argparse._ActionsContainer) -> None:
@@ -50,7 +52,7 @@ def _length(parser: argparse._ActionsContainer) -> None:
 def _measuring(default: str = "") -> Option:
     """Options of what measures sections of the report."""
     words = "directory for the report; what is measured is kept there and found again"
-    return group(option("-o", "--out", metavar="DIR", help=words + default), _length, OUTPUT)
+    return option_group(option("-o", "--out", metavar="DIR", help=words + default), _length, OUTPUT)
 
 
 @command(
@@ -82,7 +84,7 @@ def report(options: Any) -> None:
     if changes and not options.scenes:
         raise InputError("--set changes a scene; name one, such as: report damper")
     if options.overview:
-        refuse(options, "--overview, which is of packaged scenes", scenes="SCENE")
+        refuse_options(options, "--overview, which is of packaged scenes", scenes="SCENE")
         _measure(options, [OVERVIEW], options.out)
     elif options.scenes:
         scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
@@ -118,7 +120,7 @@ def _show(result: dict[str, Any], out: str | None, options: Any) -> None:
     text = report_text(result)
     if out is not None:
         text += f"\nreport: {out}/report.html"
-    emit(result, text, options.json)
+    print_result(result, text, options.json)
 
 
 @command(
@@ -155,29 +157,34 @@ def method(options: Any) -> None:
     if options.scene is None and options.changes:
         raise InputError("--set changes a scene; give one by --scene")
     result = method_report(
-        options.out, options.names, scene=options.scene and scene_of(options),
+        options.out, options.names, scene=options.scene and scene_from_options(options),
         quantities=options.quantities, until=options.t_end, progress=not options.quiet,
     )  # fmt: skip
     _show(result, options.out, options)
 
 
 @command(
-    "cheapest", "the setting that reaches a tolerance in the least time",
-    SCENE, CHANGES,
+    "cheapest",
+    "the setting that reaches a tolerance in the least time",
+    SCENE,
+    CHANGES,
     option("quantity", help="such as energy, positions, 'rest height', period"),
-    option("tolerance", type=in_unit("1"), help="error that is allowed, such as 0.01 or '1 %%'"),
-    UNTIL, OUTPUT,
+    option(
+        "tolerance", type=quantity_reader("1"), help="error that is allowed, such as 0.01 or '1 %%'"
+    ),
+    UNTIL,
+    OUTPUT,
     examples="example:\n  %(prog)s damper 'rest height' 0.01",
-)  # fmt: skip
+)
 def cheapest(options: Any) -> None:
     """Recommend how to run a scene."""
     from validation.recommendation import recommend_settings
 
     result = recommend_settings(
-        scene_of(options), options.quantity, options.tolerance, until=options.t_end,
+        scene_from_options(options), options.quantity, options.tolerance, until=options.t_end,
         progress=not options.quiet,
     )  # fmt: skip
-    emit(result.to_plain(), str(result), options.json)
+    print_result(result.to_plain(), str(result), options.json)
 
 
 DEPAULA = option(

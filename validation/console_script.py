@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Sequence
 from types import ModuleType
 
-from granular.commands.console import Parser, add_version, launch
+from granular.commands.console import Parser, add_version_option, launch
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 
@@ -75,7 +75,7 @@ def _top_parser(modules: dict[str, ModuleType]) -> Parser:
         epilog=_listing(modules),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_version(parser)
+    add_version_option(parser)
     parser.add_argument("command", metavar="COMMAND", help=f"see {PROG} COMMAND --help")
     return parser
 

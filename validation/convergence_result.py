@@ -12,7 +12,7 @@ import numpy as np
 from granular.shared.plotting import COLOURS, STYLES, axes_or_new, figure
 from validation.outside import ORDERS
 from validation.runner import PlainData
-from validation.table import WIDTH, TextTable, legend, table, tabulate
+from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     import pandas
@@ -126,7 +126,7 @@ class ConvergenceResult(PlainData):
     def table(self) -> TextTable:
         """Step, error, local slope and wall time of each run."""
         rows = zip(self.steps, self.errors, ("", *self.slopes), self.seconds, strict=True)
-        return table(
+        return text_table(
             ("step [s]", "error [m]", "slope", "seconds"),
             [
                 (f"{h:.4g}", f"{e:.4g}", s if isinstance(s, str) else f"{s:.3f}", f"{t:.3g}")
@@ -220,7 +220,7 @@ def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
             for k, result in enumerate(group):
                 style = STYLES[k // len(COLOURS) % len(STYLES)]
                 result.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
-            legend(axes)
+            legend_below(axes)
             page.figure(drawing, f"{name}: error at the end over the time step.")
 
 
@@ -233,7 +233,7 @@ def slopes(results: Sequence[ConvergenceResult]) -> TextTable:
         (method, order, *(cells.get((method, problem), "") for problem in problems))
         for method, order in sorted(declared.items(), key=lambda pair: pair[1])
     ]
-    return table(("method", "order", *problems), rows)
+    return text_table(("method", "order", *problems), rows)
 
 
 def _slope(convergence_result: ConvergenceResult) -> str:

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from granular.methods import METHODS, Method, method_named
-from granular.methods.named import add_methods, method_setting
+from granular.methods.named import method_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.measuring import candidates
+from validation.cost.measuring import candidate_settings
 from validation.cost.section import WORK_PRECISION, work_precision_task
-from validation.energy import ENERGY, energy_task, swing
+from validation.energy import ENERGY, energy_task, wall_swing
 from validation.exact import NAMES, exact_problem
-from validation.order import CONVERGENCE, convergence_task, fits, shown_method
+from validation.order import CONVERGENCE, convergence_task, method_suits_problem, shown_method
 from validation.quantities import quantity_named
 from validation.report import report
 from validation.runner import Task
@@ -81,7 +81,7 @@ def method_report(
         raise InputError("no method is given; give the name of one, or a granular.Method")
     for quantity in quantities or ():
         quantity_named(quantity)
-    add_methods(
+    register_methods(
         method for method in methods if isinstance(method, Method) and method.name not in METHODS
     )
     names = [
@@ -100,14 +100,14 @@ def method_report(
 def _slopes(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
-            if fits(exact_problem(problem), name):
+            if method_suits_problem(exact_problem(problem), name):
                 yield convergence_task(shown_method(name), problem, full, **_table(name))
 
 
 def _energies(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
-            yield energy_task(swing(name, PERIODS), **_table(name))
+            yield energy_task(wall_swing(name, PERIODS), **_table(name))
 
 
 def _cost(
@@ -119,7 +119,7 @@ def _cost(
     if scene is None:
         scene, until = frictionless_bed(), HORIZON if until is None else until
         quantities = quantities or ("energy", "positions")
-    settings = candidates(scene, names)
+    settings = candidate_settings(scene, names)
     if not settings:
         raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
     tables = {name: table for name in names for table in _table(name).values()}

@@ -25,7 +25,7 @@ from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
 from validation.runner import PlainData, Section, Task
-from validation.table import WIDTH, TextTable, legend, table
+from validation.table import WIDTH, TextTable, legend_below, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -184,7 +184,7 @@ class DepaulaExperiment(PlainData):
             for run in self.runs
         ]  # fmt: skip
         header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
-        return table(header, rows)
+        return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the errors of each form over the step, and those relative to the finest step."""
@@ -212,7 +212,7 @@ class DepaulaExperiment(PlainData):
         run = self.of(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
         axes.plot(time, 1e3 * np.array(run.path), color=COLOURS[0], label=f"step {run.step:g} s")
-        gravity = bounce.problem().scene.effects.gravity
+        gravity = bounce.bounce_problem().scene.effects.gravity
         assert gravity is not None
         fallen = run.path[0] - 0.5 * gravity.acceleration * time**2
         axes.plot(time[fallen > 0.0], 1e3 * fallen[fallen > 0.0], "--", color=GREY, linewidth=2.5,
@@ -252,7 +252,7 @@ def depaula_experiment(*, full: bool = True) -> DepaulaExperiment:
         All seven steps; without, steps down to 1e-7 s, and two of them by the toolkit.
     """
     steps = STEPS if full else STEPS[:4]
-    problem = bounce.problem()
+    problem = bounce.bounce_problem()
     exact = float(problem.exact(bounce.TIME).positions[0, 1])
     runs = [_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
     runs += [_toolkit(step, exact) for step in (steps if full else steps[:2])]
@@ -260,7 +260,7 @@ def depaula_experiment(*, full: bool = True) -> DepaulaExperiment:
 
 
 def _form(form: str, step: float, exact: float) -> DepaulaRun:
-    scene = bounce.problem().scene
+    scene = bounce.bounce_problem().scene
     scales = Scales.of(scene.grains)
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
@@ -285,9 +285,12 @@ def _toolkit(step: float, exact: float) -> DepaulaRun:
 
     start_time = time.perf_counter()
     run = simulate(
-        bounce.problem().scene, dt=step, t_end=bounce.TIME, method="stormer-verlet+compensated",
+        bounce.bounce_problem().scene,
+        dt=step,
+        t_end=bounce.TIME,
+        method="stormer-verlet+compensated",
         progress=False,
-    )  # fmt: skip
+    )
     end = float(run.dataset["position"].values[-1, 0, 1])
     seconds = time.perf_counter() - start_time
     return DepaulaRun(TOOLKIT, step, end, abs(end - exact), seconds)
@@ -322,7 +325,7 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
         )
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
             experiment.plot(axes)
-            legend(axes, columns=1)
+            legend_below(axes, columns=1)
             page.figure(
                 drawing,
                 "Error of the height after 2 s: against the exact one (dots), and relative to the "

@@ -16,8 +16,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from granular.engine.columns import width
-from granular.engine.loop import Window, advance
+from granular.engine.columns import record_width
+from granular.engine.loop import Window, advance_ticks
 from granular.engine.step_size import Step, StepSchedule
 from granular.methods import method_named
 from granular.run.run import Run
@@ -40,14 +40,14 @@ class EngineSteps:
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
-        self.rows = np.zeros((3, width(len(system.effects))))
+        self.rows = np.zeros((3, record_width(len(system.effects))))
 
     def make(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
         pace = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
-        advance(
+        advance_ticks(
             Window(0.0, 0.0, math.inf, 0, 1), pace, run.plan, run.state, run.constants,
             run.motion, run.measurement, self.watch, self.rows,
         )  # fmt: skip
@@ -185,7 +185,7 @@ def _difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float
     return float(np.median(off)), float(1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off)))
 
 
-def agree(row: Mapping[str, Any]) -> bool:
+def costs_agree(row: Mapping[str, Any]) -> bool:
     """Tell if an effect costs the same first and last, within a fifth."""
     first, last = row["first"], row["last"]
     return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

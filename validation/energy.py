@@ -22,7 +22,7 @@ from granular.shared.errors import RunError
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.exact import bounce, oscillation
 from validation.runner import PlainData, Section, Task
-from validation.table import WIDTH, TextTable, legend, table
+from validation.table import WIDTH, TextTable, legend_below, text_table
 from validation.trend import BLOCKS, SIGNIFICANCE, Trend, energy_trend
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     and 1e6 of the frictionless bed, with the controls next to them.
     """
     swings = tuple(
-        swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
+        wall_swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
     )
     if not full:
         return swings
@@ -126,21 +126,21 @@ _BEDS = (
 """Method, step [s] and time [s]; the controls at steps that show their trend."""
 
 
-def swing(method: str, periods: int) -> EnergyRun:
+def wall_swing(method: str, periods: int) -> EnergyRun:
     """Grain that swings above the wall, with a method and so many periods."""
-    start, dt = oscillation.problem(0.5), _STEPS.get(method, 2e-3)
+    start, dt = oscillation.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * oscillation.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _with_records(start.scene, dt, time), method, dt, time)
 
 
 def _bounce(method: str, dt: float, time: float) -> EnergyRun:
-    scene = _with_records(bounce.problem().scene, dt, time)
+    scene = _with_records(bounce.bounce_problem().scene, dt, time)
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
 
 def variable_bounces() -> EnergyRun:
     """1e4 bounces with variable steps, some 160 a bounce."""
-    scene = bounce.problem().scene
+    scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
     return EnergyRun("bouncing grain", scene.replace(**records), "adaptive-verlet", "auto*4", time)
@@ -230,7 +230,7 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
         "system", "method", "kind", "step [s]", "steps", "swing", "drift over the run",
         "p", "trend", "stopped by",
     )  # fmt: skip
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
             axes.set_ylabel("greatest energy error")
             axes.set_xlabel("fraction of the run")
-            legend(axes)
+            legend_below(axes)
             page.figure(
                 drawing,
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "

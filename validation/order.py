@@ -70,7 +70,7 @@ Solver = Callable[[Problem, int], Snapshot]
 """The grains at a problem's time, after that many equal steps."""
 
 
-def toolkit(method: str) -> Solver:
+def toolkit_solver(method: str) -> Solver:
     """Toolkit's own integration by the method of that name.
 
     A method that chooses its steps itself is asked for the multiple of its automatic step that
@@ -132,7 +132,7 @@ def _is_fine(
         return False  # too long a step may be refused, or stopped
 
 
-def fits(problem: Problem, method: str) -> bool:
+def method_suits_problem(problem: Problem, method: str) -> bool:
     """Tell if the method suits the problem.
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
@@ -187,7 +187,7 @@ def convergence(
     2.0
     """
     order = method_named(method).order if order is None else order
-    solve = toolkit(method) if solver is None else solver
+    solve = toolkit_solver(method) if solver is None else solver
     counts = step_counts(problem, solve, order) if counts is None else tuple(counts)
     exact = problem.exact(problem.time).positions
     solve(problem, counts[0])  # compiles, so that the wall times do not hold it
@@ -275,7 +275,7 @@ def convergence_tasks(full: bool) -> list[Task]:
         for name in NAMES
         for method in METHODS
         if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
-        and fits(exact_problem(name), method)
+        and method_suits_problem(exact_problem(name), method)
     ]
     problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
     return tasks + [
@@ -306,9 +306,9 @@ def _converge(name: str, method: str, full: bool) -> Plain:
     short = not full or reference or _is_shown_briefly(method)
     problem = exact_problem(name)
     if short and name == "bounce":
-        problem = bounce.problem(time=bounce.SHORT)
+        problem = bounce.bounce_problem(time=bounce.SHORT)
     if reference:
-        solve, order = outside.solver(method), outside.ORDERS[method]
+        solve, order = outside.outside_solver(method), outside.ORDERS[method]
         # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
         counts = step_counts(dataclasses.replace(problem, fewest=2 * problem.fewest), solve, order)
         return convergence(problem, method, counts, solver=solve, order=order).to_plain()

@@ -44,7 +44,7 @@ class Start(NamedTuple):
     scales: Scales
 
 
-def takes(scene: Scene) -> bool:
+def supports_scene(scene: Scene) -> bool:
     """Tell if the forces here are all that act: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
@@ -58,7 +58,7 @@ def takes(scene: Scene) -> bool:
     )
 
 
-def start(scene: Scene) -> Start:
+def initial_state(scene: Scene) -> Start:
     """State a scene starts from.
 
     Raises
@@ -66,7 +66,7 @@ def start(scene: Scene) -> Start:
     InputError
         If something acts in the scene that the forces here leave out.
     """
-    if not takes(scene):
+    if not supports_scene(scene):
         raise InputError(
             f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
             "weight, drag and a piston that is held; an outside reference needs it without"
@@ -77,13 +77,13 @@ def start(scene: Scene) -> Start:
     return Start(np.concatenate([part.ravel() for part in state]), scales)
 
 
-def rate(scene: Scene, arrays: Any = np) -> Rate:
+def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
     """Equations of motion, in NumPy or in ``jax.numpy``.
 
     Parameters
     ----------
     scene : Scene
-        One that `takes` allows.
+        One that `supports_scene` allows.
     arrays : module
         ``numpy`` or ``jax.numpy``.
     """
@@ -129,7 +129,7 @@ def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
     return result
 
 
-def solver(name: str) -> Callable[[Problem, int], Snapshot]:
+def outside_solver(name: str) -> Callable[[Problem, int], Snapshot]:
     """Outside reference at equal steps, to see its order with `validation.order`."""
     solve = _scipy if name == SCIPY else _diffrax
 
@@ -139,7 +139,7 @@ def solver(name: str) -> Callable[[Problem, int], Snapshot]:
     return fixed
 
 
-def adaptive(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
+def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
     """Grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
     solve = _scipy if name == SCIPY else _diffrax
     return solve(scene, time, None, tolerance)
@@ -155,7 +155,7 @@ def _snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
 def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
     from scipy.integrate import DOP853
 
-    begin = start(scene)
+    begin = initial_state(scene)
     until = time / begin.scales.time
     if count is not None:
         # A tolerance that no step misses leaves the longest step; it covers the last one's rest.
@@ -166,7 +166,7 @@ def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None
         options = {"max_step": math.inf, "rtol": tolerance, "atol": tolerance}
     steps = 0
     with np.errstate(invalid="ignore"):  # a step tried through a wall; the estimate refuses it
-        run = DOP853(rate(scene), 0.0, begin.state, until, **options)
+        run = DOP853(equations_of_motion(scene), 0.0, begin.state, until, **options)
         while run.status == "running":
             run.step()
             steps += 1
@@ -178,7 +178,7 @@ _SOLVES: dict[str, Any] = {}
 
 
 def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
-    begin = start(scene)
+    begin = initial_state(scene)
     until = time / begin.scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
     if repr(parts) not in _SOLVES:
@@ -193,7 +193,7 @@ def _compiled(scene: Scene, *, equal: bool) -> Any:
     from reduced_models.jax_setup import jax  # sets double precision; isort: skip
     import diffrax
 
-    motion = rate(scene, jax.numpy)
+    motion = equations_of_motion(scene, jax.numpy)
     term = diffrax.ODETerm(lambda t, state, _: motion(t, state))
 
     def solve(state: Any, until: Any, given: Any) -> Any:

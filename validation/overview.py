@@ -17,28 +17,28 @@ from granular.run.options import is_allowed
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
-from granular.shared.files import finite
+from granular.shared.files import finite_or_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost.measuring import (
     STEPS,
-    finest,
+    depends_on_seed,
+    finest_setting,
     make_study,
-    points,
+    measure_points,
     reference_values,
-    run,
-    starts_of,
-    varies,
+    run_setting,
+    scenes_with_other_seeds,
 )
-from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration
+from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
 from validation.cost.section import studies_of
 from validation.cost.study import LEVELS, WorkPrecision, plain_numbers
-from validation.effect_costs import agree, effect_costs
+from validation.effect_costs import costs_agree, effect_costs
 from validation.hard_cases import COSTLY, catalogue
 from validation.quantities import QUANTITIES, MeasuredQuantity
 from validation.runner import Plain, Section, Task
 from validation.scenes import compression_scene
 from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, outcome, stability_verdict
-from validation.table import WIDTH, TextTable, legend, table, tabulate
+from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +78,7 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
 
 
 def _effects(scene: Scene) -> Plain:
-    return {"effects": finite(effect_costs(scene))}
+    return {"effects": finite_or_none(effect_costs(scene))}
 
 
 def _hard() -> Plain:
@@ -103,7 +103,7 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
     ladder, scenes, reference = plan_runs(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
     truth = reference_values(scenes, chosen, given, until)
-    rows = [points(scenes, chosen, item, truth, until, 1) for item in ladder]
+    rows = [measure_points(scenes, chosen, item, truth, until, 1) for item in ladder]
     studies = [
         make_study(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
@@ -125,7 +125,7 @@ def plan_runs(
     """
     steps = [dt for dt in STEPS if is_allowed(scene, dt, "stormer-verlet")]
     took = _seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
-    random = varies(scene)
+    random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
     entries = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
@@ -136,15 +136,17 @@ def plan_runs(
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
-    reference = SolverSettings("stormer-verlet", steps[entries]) if random else finest(scene)
-    return ladder, starts_of(scene, starts - 1), reference
+    reference = (
+        SolverSettings("stormer-verlet", steps[entries]) if random else finest_setting(scene)
+    )
+    return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
 def _seconds(scene: Scene, setting: SolverSettings, until: float | None) -> float:
     """Time of a run, compiled before [s]."""
-    run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+    run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
     start = time.perf_counter()
-    run(scene, setting, until)
+    run_setting(scene, setting, until)
     return time.perf_counter() - start
 
 
@@ -173,7 +175,7 @@ def _fresh(
                 continue
             label = f"{best.setting.family}, {best.setting.dt}"
             if label not in runs:
-                runs[label] = run(other, best.setting, until)
+                runs[label] = run_setting(other, best.setting, until)
             mean = sum(item.values) / len(item.values)
             error = _error(quantity, runs[label], mean)
             result.append({"scene": other.name, "quantity": quantity.name, "level": words,
@@ -188,7 +190,7 @@ def _error(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
         return math.inf
 
 
-def digit(study: WorkPrecision, best: Point | None) -> str:
+def price_of_digit(study: WorkPrecision, best: Point | None) -> str:
     """Say how many times the time a digit more takes."""
     measured = study.digit()
     if measured is not None:
@@ -229,14 +231,14 @@ def _show_accuracy(page: Page, plain: Plain) -> None:
             f"{USUAL[0]}."
         )
     with figure(width=WIDTH, height=4.2) as (drawing, axes):
-        plot(axes, studies)
-        legend(axes)
+        plot_error_over_time(axes, studies)
+        legend_below(axes)
         until = "" if first.horizon is None else f" over {first.horizon:g} s"
         page.figure(drawing, f"{first.scene}{until}: error over the time of a run.")
     tabulate(page, advice_table(studies))
 
 
-def plot(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
+def plot_error_over_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
     """Error over seconds: a colour a quantity, a line a method, the floor dashed."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
@@ -265,15 +267,17 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
     for study in studies:
         advised = [study.advice(level) for level in LEVELS.values()]
         scatter = f"{study.floor:.1g}" if study.floor else "none"
-        rows.append((study.quantity, *map(_take, advised), scatter, digit(study, advised[0].point)))
-    return table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
+        rows.append(
+            (study.quantity, *map(_take, advised), scatter, price_of_digit(study, advised[0].point))
+        )
+    return text_table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
 def _take(advice: Advice) -> str:
     """Return the setting to take for a level, and its price."""
     if advice.point is None:
         return str(advice)
-    method, price = advice.point.setting.method, duration(advice.seconds)
+    method, price = advice.point.setting.method, duration_text(advice.seconds)
     if advice.below_floor:
         number = f"{advice.starts:d}" if advice.starts < 1000 else f"{advice.starts:.0e}"
         return f"{number} starts of any step: {price}"
@@ -304,11 +308,11 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
     for effect in plain["effects"]:
         first, last = _price(effect, "first"), _price(effect, "last")
         both = effect["first"] is not None and effect["last"] is not None
-        shown = "yes" if both and agree(effect) else "no"
+        shown = "yes" if both and costs_agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
     header = ("effect", "adds when it comes first [us]", "saves when taken away last [us]",
               "alike within a fifth")  # fmt: skip
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 def _price(mapping: Mapping[str, Any], which: str) -> str:
@@ -326,7 +330,7 @@ def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
     row = (len(outcomes), *counts, ", ".join(wrong) or "none")
     header = ("hard cases", "accurate", "degraded and said so", "stopped by a typed error",
               "ended as they must not")  # fmt: skip
-    return table(header, [row])
+    return text_table(header, [row])
 
 
 def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:

@@ -17,7 +17,7 @@ from typing import Any
 from granular.scene.beds import END, LOWEST_START, REFERENCE_COUNT, START
 from granular.shared.errors import InputError
 
-__all__ = ["duration", "published_value"]
+__all__ = ["compression_duration", "published_value"]
 
 PATH = Path(__file__).parent / "published.toml"
 
@@ -28,7 +28,7 @@ _INDEX = re.compile(r"(.*)\[(\d+)\]")
 
 
 @cache
-def values() -> dict[str, dict[str, Any]]:
+def published_values() -> dict[str, dict[str, Any]]:
     """All sections."""
     return tomllib.loads(PATH.read_text(encoding="utf-8"))
 
@@ -59,7 +59,7 @@ def published_value(key: str) -> Any:
     """
     match = _INDEX.fullmatch(key)
     name, position = (match[1], int(match[2])) if match else (key, None)
-    result: Any = values()
+    result: Any = published_values()
     try:
         for part in name.split("."):
             result = result[part]
@@ -68,9 +68,9 @@ def published_value(key: str) -> Any:
         raise InputError(f"{key!r} is no published value; see {PATH.name}") from None
 
 
-def keys() -> Iterator[str]:
+def published_keys() -> Iterator[str]:
     """Keys of all values, labels left out."""
-    for section, entries in values().items():
+    for section, entries in published_values().items():
         for name, value in entries.items():
             if name not in LABELS:
                 yield from _below(f"{section}.{name}", value)
@@ -86,7 +86,7 @@ def _below(key: str, value: Any) -> Iterator[str]:
         yield key
 
 
-def duration(count: int, speed: float) -> float:
+def compression_duration(count: int, speed: float) -> float:
     """Duration of the compression of a bed of equal 6 mm grains [s].
 
     Parameters

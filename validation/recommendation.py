@@ -14,12 +14,12 @@ from granular.shared.errors import InputError
 from validation.cost.measuring import (
     REPEATS,
     STEPS,
-    candidates,
-    finest,
+    candidate_settings,
+    finest_setting,
     make_study,
-    points,
+    measure_points,
     reference_values,
-    starts_of,
+    scenes_with_other_seeds,
 )
 from validation.cost.point import (
     FLOORS,
@@ -28,7 +28,7 @@ from validation.cost.point import (
     SolverSettings,
     accurate_points,
     advice,
-    duration,
+    duration_text,
     resolved_points,
 )
 from validation.cost.study import WorkPrecision
@@ -105,7 +105,7 @@ class Recommendation(PlainData):
         error = f"error {self.error:.2g}" + (f" +- {self.doubt:.1g}" if self.doubt else "")
         if not self.below_floor:
             return f"{what}{error} in {self.seconds:.3g} s\n  {self.command}"
-        price = duration(self.starts * self.seconds)
+        price = duration_text(self.starts * self.seconds)
         return (
             f"{what}any of these: the starts scatter by {self.study.floor:.2g}, which no step "
             f"corrects; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
@@ -167,12 +167,14 @@ def recommend_settings(
         raise InputError(f"tolerance = {tolerance!r}; give an error above 0, such as 0.01")
     if seeds < 0:
         raise InputError(f"seeds = {seeds}; give a number of further starts, 0 or more")
-    scenes = starts_of(scene, seeds)
+    scenes = scenes_with_other_seeds(scene, seeds)
     if quantity_is_scattered(chosen, len(scenes)):
         study = _by_halving(scenes, chosen, tolerance, until, progress)
     else:
-        reference = None if chosen.exact is not None else finest(scene)
-        study = _study(scenes, chosen, candidates(scene), reference, tolerance, until, progress)
+        reference = None if chosen.exact is not None else finest_setting(scene)
+        study = _study(
+            scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
+        )
     return recommendation(study, tolerance)
 
 
@@ -197,7 +199,9 @@ def _by_halving(
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
         coarse = steps[: steps.index(dt) - APART + 1]
-        settings = [candidate for candidate in candidates(scenes[0]) if candidate.dt in coarse]
+        settings = [
+            candidate for candidate in candidate_settings(scenes[0]) if candidate.dt in coarse
+        ]
         if not any(setting.method == REFERENCE for setting in settings):
             continue
         study = _study(
@@ -238,7 +242,7 @@ def _study(
                 if not own and _hopeless(setting, tried, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
-                own += points(scenes, [quantity], setting, [truth], until, REPEATS)
+                own += measure_points(scenes, [quantity], setting, [truth], until, REPEATS)
                 bar.update()
             tried += own
     return make_study(scenes[0], quantity, until, tried, truth)

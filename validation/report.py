@@ -14,7 +14,7 @@ from validation.depaula import DEPAULA
 from validation.energy import ENERGY
 from validation.order import CONVERGENCE
 from validation.overview import OVERVIEW, hard_table
-from validation.runner import FAILED, Plain, Section, machine, measure
+from validation.runner import FAILED, Plain, Section, machine_info, run_tasks
 from validation.stability import STABILITY
 from validation.table import tabulate
 
@@ -62,22 +62,22 @@ def report(
     if where is not None:
         make_directory(where)
     results: dict[str, Sequence[Plain]] = {
-        section.name: measure(section.name, section.tasks(full), where, progress=progress)
+        section.name: run_tasks(section.name, section.tasks(full), where, progress=progress)
         for section in sections
     }
-    plain = summary(results) | {"full": full, "machine": machine(), "parts": results}
+    plain = summarise(results) | {"full": full, "machine": machine_info(), "parts": results}
     if where is not None:
-        page(results, full=full).save(where / "report.html")
+        report_page(results, full=full).save(where / "report.html")
         write_json(where / "report.json", plain)
     return plain
 
 
-def page(results: Results, *, full: bool) -> Page:
+def report_page(results: Results, *, full: bool) -> Page:
     """Return the report as a page."""
     read = {
         SECTIONS[name]: _read(name, section_entries) for name, section_entries in results.items()
     }
-    verdicts = summary(results)
+    verdicts = summarise(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
     shown = Page("Proof of the numbers", lead)
@@ -112,7 +112,7 @@ def page(results: Results, *, full: bool) -> Page:
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
     shown.footer(
-        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine().items())
+        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items())
     )
     return shown
 
@@ -139,7 +139,7 @@ def _failures(results: Sequence[Plain]) -> list[str]:
     return [f"{result['label']} failed: {result[FAILED]}" for result in results if FAILED in result]
 
 
-def summary(results: Results) -> dict[str, Any]:
+def summarise(results: Results) -> dict[str, Any]:
     """Return a verdict for each section, whether it holds, and whether all of them do."""
     verdicts, held = {}, {}
     for name, result in results.items():

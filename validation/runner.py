@@ -128,7 +128,7 @@ FAILED = "failed"
 """Key of a result of a task that ended in a typed error: a failure is a result."""
 
 
-def measure(
+def run_tasks(
     name: str, tasks: Sequence[Task], directory: Path | None, *, progress: bool = True
 ) -> list[Plain]:
     """Return the results of tasks, those on disk included.
@@ -178,7 +178,7 @@ def _in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]
 
 
 def _key(name: str, task: Task) -> str:
-    content = {"key": task.key, "part": name, "sources": sources(), "on": machine()}
+    content = {"key": task.key, "part": name, "sources": source_digest(), "on": machine_info()}
     return f"{name}-{digest(content, KEY_LENGTH)}"
 
 
@@ -187,7 +187,7 @@ _SHOWING = ("report.py", "table.py", "html.py", "plotting.py", "published.py")
 
 
 @cache
-def sources() -> str:
+def source_digest() -> str:
     """Digest of all code that a figure may depend on."""
     import granular
     import validation
@@ -201,7 +201,7 @@ def sources() -> str:
     return content.hexdigest()
 
 
-def machine() -> dict[str, str]:
+def machine_info() -> dict[str, str]:
     """Machine, and versions of what it computes with."""
     import os
 

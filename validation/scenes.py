@@ -36,7 +36,7 @@ def frictionless_bed() -> Scene:
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
-def lattice(count: int) -> Scene:
+def disturbed_lattice(count: int) -> Scene:
     """Disturbed hexagonal lattice that fills the packaged bed's cell, scaled to the grains."""
     scale = math.sqrt(count / 368.0)
     width, height = 60.0 * scale, 20.0 * scale

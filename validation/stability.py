@@ -18,7 +18,7 @@ from granular.shared.errors import GranularError
 from validation.hard_cases import catalogue
 from validation.hard_cases.case import BROKEN, HardCase
 from validation.runner import PlainData, Section, Task
-from validation.table import TextTable, table, tabulate
+from validation.table import TextTable, tabulate, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page
@@ -165,7 +165,7 @@ def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
         column = own if new else _column(outcome)
         columns[column] = None
         rows.setdefault(outcome.case, {})[column] = _ending(outcome)
-    return table(
+    return text_table(
         ("case", "error of what [unit]", "accurate up to", *columns),
         [
             (case, _with_unit(first[case].measured), f"{first[case].limit:.0e}",
@@ -203,7 +203,7 @@ def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
         for outcome in outcomes
     ]  # fmt: skip
     header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 def case_table(names: Collection[str]) -> TextTable:
@@ -211,7 +211,7 @@ def case_table(names: Collection[str]) -> TextTable:
     rows = [
         (case.name, case.what, case.measure.words) for case in catalogue() if case.name in names
     ]
-    return table(("case", "what is hard", "error"), rows)
+    return text_table(("case", "what is hard", "error"), rows)
 
 
 VARIATIONS = (

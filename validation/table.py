@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from granular.shared.tables import in_columns
+from granular.shared.tables import align_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,10 +27,10 @@ class TextTable(NamedTuple):
 
     def text(self) -> str:
         """Table in columns."""
-        return in_columns([self.header, *self.rows])
+        return align_columns([self.header, *self.rows])
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
+def text_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextTable:
     """Return a table of anything that can be written."""
     return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))
 
@@ -47,7 +47,7 @@ def keep_together(cell: str) -> str:
     return cell.replace("-", "\u2011").replace(" ", "\u00a0")
 
 
-def legend(axes: Axes, columns: int = 2) -> None:
+def legend_below(axes: Axes, columns: int = 2) -> None:
     """Draw a legend below the axes."""
     # Below the axes, so that a narrow page leaves the figure wide enough to be read.
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)

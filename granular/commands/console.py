@@ -33,10 +33,16 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
-from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing
-from granular.shared.files import finite
-from granular.shared.messages import one_line, printable, visible
-from granular.shared.stops import taking_sigterm
+from granular.shared.errors import (
+    GranularError,
+    InputError,
+    Interrupted,
+    Terminated,
+    missing_module_message,
+)
+from granular.shared.files import finite_or_none
+from granular.shared.messages import one_line, printable, sanitize
+from granular.shared.stops import handle_sigterm
 from granular.shared.version import __version__
 
 BAD_INPUT, FAILED, INTERRUPTED, TERMINATED = 2, 1, 130, 143
@@ -65,7 +71,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
         _check_surroundings()
-        with taking_sigterm():
+        with handle_sigterm():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
     except InputError as error:
@@ -77,7 +83,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         saved = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
         return _complain(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
-        advice = missing(error)
+        advice = missing_module_message(error)
         if advice is None:
             raise
         return _complain(str(advice), BAD_INPUT)
@@ -110,7 +116,7 @@ def _of_system(error: OSError) -> str:
     if error.filename is None:
         with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
             sys.stdout.close()
-    target = "standard output or a file" if error.filename is None else visible(error.filename)
+    target = "standard output or a file" if error.filename is None else sanitize(error.filename)
     return f"{target}: {error.strerror}; see to its place, and try again"
 
 
@@ -132,7 +138,7 @@ def option(*names: str, **settings: Any) -> Option:
     return lambda parser: parser.add_argument(*names, **settings)
 
 
-def group(*options: Option, title: str | None = None) -> Option:
+def option_group(*options: Option, title: str | None = None) -> Option:
     """Several options as one; with a title they stand under it in the help."""
 
     def add(parser: argparse._ActionsContainer) -> None:
@@ -195,7 +201,7 @@ class Program(NamedTuple):
             prog=name or self.name, description=self.description, epilog=self.examples,
             formatter_class=raw,
         )  # fmt: skip
-        add_version(top)
+        add_version_option(top)
         top.commands = {offered.name: offered.summary for offered in self.commands}
         parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
         for offered in self.commands:
@@ -204,7 +210,7 @@ class Program(NamedTuple):
                 description=offered.summary[0].upper() + offered.summary[1:] + ".",
             )  # fmt: skip
             parser.set_defaults(prog=parser.prog)
-            group(*offered.options)(parser)
+            option_group(*offered.options)(parser)
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
@@ -214,12 +220,12 @@ class Program(NamedTuple):
         chosen.carry_out(options)
 
 
-def keywords(options: Any, *names: str) -> dict[str, Any]:
+def pick_options(options: Any, *names: str) -> dict[str, Any]:
     """Return options as keyword arguments of a function that calls them the same."""
     return {name: getattr(options, name) for name in names}
 
 
-def require(options: Any, **arguments: str) -> None:
+def require_options(options: Any, **arguments: str) -> None:
     """Refuse a command without arguments that only some forms of it need.
 
     Parameters
@@ -240,7 +246,7 @@ def require(options: Any, **arguments: str) -> None:
         )
 
 
-def refuse(options: Any, form: str, *names: str, **written: str) -> None:
+def refuse_options(options: Any, form: str, *names: str, **written: str) -> None:
     """Refuse options that a form of a command, such as ``--impulse``, does not take.
 
     Parameters
@@ -262,7 +268,7 @@ def refuse(options: Any, form: str, *names: str, **written: str) -> None:
             raise InputError(f"{words} does not go with {form}; leave it out")
 
 
-def add_version(parser: argparse.ArgumentParser) -> None:
+def add_version_option(parser: argparse.ArgumentParser) -> None:
     """Toolkit's version, on request."""
     parser.add_argument(
         "--version", action="version", version=f"granular-damper {__version__}",
@@ -270,12 +276,12 @@ def add_version(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def emit(result: dict[str, Any], text: str, as_json: bool) -> None:
+def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     """Print a result: one JSON object, or a text for people.
 
     JSON has neither infinities nor NaN: they are printed as null.
     """
-    print(json.dumps(finite(result), allow_nan=False) if as_json else printable(text))
+    print(json.dumps(finite_or_none(result), allow_nan=False) if as_json else printable(text))
 
 
 def _check_surroundings() -> None:

@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import command, emit, option
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, scene_of, time_step
+from granular.commands.console import command, option, print_result
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, parse_time_step, scene_from_options
 from granular.shared.errors import InputError
 
 
@@ -59,13 +59,13 @@ def _export_deck(options: Any) -> None:
         raise InputError(f"--set changes a scene; {options.run} is a run, whose scene is fixed")
     options.scene = options.run
     files = to_lammps(
-        options.run if at_run else scene_of(options),
+        options.run if at_run else scene_from_options(options),
         options.out,
-        dt=time_step(options.dt or "auto"),
+        dt=parse_time_step(options.dt or "auto"),
         overwrite=options.force,
     )
     text = f"LAMMPS deck written to {options.out}; there: mpirun -np 2 lmp -in in.granular"
-    emit({"format": "lammps", "files": [str(file) for file in files]}, text, options.json)
+    print_result({"format": "lammps", "files": [str(file) for file in files]}, text, options.json)
 
 
 def _export_frames(options: Any) -> None:
@@ -85,4 +85,4 @@ def _export_frames(options: Any) -> None:
     frames = run.dataset.sizes["frame"]
     names = [str(file) for file in files]
     text = f"{frames} frames written to {options.out}"
-    emit({"format": options.format, "frames": frames, "files": names}, text, options.json)
+    print_result({"format": options.format, "frames": frames, "files": names}, text, options.json)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, option
-from granular.commands.options import IMPORT, OUTPUT, RUN, in_unit
+from granular.commands.console import command, option, print_result
+from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
 from granular.shared.files import make_directory, write_text
 
 if TYPE_CHECKING:
@@ -58,15 +58,15 @@ def observe(options: Any) -> None:
     if options.out is not None:
         write_text(Path(options.out), table.to_csv(index=False))
     text = table.to_string(index=False) if options.out is None else f"written to {options.out}"
-    emit({"table": table.to_dict("list"), "out": options.out}, text, options.json)
+    print_result({"table": table.to_dict("list"), "out": options.out}, text, options.json)
 
 
 @command(
     "defects",
     "follow dislocations, vacancies and other defects of a run from frame to frame",
     RUN,
-    option("--start", type=in_unit("s"), metavar="T", default=0.0, help="first time"),
-    option("--stop", type=in_unit("s"), metavar="T", help="last time"),
+    option("--start", type=quantity_reader("s"), metavar="T", default=0.0, help="first time"),
+    option("--stop", type=quantity_reader("s"), metavar="T", help="last time"),
     option(
         "--reach",
         type=float,
@@ -107,7 +107,7 @@ def defects(options: Any) -> None:
               "conserved": motion.attrs["conserved"], "out": options.out}  # fmt: skip
     words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""
     text = f"{len(tracks)} defects, {len(events)} events\n{words}"
-    emit(result, text if options.out is None else f"written to {options.out}", options.json)
+    print_result(result, text if options.out is None else f"written to {options.out}", options.json)
 
 
 def _tracks(motion: xarray.Dataset) -> pandas.DataFrame:
@@ -141,7 +141,7 @@ def _paths(motion: xarray.Dataset) -> pandas.DataFrame:
 
 def _write(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
     from granular.observables.plots import plot_defect_paths
-    from granular.render.still import save
+    from granular.render.still import save_picture
     from granular.shared.plotting import figure
 
     make_directory(directory)
@@ -149,4 +149,4 @@ def _write(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
         write_text(directory / f"{name}.csv", table(motion).to_csv(index=False))
     with figure(width=7.2, height=5.4) as (drawing, axes):
         plot_defect_paths(motion, positions, axes)
-        save(drawing, directory / "paths.png", overwrite=True)
+        save_picture(drawing, directory / "paths.png", overwrite=True)

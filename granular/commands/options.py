@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import group, option
+from granular.commands.console import option, option_group
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import parse_toml
 from granular.shared.messages import quote
@@ -48,13 +48,13 @@ ACCURACY = option(
 WORKERS = option("--workers", type=int, metavar="N", help="processes (all processors)")
 
 
-OUTPUT = group(
+OUTPUT = option_group(
     option("--json", action="store_true", help="print one JSON object"),
     option("--quiet", action="store_true", help="no progress bar"),
 )
 
 
-def scene_of(options: Any) -> Scene:
+def scene_from_options(options: Any) -> Scene:
     """Return the scene that a command was given, changed, after the user's own code.
 
     Raises
@@ -91,7 +91,7 @@ def parse_changes(items: Sequence[str]) -> dict[str, Any]:
     return changes
 
 
-def in_unit(unit: str) -> Callable[[str], float]:
+def quantity_reader(unit: str) -> Callable[[str], float]:
     """Reader of an option: a number in that SI unit, or a quantity with a unit of its own."""
 
     def read(text: str) -> float:
@@ -105,7 +105,7 @@ def in_unit(unit: str) -> Callable[[str], float]:
     return read
 
 
-def time_step(text: str) -> float | str:
+def parse_time_step(text: str) -> float | str:
     """Read a time step of the command line: seconds, a quantity, or a multiple of "auto".
 
     Raises

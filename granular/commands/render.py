@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import command, emit, option
-from granular.commands.options import IMPORT, OUTPUT, RUN, in_unit
+from granular.commands.console import command, option, print_result
+from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
 
@@ -25,7 +25,7 @@ from granular.shared.messages import quote
     option("--time", metavar="T", help="take the frame nearest to this time [s]"),
     option("--stage", metavar="NAME", help="the movie shows this stage only"),
     option(
-        "--fps", type=in_unit("Hz"), metavar="F", help="pictures per second of the movie (25)"
+        "--fps", type=quantity_reader("Hz"), metavar="F", help="pictures a second of the movie (25)"
     ),
     option(
         "--speed", metavar="X",
@@ -65,7 +65,7 @@ def render(options: Any) -> None:
 
 
 def _render_still(options: Any) -> None:
-    from granular.render import save, still
+    from granular.render import save_picture, still
     from granular.schema.units import si_value
 
     if (options.stage, options.fps, options.speed, options.width) != (None, None, None, None):
@@ -78,8 +78,8 @@ def _render_still(options: Any) -> None:
     time = None if options.time is None else si_value(options.time, "s")
     number = -1 if options.frame is None else options.frame
     figure = still(options.run, number, time=time, colour=options.colour)
-    path = save(figure, options.out, overwrite=options.force)
-    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+    path = save_picture(figure, options.out, overwrite=options.force)
+    print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
 def _render_movie(options: Any) -> None:
@@ -99,7 +99,7 @@ def _render_movie(options: Any) -> None:
         overwrite=options.force,
         progress=not options.quiet,
     )
-    emit({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
+    print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
 def _speed(words: str | None) -> float | None:

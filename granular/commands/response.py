@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, option, refuse, require
+from granular.commands.console import command, option, print_result, refuse_options, require_options
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -14,9 +14,9 @@ from granular.commands.options import (
     OUTPUT,
     SCENE,
     WORKERS,
-    in_unit,
-    scene_of,
-    time_step,
+    parse_time_step,
+    quantity_reader,
+    scene_from_options,
 )
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_text
@@ -38,23 +38,23 @@ long it is observed [s], if not given."""
 @command(
     "response", "frequency response of a machine that carries a damper, or how soon it settles",
     SCENE, CHANGES,
-    option("--from", dest="lowest", type=in_unit("Hz"), metavar="F",
+    option("--from", dest="lowest", type=quantity_reader("Hz"), metavar="F",
            help="lowest frequency of the sine"),
-    option("--to", dest="highest", type=in_unit("Hz"), metavar="F",
+    option("--to", dest="highest", type=quantity_reader("Hz"), metavar="F",
            help="highest frequency of the sine"),
     option("--points", type=int, metavar="N", help="frequencies (25; 200 read off a sweep)"),
     *(
-        option(f"--{name}", type=in_unit(unit), action="append", metavar="X",
+        option(f"--{name}", type=quantity_reader(unit), action="append", metavar="X",
                help=f"amplitude of the {name} (repeatable){more}")
         for name, unit, more in (
             ("force", "N", "; peak of an impulse"), ("acceleration", "m/s^2", ""),
             ("displacement", "m", ""),
         )
     ),
-    option("--duration", type=in_unit("s"), metavar="T",
+    option("--duration", type=quantity_reader("s"), metavar="T",
            help="how long each sine acts (20 s), or a struck machine is looked at (10 s)"),
     option(
-        "--sweep", type=in_unit("s"), metavar="T",
+        "--sweep", type=quantity_reader("s"), metavar="T",
         help="in place of sines, one run under a sweep from the lowest to the highest frequency "
         "that takes this long, of the first amplitude",
     ),
@@ -63,9 +63,9 @@ long it is observed [s], if not given."""
         help="in place of sines, strike the machine once, by half a sine in time, and say how soon "
         "it is down",
     ),
-    option("--length", type=in_unit("s"), metavar="T", help="of the impulse (20 ms)"),
+    option("--length", type=quantity_reader("s"), metavar="T", help="of the impulse (20 ms)"),
     option(
-        "--fraction", type=in_unit("1"), metavar="S",
+        "--fraction", type=quantity_reader("1"), metavar="S",
         help="fraction of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
     ),
     option(
@@ -94,8 +94,8 @@ def response(options: Any) -> None:
 
 def _shake(options: Any) -> None:
     """Run the sines, or the sweep, and say what is left."""
-    require(options, lowest="--from", highest="--to")
-    refuse(options, "sines", "length", "fraction")
+    require_options(options, lowest="--from", highest="--to")
+    refuse_options(options, "sines", "length", "fraction")
     points = POINTS if options.points is None else options.points
     if not 0.0 < options.lowest < options.highest or points < 2:
         raise InputError(
@@ -108,9 +108,9 @@ def _shake(options: Any) -> None:
     )
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
-        from granular.response.transients import pace_of_sweep
+        from granular.response.transients import sweep_rate_at_peak
 
-        figures["pace"] = pace_of_sweep(result)
+        figures["pace"] = sweep_rate_at_peak(result)
         if figures["pace"] is not None:
             lines.append(
                 f"pace of the sweep at the peak: {figures['pace']:.2g} of what the machine with "
@@ -118,24 +118,24 @@ def _shake(options: Any) -> None:
             )
     if options.out is not None:
         lines.append(_write_response(result, Path(options.out)))
-    emit(figures, "\n".join(lines), options.json)
+    print_result(figures, "\n".join(lines), options.json)
 
 
 def _strike(options: Any) -> None:
     """Strike the machine and say how soon it is down."""
     from granular.response.transients import run_impulse
 
-    require(options, force="--force")
+    require_options(options, force="--force")
     wrong = ("points", "acceleration", "displacement", "sweep", "workers")
-    refuse(options, "--impulse", *wrong, lowest="--from", highest="--to")
+    refuse_options(options, "--impulse", *wrong, lowest="--from", highest="--to")
     if len(options.force) > 1:
         raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
     result = run_impulse(
-        scene_of(options), options.force[0],
+        scene_from_options(options), options.force[0],
         fraction=FRACTION if options.fraction is None else options.fraction,
         length=LENGTH if options.length is None else options.length,
         duration=WATCHED if options.duration is None else options.duration,
-        dt=time_step(options.dt), out=options.out, progress=not options.quiet,
+        dt=parse_time_step(options.dt), out=options.out, progress=not options.quiet,
     )  # fmt: skip
     figures: dict[str, Any] = {
         "seconds": result.seconds, "alone": result.alone if math.isfinite(result.alone) else None,
@@ -144,7 +144,7 @@ def _strike(options: Any) -> None:
     lines = [str(result)]
     if options.out is not None:
         lines.append(_write_impulse(result, Path(options.out)))
-    emit(figures, "\n".join(lines), options.json)
+    print_result(figures, "\n".join(lines), options.json)
 
 
 def _write_impulse(result: Impulse, path: Path) -> str:
@@ -162,7 +162,7 @@ def _driven_scene(options: Any) -> tuple[Scene, list[float] | None]:
     """Scene under the first amplitude that was given, and all of them."""
     from granular.response.response import AMPLITUDES
 
-    scene = scene_of(options)
+    scene = scene_from_options(options)
     given = {name: getattr(options, name) for name in AMPLITUDES if getattr(options, name)}
     if len(given) > 1:
         raise InputError(f"--{' and --'.join(given)} together; give one of them")
@@ -196,7 +196,7 @@ def _run_stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Respo
         np.geomspace(options.lowest, options.highest, points).tolist(),
         amplitudes=sizes,
         duration=SINE if options.duration is None else options.duration,
-        dt=time_step(options.dt), out=options.out,
+        dt=parse_time_step(options.dt), out=options.out,
         workers=options.workers, progress=not options.quiet,
     )  # fmt: skip
 
@@ -213,7 +213,7 @@ def _run_swept(options: Any, scene: Scene) -> Response:
     return run_sweep(
         scene, options.lowest, options.highest, options.sweep,
         points=READ if options.points is None else options.points,
-        dt=time_step(options.dt), out=options.out, progress=not options.quiet,
+        dt=parse_time_step(options.dt), out=options.out, progress=not options.quiet,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, keywords, option
+from granular.commands.console import command, option, pick_options, print_result
 from granular.commands.options import (
     ACCURACY,
     CHANGES,
@@ -16,9 +16,9 @@ from granular.commands.options import (
     SCENE,
     THREADS,
     WORKERS,
-    in_unit,
-    scene_of,
-    time_step,
+    parse_time_step,
+    quantity_reader,
+    scene_from_options,
 )
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import write_text
@@ -29,39 +29,49 @@ if TYPE_CHECKING:
 
 
 @command(
-    "run", "run a scene",
-    SCENE, CHANGES,
+    "run",
+    "run a scene",
+    SCENE,
+    CHANGES,
     option("-o", "--out", metavar="DIR", help="directory to write the run to"),
     option(
-        "--t-end", type=in_unit("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"
+        "--t-end",
+        type=quantity_reader("s"),
+        metavar="T",
+        help="stop at this time, as 0.5 or '500 ms'",
     ),
     option("--resume", action="store_true", help="go on with the run in DIR"),
-    DT, METHOD, IMPORT, THREADS, ACCURACY, OUTPUT,
+    DT,
+    METHOD,
+    IMPORT,
+    THREADS,
+    ACCURACY,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s bed --t-end 0.5 -o runs/bed
   %(prog)s damper --set piston.mass=6.5 --set 'effects.drag.coefficient=0.2 kg/s'
   %(prog)s damper --accuracy '1e-2 rest height'
   %(prog)s damper -o runs/damper --resume     # goes on after Ctrl-C""",
-)  # fmt: skip
+)
 def run(options: Any) -> None:
     """Run a scene."""
     from granular.run.simulation import simulate
 
     done = simulate(
-        scene_of(options),
-        dt=time_step(options.dt),
+        scene_from_options(options),
+        dt=parse_time_step(options.dt),
         progress=not options.quiet,
-        **keywords(options, "t_end", "method", "out", "resume", "threads", "accuracy"),
+        **pick_options(options, "t_end", "method", "out", "resume", "threads", "accuracy"),
     )
-    emit(*_outcome(done), options.json)
+    print_result(*_outcome(done), options.json)
 
 
 def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
-    from granular.run.summary import run_figures, run_text
+    from granular.run.summary import run_statistics, run_text
     from granular.run.work_precision import price_text
 
-    figures = run_figures(done) | {"price": price_text(done)}
+    figures = run_statistics(done) | {"price": price_text(done)}
     lines = [run_text(done)]
     if done.path is None:
         lines.append("nothing is kept of the run; -o DIR keeps it")
@@ -97,17 +107,17 @@ def sweep(options: Any) -> None:
     from granular.custom import import_user_code
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
-    from granular.studies.workers import executor
+    from granular.studies.workers import cluster_executor
 
     study = load_study(options.study, import_user_code(options.user_files).measures)
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give at least 1")
-    with executor(options.dask, options.mpi) as pool:
+    with cluster_executor(options.dask, options.mpi) as pool:
         done = run_study(
             study.pop("scene"),
             executor=pool,
             progress=not options.quiet,
-            **keywords(options, "out", "keep_runs", "workers"),
+            **pick_options(options, "out", "keep_runs", "workers"),
             **study,
         )
     path = Path(options.out) / "table.csv"
@@ -120,7 +130,7 @@ def sweep(options: Any) -> None:
         f"{len(done.cases)} cases, {done.reused} of them done before, {len(done.failed)} "
         f"failed; table in {path}"
     )
-    emit(figures, text, options.json)
+    print_result(figures, text, options.json)
     if done.unfinished:
         raise GranularError(_causes(done))
 

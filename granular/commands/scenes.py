@@ -6,8 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import command, emit, option, refuse
-from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, parse_changes, scene_of
+from granular.commands.console import command, option, print_result, refuse_options
+from granular.commands.options import (
+    CHANGES,
+    IMPORT,
+    OUTPUT,
+    SCENE,
+    parse_changes,
+    scene_from_options,
+)
 from granular.shared.errors import InputError
 
 
@@ -35,7 +42,7 @@ def scenes(options: Any) -> None:
     if options.warm_up is not None:
         _warm_up(options)
         return
-    refuse(options, "a list", changes="--set")
+    refuse_options(options, "a list", changes="--set")
     if options.methods:
         _list_methods(options)
     else:
@@ -44,7 +51,7 @@ def scenes(options: Any) -> None:
 
 def _list_scenes(options: Any) -> None:
     """List the packaged scenes, and what scenes can name."""
-    from granular.effects.registry import names
+    from granular.effects.registry import effect_names
     from granular.methods.named import GROUP as METHOD_GROUP
     from granular.methods.tables import METHODS
     from granular.observables.catalogue import GROUP as OBSERVABLE_GROUP
@@ -60,38 +67,40 @@ def _list_scenes(options: Any) -> None:
     width = max(map(len, first))
     lines = [f"{name:{width}}  {text}" for name, text in first.items()]
     known = {
-        "effects": names(),
+        "effects": effect_names(),
         "methods": (*METHODS, *entry_point_names(METHOD_GROUP)),
         "observables": (*OBSERVABLES, *entry_point_names(OBSERVABLE_GROUP)),
     }
     more = [f"{what}: {', '.join(some)}" for what, some in known.items()]
-    emit(first, "\n".join([*lines, "", *more]), options.json)
+    print_result(first, "\n".join([*lines, "", *more]), options.json)
 
 
 def _list_methods(options: Any) -> None:
     """List the methods that are built in, those of the user's own, and those installed."""
-    from granular.methods.named import known_methods
+    from granular.methods.named import all_methods
 
-    methods = known_methods()
-    emit({name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json)
+    methods = all_methods()
+    print_result(
+        {name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json
+    )
 
 
 def _warm_up(options: Any) -> None:
     """Compile what scenes need."""
-    from granular.compiled.cache import cache_folder
+    from granular.compiled.cache import kernel_cache_folder
     from granular.run.warm_up import warm_up
     from granular.scene.loading import load_scene, scene_names
 
     changes = parse_changes(options.changes)
     scenes = [load_scene(name).replace(**changes) for name in options.warm_up or scene_names()]
     seconds = warm_up(scenes)
-    folder = cache_folder()
+    folder = kernel_cache_folder()
     if folder is None:
         raise InputError(
             "there is no folder to keep compiled code in; name one of your own in NUMBA_CACHE_DIR"
         )
     lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
-    emit(
+    print_result(
         {"seconds": seconds, "folder": str(folder)},
         "\n".join([*lines, f"compiled code is in {folder}"]),
         options.json,
@@ -105,11 +114,11 @@ def _warm_up(options: Any) -> None:
 )  # fmt: skip
 def show(options: Any) -> None:
     """Tell what a scene holds."""
-    from granular.run.summary import scene_figures, scene_text
+    from granular.run.summary import derived_scene_values, scene_text
 
-    scene = scene_of(options)
-    figures = {"scene": scene.to_plain(), "figures": scene_figures(scene)}
-    emit(figures, scene_text(scene), options.json)
+    scene = scene_from_options(options)
+    figures = {"scene": scene.to_plain(), "figures": derived_scene_values(scene)}
+    print_result(figures, scene_text(scene), options.json)
 
 
 @command(

@@ -27,8 +27,8 @@ import numba
 from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
-from granular.compiled.linking import rebuild
-from granular.compiled.source import PACKAGE, kernel_files, raw_digest, syntax_digest
+from granular.compiled.linking import rebuild_kernel
+from granular.compiled.source import PACKAGE, digest_of_bytes, digest_of_syntax, read_kernel_files
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 
 ABANDONED = 86400.0
@@ -36,7 +36,7 @@ ABANDONED = 86400.0
 
 
 @functools.cache
-def cache_folder() -> Path | None:
+def kernel_cache_folder() -> Path | None:
     """Folder where kernels are kept: in ``NUMBA_CACHE_DIR``, or among the user's caches.
 
     A folder for each place that the package stands at, and each version of Python. None where
@@ -57,14 +57,14 @@ def digest_of_sources() -> str:
 
 def _known_syntax_digest() -> str:
     """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
-    files, folder = kernel_files(), cache_folder()
+    files, folder = read_kernel_files(), kernel_cache_folder()
     if folder is None:
-        return syntax_digest(files)
-    known, label = folder / "source", raw_digest(files)
+        return digest_of_syntax(files)
+    known, label = folder / "source", digest_of_bytes(files)
     sealed = read_sealed(known, label)
     if sealed is not None:
         return sealed.decode()
-    result = syntax_digest(files)
+    result = digest_of_syntax(files)
     _write(known, label, result.encode())
     return result
 
@@ -103,7 +103,7 @@ class KernelCache(_Cache):
 
     @property
     def cache_path(self) -> str:
-        return str(cache_folder())
+        return str(kernel_cache_folder())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Form for these types of arguments; None where there is none that can be trusted."""
@@ -113,7 +113,7 @@ class KernelCache(_Cache):
         if body is None:
             return None
         types, payload = pickle.loads(body)
-        return rebuild(target_context, payload) if types == sig else None
+        return rebuild_kernel(target_context, payload) if types == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""
@@ -124,7 +124,7 @@ class KernelCache(_Cache):
 
     def _entry(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """File of a form, and all that it must have been made for."""
-        folder = cache_folder()
+        folder = kernel_cache_folder()
         if folder is None or not self.enabled:
             return None
         stamp = digest_of_sources()
@@ -140,7 +140,7 @@ class KernelCache(_Cache):
 
     def flush(self) -> None:
         """Forget all forms."""
-        folder = cache_folder()
+        folder = kernel_cache_folder()
         if folder is not None:
             for path in folder.glob(f"{self.name}-*.kernel"):
                 path.unlink(missing_ok=True)

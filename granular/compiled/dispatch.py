@@ -30,7 +30,7 @@ OPTIONS: dict[str, Any] = {
 """Of a user's functions: as of `granular.compiled.compiled` with ``inline``."""
 
 
-def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
+def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
     """Kernel ``(laws, rooms, *rest)`` that adds up what a hook of each law returns.
 
     The hook is called as ``hook(law, room, place, *rest)``, with the law's place in the tuple.
@@ -61,8 +61,8 @@ def sum_over(hook: str, rest: str, empty: float = 0, *, backward: bool = False) 
     return _made(call, choose, f"laws rooms {rest}")
 
 
-def greatest_over(hook: str, rest: str) -> Kernel:
-    """As `sum_over`, for the greatest value; 0 where no law has the hook."""
+def greatest_of_hooks(hook: str, rest: str) -> Kernel:
+    """As `sum_of_hooks`, for the greatest value; 0 where no law has the hook."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         return max(
@@ -81,10 +81,10 @@ def greatest_over(hook: str, rest: str) -> Kernel:
     return _made(call, choose, f"laws rooms {rest}")
 
 
-def call_last(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Kernel that calls the hook of the last law that has it; without one ``otherwise(*rest)``.
 
-    It is called as `sum_over` is.
+    It is called as `sum_of_hooks` is.
     """
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
@@ -101,7 +101,7 @@ def call_last(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     return _made(call, choose, f"laws rooms {rest}")
 
 
-def by_law(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Kernel ``(law, *rest)`` that calls the hook of one law, or ``otherwise`` where it has none.
 
     Both are called with the same arguments.

@@ -124,7 +124,7 @@ def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 
 
-def rebuild(context: Any, payload: tuple[Any, ...]) -> Any:
+def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
     """Compiled form from what was kept of it."""
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":

@@ -14,13 +14,13 @@ FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", 
 _DECORATORS = {"compiled", "entry", "intrinsic"}
 
 
-def kernel_files() -> dict[str, bytes]:
+def read_kernel_files() -> dict[str, bytes]:
     """Content of every file in the rooms, by its place in the package."""
     paths = sorted(path for workspace in FOLDERS for path in (PACKAGE / workspace).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
-def raw_digest(files: dict[str, bytes]) -> str:
+def digest_of_bytes(files: dict[str, bytes]) -> str:
     """Digest of the files to the last byte."""
     digest = hashlib.sha256()
     for name, content in files.items():
@@ -28,7 +28,7 @@ def raw_digest(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def syntax_digest(files: dict[str, bytes]) -> str:
+def digest_of_syntax(files: dict[str, bytes]) -> str:
     """Digest of what the compiler sees of the files that hold kernels, or that these import from.
 
     Comments, docstrings and the places of lines are left out.

@@ -36,7 +36,7 @@ class CompileTimer(Listener):
 
 
 @contextlib.contextmanager
-def timed_compiling() -> Iterator[CompileTimer]:
+def measure_compile_time() -> Iterator[CompileTimer]:
     """Timer of what is compiled within the block."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer

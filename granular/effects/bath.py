@@ -25,11 +25,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.effects.frame import Frame
 from granular.kernel_data.state import LOSSES, STEPS, Bed
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.pairs.vector import lane_sum
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
@@ -61,7 +61,7 @@ class Bath(Frame, Flow):
     damps = True
     drifts = True
     example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}
-    loss_record = in_joules("bath_heat", "heat given to the bath; negative where it heats")
+    loss_record = energy_variable("bath_heat", "heat given to the bath; negative where it heats")
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)
@@ -119,7 +119,7 @@ class BathLaw(NamedTuple):
         half, step = 0.5 * dt, np.uint64(state.clock[STEPS])
         seed = np.uint64(law.seed)
         for i in range(constants.grains):
-            mass = value_of(constants.masses, i)
+            mass = value_or_one(constants.masses, i)
             vx, vy = state.vx[i], state.vy[i]
             along, across = normal_pair(seed, step, np.uint64(state.label[i]))
             width = math.sqrt(spread / mass)

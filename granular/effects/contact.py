@@ -18,14 +18,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.effects.force import Force
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import pair_energy
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.schema.sections import quantity
 
 
@@ -45,8 +45,8 @@ class Contact(Force, Flow):
     rank = 1
     example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
     dry = True  # its dashpots are solved pair by pair
-    energy_record = in_joules("contact_energy", "energy of the contacts")
-    loss_record = in_joules("contact_loss", "energy lost in contacts")
+    energy_record = energy_variable("contact_energy", "energy of the contacts")
+    loss_record = energy_variable("contact_loss", "energy lost in contacts")
 
     modulus: float = quantity("Pa", above=0.0)
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
@@ -106,7 +106,7 @@ class ContactLaw(NamedTuple):
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
             if overlap > 0.0:
-                k = spring(law, law.radius[i], law.radius[j])
+                k = spring_constant(law, law.radius[i], law.radius[j])
                 ratio = force(k, overlap) / r
                 state.fx[i] += ratio * dx
                 state.fy[i] += ratio * dy
@@ -129,11 +129,11 @@ class ContactLaw(NamedTuple):
             dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
             overlap = law.radius[i] + law.radius[j] - math.sqrt(dx * dx + dy * dy)
             if overlap > 0.0:
-                k = spring(law, law.radius[i], law.radius[j])
+                k = spring_constant(law, law.radius[i], law.radius[j])
                 total += energy(k, overlap)
                 slope = 2.0 * _stiffness(k, overlap)
-                stiffness[i] += slope / value_of(masses, i)
-                stiffness[j] += slope / value_of(masses, j)
+                stiffness[i] += slope / value_or_one(masses, i)
+                stiffness[j] += slope / value_or_one(masses, j)
         energies[index] = total
         return 0
 
@@ -152,13 +152,13 @@ class ContactLaw(NamedTuple):
             r = math.sqrt(dx * dx + dy * dy)
             overlap = law.radius[i] + law.radius[j] - r
             if overlap > 0.0:
-                first = value_of(masses, i)
-                second = value_of(masses, j)
+                first = value_or_one(masses, i)
+                second = value_or_one(masses, j)
                 mass = first * second / (first + second)
-                k = spring(law, law.radius[i], law.radius[j])
+                k = spring_constant(law, law.radius[i], law.radius[j])
                 nx, ny = dx / r, dy / r
                 speed = (state.vx[i] - state.vx[j]) * nx + (state.vy[i] - state.vy[j]) * ny
-                left = decay(law, k, overlap, mass, dt)
+                left = dashpot_decay_factor(law, k, overlap, mass, dt)
                 impulse = mass * (left - 1.0) * speed
                 state.vx[i] += impulse / first * nx
                 state.vy[i] += impulse / first * ny
@@ -180,7 +180,7 @@ class ContactLaw(NamedTuple):
 
 
 @compiled
-def spring(law: ContactLaw, first: float, second: float) -> float:
+def spring_constant(law: ContactLaw, first: float, second: float) -> float:
     """Spring constant k of two grains with these radii [F*/D^(3/2)]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
@@ -204,7 +204,9 @@ def _stiffness(k: float, overlap: float) -> float:
 
 
 @compiled
-def decay(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
+def dashpot_decay_factor(
+    law: ContactLaw, k: float, overlap: float, mass: float, dt: float
+) -> float:
     """Fraction of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)
@@ -220,5 +222,5 @@ def impact_stiffness(law: ContactLaw, speed: float, mass: float, barrier: float)
     left = 2.0 * reduced * speed * speed - barrier
     if left <= 0.0:
         return 0.0
-    k = spring(law, 0.5 * law.widest, 0.5 * law.widest)
+    k = spring_constant(law, 0.5 * law.widest, 0.5 * law.widest)
     return _stiffness(k, (2.5 * left / k) ** 0.4) / reduced

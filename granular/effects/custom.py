@@ -72,7 +72,7 @@ from typing import Any, ClassVar
 import numba
 
 from granular.compiled.dispatch import OPTIONS
-from granular.effects.custom_check import check, check_compiling, check_wall
+from granular.effects.custom_check import check_compiling, check_functions, check_wall_functions
 from granular.effects.custom_definition import (
     DEFINITIONS,
     FUNCTIONS,
@@ -82,15 +82,15 @@ from granular.effects.custom_definition import (
     functions_digest,
 )
 from granular.effects.custom_law import CustomLaw, CustomWallLaw
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.effects.force import Force
-from granular.effects.registry import WALL_LAWS, register
+from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.scales import Scales
 from granular.schema.sections import Integer, Quantity, Section, unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from granular.shared.user_file import UserFile, contents
+from granular.shared.user_file import UserFile, user_definitions
 
 
 class CustomSection(Section):
@@ -115,7 +115,7 @@ class CustomSection(Section):
     @property
     def sources(self) -> tuple[str, ...]:
         """Digest of its functions, for the run's settings; those of the package have a version."""
-        return () if built_in(type(self)) else (self.definition.digest,)
+        return () if is_built_in(type(self)) else (self.definition.digest,)
 
     def natural(self, scales: Scales) -> Any:
         """Parameters in natural units."""
@@ -150,7 +150,7 @@ class CustomEffect(CustomSection, Force, Flow):
             If a function fails, or a force is not the gradient of its energy.
         """
         p = self.natural(setting.scales)
-        check(self.definition, p, setting)
+        check_functions(self.definition, p, setting)
         reach = self.definition.functions.get("reach")
         ends = math.inf if reach is None else float(reach(p))
         return CustomLaw(Kind(self.definition.digest), tuple(p), ends, None)
@@ -179,7 +179,7 @@ class CustomWall(CustomSection):
             If a function fails, or the force is not minus the slope of its energy.
         """
         values = self.natural(scales)
-        check_wall(self.definition, values)
+        check_wall_functions(self.definition, values)
         return CustomWallLaw(Kind(self.definition.digest), tuple(values))
 
 
@@ -202,7 +202,7 @@ def effect(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    key, functions = scene_name(written), functions_in(dict(vars(written)))
+    key, functions = scene_name(written), static_methods_of(dict(vars(written)))
     if not set(functions) & {"force", "flow", "pair_force"}:
         raise InputError(
             f"effect {key!r} does nothing; give it a static method 'force', 'pair_force' or 'flow'"
@@ -210,7 +210,7 @@ def effect(written: type) -> Any:
     needed = [_NEED[name] for name in functions if name in _NEED]
     meaning = (written.__doc__ or key).strip().splitlines()[0].rstrip(".")
     has_energy = "energy" in functions or "pair_energy" in functions
-    made = define(
+    made = make_section_class(
         written,
         CustomEffect,
         FUNCTIONS,
@@ -219,13 +219,15 @@ def effect(written: type) -> Any:
         key=key,
         damps="flow" in functions,
         example=vars(written).get("example", True),
-        energy_record=in_joules(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
-        loss_record=in_joules(f"{key}_loss", f"lost to: {meaning}")
+        energy_record=energy_variable(f"{key}_energy", f"energy of: {meaning}")
+        if has_energy
+        else None,
+        loss_record=energy_variable(f"{key}_loss", f"lost to: {meaning}")
         if "flow" in functions
         else None,
     )
-    if not built_in(made):  # which the registry knows by its file
-        register(made)
+    if not is_built_in(made):  # which the registry knows by its file
+        register_effect(made)
     return made
 
 
@@ -255,7 +257,7 @@ def wall_law(written: type) -> Any:
     InputError
         If the class is no such.
     """
-    made = define(written, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
+    made = make_section_class(written, CustomWall, WALL_FUNCTIONS, WALL_FUNCTIONS, "wall law")
     WALL_LAWS[made.definition.key] = made
     return made
 
@@ -263,7 +265,7 @@ def wall_law(written: type) -> Any:
 def mark_origin(file: UserFile) -> dict[str, type[CustomSection]]:
     """Effects and wall laws that a file defines, by their names; they know the file then."""
     result = {}
-    for content in list(contents(file).values()):
+    for content in list(user_definitions(file).values()):
         own = isinstance(content, type) and issubclass(content, CustomSection)
         if own and content.__module__ == file.module:
             content.origin = file
@@ -283,7 +285,7 @@ def _of_script(made_by: Callable[[type], Any], written: type, values: dict[str, 
     return made_by(written)(**values)
 
 
-def define(
+def make_section_class(
     written: type, base: type[CustomSection], known: Sequence[str], needed: Sequence[str],
     what: str, /, **more: Any,
 ) -> Any:  # fmt: skip
@@ -312,7 +314,7 @@ def define(
         for name, value in vars(written).items()
         if name not in ("__dict__", "__weakref__")
     }
-    functions = functions_in(content)
+    functions = static_methods_of(content)
     for name in functions:
         if name not in known:
             raise InputError(f"{what} {key!r}: {unknown(name, tuple(known), 'function')}")
@@ -350,7 +352,7 @@ def define(
     return made
 
 
-def built_in(made: type) -> bool:
+def is_built_in(made: type) -> bool:
     """Return whether a class is defined in a file of the package's effects."""
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 
@@ -363,7 +365,7 @@ def scene_name(written: type) -> str:
     return words.lstrip("_")
 
 
-def functions_in(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
+def static_methods_of(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
     """Return the static methods of a class by their names."""
     return {
         name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.custom_definition import Definition, Grain, failed
+from granular.effects.custom_definition import Definition, Grain, user_code_error
 from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
 from granular.shared.messages import one_line
@@ -23,7 +23,7 @@ _POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
 
-def check(definition: Definition, p: Any, setting: EffectContext) -> None:
+def check_functions(definition: Definition, p: Any, setting: EffectContext) -> None:
     """Raise `InputError` where a function fails, or one is not the derivative of the other."""
     functions = definition.functions
     width = setting.cell.width / setting.scales.length
@@ -44,7 +44,7 @@ def check(definition: Definition, p: Any, setting: EffectContext) -> None:
             _check_flow(definition, p, grain)
 
 
-def check_wall(definition: Definition, p: Any) -> None:
+def check_wall_functions(definition: Definition, p: Any) -> None:
     """Raise `InputError` where a law of a wall fails, or its force is not minus its slope."""
     for w in _DISTANCES:
 
@@ -90,7 +90,7 @@ def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -
         values = (result,) if count == 1 else tuple(result)
         numbers = [float(value) for value in values]
     except Exception as error:
-        raise failed(definition, f"{name!r} fails", error) from None
+        raise user_code_error(definition, f"{name!r} fails", error) from None
     if len(numbers) != count:
         raise InputError(f"{definition.title}: {name!r} gives {len(numbers)} numbers, not {count}")
     return numbers[0] if count == 1 else numbers

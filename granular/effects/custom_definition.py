@@ -145,7 +145,7 @@ def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[st
             yield repr(used.tolist() if isinstance(used, np.ndarray) else used)
 
 
-def failed(definition: Definition, what: str, error: BaseException) -> InputError:
+def user_code_error(definition: Definition, what: str, error: BaseException) -> InputError:
     """Error of a user's code, in one line."""
     return InputError(
         f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it"

@@ -12,10 +12,10 @@ from numba.extending import overload
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.custom_definition import DEFINITIONS, Definition, Grain
-from granular.kernel_data.constants import Constants, moments_of
+from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 
 
 class CustomLaw(NamedTuple):
@@ -83,13 +83,13 @@ class CustomLaw(NamedTuple):
 @compiled(inline=True)
 def make_grain(state: State, masses: Array | None, moments: Array | None, i: int) -> Grain:
     """Grain as the functions see it."""
-    return Grain(state.x[i], state.y[i], value_of(masses, i), value_of(moments, i))
+    return Grain(state.x[i], state.y[i], value_or_one(masses, i), value_or_one(moments, i))
 
 
 Loop = Callable[..., Any]
 
 
-def by_kind(make: Callable[[Definition], Loop]) -> Loop:
+def dispatch_by_kind(make: Callable[[Definition], Loop]) -> Loop:
     """Kernel ``(kind, *rest)`` that the kind chooses when it is compiled."""
 
     def call(kind: Any, *rest: Any) -> Any:
@@ -118,11 +118,11 @@ def _make_grain_forces(definition: Definition) -> Loop:
 
     def add(kind: Any, law: CustomLaw, state: State, constants: Constants, time: float) -> None:
         p = values_of(*law.values)
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
             fx, fy = force(p, make_grain(state, masses, moments, i), time)
-            state.fx[i] += value_of(law.factor, i) * fx
-            state.fy[i] += value_of(law.factor, i) * fy
+            state.fx[i] += value_or_one(law.factor, i) * fx
+            state.fy[i] += value_or_one(law.factor, i) * fy
 
     return add
 
@@ -137,9 +137,9 @@ def _make_grain_energy(definition: Definition) -> Loop:
         kind: Any, law: CustomLaw, state: State, constants: Constants, time: float, slopes: Array
     ) -> float:
         p, total = values_of(*law.values), 0.0
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
-            grain, factor = make_grain(state, masses, moments, i), value_of(law.factor, i)
+            grain, factor = make_grain(state, masses, moments, i), value_or_one(law.factor, i)
             total += factor * energy(p, grain, time)
             slopes[i] += abs(factor * stiffness(p, grain, time)) / grain.mass
         return total
@@ -156,9 +156,11 @@ def _make_work(definition: Definition) -> Loop:
         kind: Any, law: CustomLaw, dt: float, state: State, constants: Constants, time: float
     ) -> None:
         p, total = values_of(*law.values), 0.0
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
-            total += value_of(law.factor, i) * power(p, make_grain(state, masses, moments, i), time)
+            total += value_or_one(law.factor, i) * power(
+                p, make_grain(state, masses, moments, i), time
+            )
         state.ledger[WORK] += dt * total
 
     return work
@@ -173,7 +175,7 @@ def _make_flow(definition: Definition) -> Loop:
         kind: Any, law: CustomLaw, entry: int, dt: float, state: State, constants: Constants
     ) -> None:
         p, lost = values_of(*law.values), 0.0
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
             grain, vx, vy = make_grain(state, masses, moments, i), state.vx[i], state.vy[i]
             wx, wy = flow(p, grain, vx, vy, dt)
@@ -212,7 +214,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
         kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants
     ) -> int:
         p, count = values_of(*law.values), constants.grains
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         if not _ready(law, cells, state, count):
             return 1
         for i in range(count):
@@ -243,7 +245,7 @@ def _make_pair_energy(definition: Definition) -> Loop:
         slopes: Array,
     ) -> float:  # fmt: skip
         p, count, total = values_of(*law.values), constants.grains, 0.0
-        masses, moments = constants.masses, moments_of(constants)
+        masses, moments = constants.masses, relative_moments(constants)
         if not _ready(law, cells, state, count):
             return math.nan
         for i in range(count):
@@ -263,12 +265,12 @@ def _make_pair_energy(definition: Definition) -> Loop:
     return measure
 
 
-_grain_forces = by_kind(_make_grain_forces)
-_grain_energy = by_kind(_make_grain_energy)
-_work = by_kind(_make_work)
-_flow = by_kind(_make_flow)
-_pair_forces = by_kind(_make_pair_forces)
-_pair_energy = by_kind(_make_pair_energy)
+_grain_forces = dispatch_by_kind(_make_grain_forces)
+_grain_energy = dispatch_by_kind(_make_grain_energy)
+_work = dispatch_by_kind(_make_work)
+_flow = dispatch_by_kind(_make_flow)
+_pair_forces = dispatch_by_kind(_make_pair_forces)
+_pair_energy = dispatch_by_kind(_make_pair_energy)
 
 
 NEAREST, FARTHEST = 1e-4, 1e3
@@ -325,7 +327,7 @@ def _make_of_distance(name: str) -> Any:
 
         return call
 
-    return by_kind(make)
+    return dispatch_by_kind(make)
 
 
 _wall_force, _wall_energy, _wall_stiffness = (

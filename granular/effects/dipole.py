@@ -7,7 +7,7 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 
 from __future__ import annotations
 
-from granular.effects.effect import in_joules
+from granular.effects.effect import energy_variable
 from granular.effects.force import Force
 
 
@@ -16,4 +16,4 @@ class Dipole(Force):
 
     key = "dipole"
     periodic = True
-    energy_record = in_joules("pair_energy", "energy of the magnetic pairs")
+    energy_record = energy_variable("pair_energy", "energy of the magnetic pairs")

@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
-from granular.kernel_data.compensation import speed_up
+from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.pairs.vector import lane_sum
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -44,7 +44,7 @@ class Drag(Flow):
     periodic = True
     damps = True
     takes_along = ()
-    loss_record = in_joules("drag_loss", "energy lost to viscous drag")
+    loss_record = energy_variable("drag_loss", "energy lost to viscous drag")
 
     coefficient: float = quantity("kg/s", default=0.1, least=0.0)
 
@@ -63,7 +63,7 @@ class LastFlow(NamedTuple):
     Attributes
     ----------
     values : float64 (7,)
-        ``dt`` [tau], what `flow` returned for it, and exp(-c dt) - 1.
+        ``dt`` [tau], what `drag_flow_coefficients` returned for it, and exp(-c dt) - 1.
     """
 
     values: np.ndarray
@@ -105,7 +105,7 @@ class DragLaw(NamedTuple):
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
         for i in range(constants.grains):
-            mass = value_of(constants.masses, i)
+            mass = value_or_one(constants.masses, i)
             vx, vy = state.vx[i], state.vy[i]
             slopes[VX, i] -= law.rate * vx
             slopes[VY, i] -= law.rate * vy
@@ -121,7 +121,7 @@ def _kick(
 ) -> None:  # fmt: skip
     if last[0] != dt:
         last[0] = dt
-        last[1], last[2], last[3], last[4], last[5] = flow(rate, dt)
+        last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
@@ -134,14 +134,14 @@ def _kick(
             state.vx[i] = decay * vx + gain * ax
             state.vy[i] = decay * vy + gain * ay
         else:
-            speed_up(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
+            add_to_velocity(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         state.scratch[i] = mass * lost
     state.ledger[loss_entry] += lane_sum(state.scratch)
 
 
 @entry
-def flow(rate: float, dt: float) -> tuple[float, float, float, float, float]:
+def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
     """Coefficients of the exact flow of kick and drag over ``dt``.
 
     Returns
@@ -164,8 +164,10 @@ def flow(rate: float, dt: float) -> tuple[float, float, float, float, float]:
 
 
 @compiled
-def displacement(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Way in ``dt`` from a speed, under drag and an acceleration; ``gain`` as `flow` has it."""
+def displacement_under_drag(
+    rate: float, dt: float, gain: float, speed: float, push: float
+) -> float:
+    """Displacement in ``dt`` under drag and a push; ``gain`` of `drag_flow_coefficients`."""
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
 
@@ -201,7 +203,7 @@ def drag_decay_rate(rate: float | None) -> float:
 
 
 @compiled(inline=True)
-def enter(entry: int | None, state: State, energy: float) -> None:
+def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
     """Enter what the drag takes; without drag that is the rounding of zero."""
     if entry is not None:
         state.ledger[entry] += energy

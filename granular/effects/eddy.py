@@ -15,11 +15,11 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
-from granular.kernel_data.constants import moments_of
+from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.schema.scales import Scales
 from granular.schema.sections import integer, quantity
 
@@ -44,7 +44,7 @@ class Eddy(Flow):
     rank = 1
     example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     damps = True
-    loss_record = in_joules("eddy_loss", "energy lost to eddy currents")
+    loss_record = energy_variable("eddy_loss", "energy lost to eddy currents")
 
     conductivity: float = quantity("S/m", least=0.0)
     thickness: float = quantity("m", above=0.0)
@@ -83,9 +83,9 @@ class EddyLaw(NamedTuple):
     def flow(law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
-        masses, moments, lost = constants.masses, moments_of(constants), 0.0
+        masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
-            mass, moment = value_of(masses, i), value_of(moments, i)
+            mass, moment = value_or_one(masses, i), value_or_one(moments, i)
             exponent = -law.rate * moment * moment / mass * dt
             vx, vy = state.vx[i], state.vy[i]
             lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
@@ -101,9 +101,9 @@ class EddyLaw(NamedTuple):
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
-        masses, moments, lost = constants.masses, moments_of(constants), 0.0
+        masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
-            mass, moment = value_of(masses, i), value_of(moments, i)
+            mass, moment = value_or_one(masses, i), value_or_one(moments, i)
             rate, vx, vy = law.rate * moment * moment / mass, state.vx[i], state.vy[i]
             slopes[VX, i] -= rate * vx
             slopes[VY, i] -= rate * vy

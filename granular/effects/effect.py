@@ -164,5 +164,5 @@ class Effect(Section):
         return 0.0
 
 
-def in_joules(name: str, meaning: str) -> Record:
+def energy_variable(name: str, meaning: str) -> Record:
     return Record(name, "J", meaning, "energy")

@@ -17,10 +17,10 @@ import numpy as np
 
 from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions, Listed
-from granular.formulas import names, parse
+from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct import padded_values
 from granular.schema.parts import Cell, Grains, Piston
@@ -59,7 +59,7 @@ class FieldText(Formula, Force):
     """
 
     rank = 1
-    energy_record = in_joules("field_energy", "energy of the fields")
+    energy_record = energy_variable("field_energy", "energy of the fields")
     variables: ClassVar[Mapping[str, Dimension]] = {
         "x": LENGTH,
         "y": LENGTH,
@@ -73,7 +73,7 @@ class FieldText(Formula, Force):
 
     @classmethod
     def names_given(cls, energy: str) -> tuple[str, ...]:
-        depends = any(name.text == "t" for name in names(parse(energy)))
+        depends = any(name.text == "t" for name in variable_names(parse(energy)))
         return ("energy", "force", "stiffness", *(("power",) if depends else ()))
 
     @staticmethod

@@ -164,14 +164,14 @@ class _Derived(Mapping[str, Callable[..., Any]]):
     def _functions(self) -> Functions:
         import sympy
 
-        from granular.formulas.algebra import compile_function, expression
+        from granular.formulas.algebra import compile_function, sympy_expression
 
         symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
         given = {
             name: sympy.Symbol(f"parameter{index}", real=True)
             for index, name in enumerate(self.parameters)
         }
-        tree = expression(parse(self.energy), symbols | given)
+        tree = sympy_expression(parse(self.energy), symbols | given)
         forms = self.kind.derived(tree, symbols)
         if forms["force"].has(sympy.DiracDelta):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")

@@ -26,7 +26,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from granular.effects.effect import Effect, EffectContext, Record, in_joules
+from granular.effects.effect import Effect, EffectContext, Record, energy_variable
 from granular.effects.flow import Flow
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
@@ -60,7 +60,7 @@ class Friction(Flow):
     dry = True
     damps = True
     takes_along = ("drag",)
-    loss_record = in_joules("friction_loss", "energy lost to dry friction")
+    loss_record = energy_variable("friction_loss", "energy lost to dry friction")
     grain_records = (Record("normal_load", "N", "normal force on the plates", "force"),)
 
     static: float = quantity("1", default=0.6, least=0.0)

@@ -50,7 +50,7 @@ class FrictionLaw(NamedTuple):
 
 
 Flow = tuple[float, float, float, float, float]
-"""Of `granular.effects.drag.flow`."""
+"""Of `granular.effects.drag.drag_flow_coefficients`."""
 
 
 @compiled
@@ -60,7 +60,7 @@ def normal_force(law: FrictionLaw, load: Array, i: int) -> float:
 
 
 @compiled
-def sliding(speed: float, loss: float) -> float:
+def sliding_factor(speed: float, loss: float) -> float:
     """Factor that shortens a velocity which loses ``loss`` of its magnitude; 0 where it stops."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
@@ -91,7 +91,7 @@ def _push_grain(
     state.vx[i] = decay * vx + gain * ax
     state.vy[i] = decay * vy + gain * ay
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-    drag.enter(entry, state, mass * lost)
+    drag.record_drag_loss(entry, state, mass * lost)
 
 
 @compiled
@@ -105,7 +105,7 @@ def _start_grain(
         return
     fraction = 1.0 - law.dynamic * load / force
     _push_grain(law.drag, flow, fraction, state, i, mass)
-    displacement = drag.displacement(rate, dt, flow[1], 0.0, fraction * force / mass)
+    displacement = drag.displacement_under_drag(rate, dt, flow[1], 0.0, fraction * force / mass)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
@@ -124,14 +124,14 @@ def _fast_grain(
     rubbed, left = 0.0, 1.0
     if not opening:
         speed = _length(vx, vy)
-        left = sliding(speed, loss)
+        left = sliding_factor(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
     dragged = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     vx, vy = decay * vx + gain * ax, decay * vy + gain * ay
     if opening:
         speed = _length(vx, vy)
-        left = sliding(speed, loss)
+        left = sliding_factor(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
     return vx, vy, dragged, rubbed
@@ -167,8 +167,10 @@ def _slide_grain(
         return
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-    drag.enter(law.drag, state, mass * lost)
-    displacement = drag.displacement(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+    drag.record_drag_loss(law.drag, state, mass * lost)
+    displacement = drag.displacement_under_drag(
+        rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy
+    )
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
@@ -182,7 +184,7 @@ def _turn_grain(
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
     _stop_grain(law, rate, state, i, mass, load)
     left = max(dt - spent, 0.0)
-    _start_grain(law, rate, left, drag.flow(rate, left), state, i, mass, load)
+    _start_grain(law, rate, left, drag.drag_flow_coefficients(rate, left), state, i, mass, load)
 
 
 @compiled
@@ -191,7 +193,7 @@ def _kick_with_friction(
 ) -> None:
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    flow = drag.flow(rate, dt)
+    flow = drag.drag_flow_coefficients(rate, dt)
     # Apart from the ledger, where each sum would wait for the one before it.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
@@ -218,7 +220,7 @@ def _kick_with_friction(
             _stop_grain(law, rate, state, i, mass, load)
         else:
             _slide_grain(law, rate, dt, flow, state, i, mass, load)
-    drag.enter(law.drag, state, dragged)
+    drag.record_drag_loss(law.drag, state, dragged)
     state.ledger[law.entry] += rubbed
 
 
@@ -248,7 +250,9 @@ def _stop_grain(
     friction = law.dynamic * load
     displacement = drag.stopping_distance(rate, speed, (friction + against) / mass)
     state.ledger[law.entry] += friction * displacement
-    drag.enter(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement)
+    drag.record_drag_loss(
+        law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement
+    )
     state.vx[i] = state.vy[i] = 0.0
 
 
@@ -259,7 +263,7 @@ def _kick_regularised(
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    decay, gain, a, b, c = drag.flow(rate, dt)
+    decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     for i in range(constants.grains):
         mass = 1.0
         if masses is not None:
@@ -277,7 +281,7 @@ def _kick_regularised(
         state.vx[i] = decay * vx + gain * ax
         state.vy[i] = decay * vy + gain * ay
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-        drag.enter(law.drag, state, mass * lost)
+        drag.record_drag_loss(law.drag, state, mass * lost)
         middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
         state.ledger[law.entry] -= dt * (rx * middle_x + ry * middle_y)
 

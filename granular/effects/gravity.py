@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force import Force
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
@@ -22,7 +22,7 @@ class Gravity(Force):
     """
 
     key = "gravity"
-    energy_record = in_joules("weight_energy", "potential energy of the weight")
+    energy_record = energy_variable("weight_energy", "potential energy of the weight")
 
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 

@@ -15,11 +15,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import Effect, EffectContext, Record, in_joules
+from granular.effects.effect import Effect, EffectContext, Record, energy_variable
 from granular.effects.excitation import Drive, Excitation
 from granular.effects.frame import Frame
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, integer, many, nested, quantity
@@ -81,10 +81,10 @@ class Host(Frame):
         "bodies": [{"mass": "1 kg", "stiffness": "400 N/m", "damping": "0.2 kg/s"}],
         "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
     }
-    energy_record = in_joules(
+    energy_record = energy_variable(
         "host_energy", "energy of the host, and what its motion adds to that of grains and piston"
     )
-    loss_record = in_joules("host_loss", "energy lost to the host's dashpots")
+    loss_record = energy_variable("host_loss", "energy lost to the host's dashpots")
 
     mount: str = choice("cell", "piston", "base", default="cell")
     bodies: tuple[Body, ...] = many(Body)
@@ -331,7 +331,7 @@ class HostLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def last_speed(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
+def last_body_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of the last body over the base."""
     speed = workspace.persistent[1, law.chain.masses.size - 1]
     return speed + state.piston[SPEED] if law.mount == PISTON_MOUNT else speed
@@ -343,5 +343,5 @@ def bed_momentum(bed: Bed) -> float:
     state, constants = bed.state, bed.constants
     total = 0.0
     for i in range(constants.grains):
-        total += value_of(constants.masses, i) * state.vy[i]
+        total += value_or_one(constants.masses, i) * state.vy[i]
     return total

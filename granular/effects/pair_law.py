@@ -12,13 +12,13 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from granular.effects.custom_check import check
+from granular.effects.custom_check import check_functions
 from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions, Listed
-from granular.formulas import names, parse
+from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import Many, declare, quantity
 
@@ -34,7 +34,7 @@ class PairText(Formula, Force):
     """
 
     rank = 1
-    energy_record = in_joules("pair_law_energy", "energy of the pair laws")
+    energy_record = energy_variable("pair_law_energy", "energy of the pair laws")
     variables: ClassVar[Mapping[str, Dimension]] = {"r": LENGTH, "q1": NONE, "q2": NONE}
 
     reach: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -70,8 +70,8 @@ class PairText(Formula, Force):
     def law(self, setting: EffectContext) -> CustomLaw:
         """Law in natural units."""
         definition, values = self.definition, self.natural(setting.scales)
-        if any(name.text in ("q1", "q2") for name in names(parse(self.energy))):
-            check(definition, values, setting)  # that both are treated alike
+        if any(name.text in ("q1", "q2") for name in variable_names(parse(self.energy))):
+            check_functions(definition, values, setting)  # that both are treated alike
         reach = math.inf if self.reach is None else self.reach / setting.scales.length
         return CustomLaw(Kind(definition.digest), values, reach, None)
 

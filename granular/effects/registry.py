@@ -21,12 +21,12 @@ WALL_LAWS: dict[str, type[Section]] = {}
 """A user's own laws of walls, by their names."""
 
 
-def effects() -> Mapping[str, type[Effect]]:
+def all_effects() -> Mapping[str, type[Effect]]:
     """Every effect by its name."""
     return {**_built_in(), **_OWN}
 
 
-def find(name: str) -> type[Effect] | None:
+def find_effect(name: str) -> type[Effect] | None:
     """Effect of that name; one that an installed package brings is imported now.
 
     Raises
@@ -34,16 +34,16 @@ def find(name: str) -> type[Effect] | None:
     InputError
         If a package says that it brings one, and it cannot be loaded.
     """
-    known = effects()
+    known = all_effects()
     if name not in known:
         load_entry_point(GROUP, name, "effect")
-        known = effects()
+        known = all_effects()
     return known.get(name)
 
 
-def names() -> tuple[str, ...]:
+def effect_names() -> tuple[str, ...]:
     """Names of all effects, those of installed packages included."""
-    return tuple(sorted({*effects(), *entry_point_names(GROUP)}))
+    return tuple(sorted({*all_effects(), *entry_point_names(GROUP)}))
 
 
 def find_wall_law(name: str) -> type[Section] | None:
@@ -59,7 +59,7 @@ def find_wall_law(name: str) -> type[Section] | None:
     return WALL_LAWS.get(name)
 
 
-def register(effect: type[Effect]) -> None:
+def register_effect(effect: type[Effect]) -> None:
     """Let scenes name an own effect; one of the same name that was there before is replaced.
 
     Raises

@@ -12,7 +12,7 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, in_joules
+from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.frame import Frame
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
@@ -34,7 +34,7 @@ class Shaking(Frame):
 
     key = "shaking"
     example: ClassVar[Any] = {"amplitude": "0.5 mm", "frequency": "20 Hz", "angle": 1.0}
-    energy_record = in_joules("weight_energy", "potential energy of the weight")
+    energy_record = energy_variable("weight_energy", "potential energy of the weight")
 
     amplitude: float = quantity("m", least=0.0)
     frequency: float = quantity("Hz", above=0.0)

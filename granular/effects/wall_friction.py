@@ -14,13 +14,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import compiled
-from granular.compiled.dispatch import by_law
+from granular.compiled.dispatch import call_hook
 from granular.effects import drag
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
-from granular.kernel_data.constants import moments_of
+from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 
@@ -41,7 +41,7 @@ class WallFriction(Flow):
     dry = True
     damps = True
     takes_along = ("drag",)
-    loss_record = in_joules("wall_friction_loss", "energy lost to friction at the side walls")
+    loss_record = energy_variable("wall_friction_loss", "energy lost to friction at the side walls")
 
     coefficient: float = quantity("1", least=0.0)
 
@@ -103,23 +103,23 @@ class WallFrictionLaw(NamedTuple):
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
         rate = drag.drag_decay_rate(law.rate)
-        masses, moments = constants.masses, moments_of(constants)
-        decay, gain, a, b, c = drag.flow(rate, dt)
+        masses, moments = constants.masses, relative_moments(constants)
+        decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
         rubbed, dragged = 0.0, 0.0
         for i in range(constants.grains):
-            mass, x = value_of(masses, i), state.x[i]
+            mass, x = value_or_one(masses, i), state.x[i]
             normal = _normal(law.left, x) + _normal(law.right, constants.width - x)
-            hold = law.coefficient * value_of(moments, i) * normal
+            hold = law.coefficient * value_or_one(moments, i) * normal
             v, push = state.vx[i], state.fx[i] / mass
             state.vx[i] = decay * v + gain * push
             dragged += mass * (a * v * v + b * v * push + c * push * push)
-            state.vy[i], displacement = slide(
+            state.vy[i], displacement = slide_along_wall(
                 rate, dt, state.vy[i], state.fy[i] / mass, hold / mass
             )
             rubbed += hold * displacement[0]
             dragged += mass * displacement[1]
         state.ledger[LOSSES + index] += rubbed
-        drag.enter(law.drag, state, dragged)
+        drag.record_drag_loss(law.drag, state, dragged)
         return 0
 
 
@@ -128,7 +128,7 @@ def _none(law: Any, w: float) -> float:
     return 0.0
 
 
-_force = by_law("force", "w", _none)
+_force = call_hook("force", "w", _none)
 
 
 @compiled
@@ -139,13 +139,15 @@ def _normal(law: Any, w: float) -> float:
 @compiled
 def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
-    decay, gain, a, b, c = drag.flow(rate, dt)
-    displacement = drag.displacement(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
+    decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
+    displacement = drag.displacement_under_drag(
+        rate, dt, gain, abs(v), math.copysign(1.0, v) * push
+    )
     return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
 
 
 @compiled
-def slide(
+def slide_along_wall(
     rate: float, dt: float, v: float, push: float, hold: float
 ) -> tuple[float, tuple[float, float]]:
     """Motion along a line under an acceleration, drag, and friction of at most ``hold`` per mass.

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import by_law
+from granular.compiled.dispatch import call_hook
 
 SIDES = ("left", "right", "bottom", "top")
 LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))
@@ -46,14 +46,14 @@ def _behind(law: Any, w: float) -> bool:
     return not w > 0.0
 
 
-_is_behind = by_law("is_behind", "w", _behind)
+_is_behind = call_hook("is_behind", "w", _behind)
 _force, _energy, _stiffness = (
-    by_law(name, "w", _none) for name in ("force", "energy", "stiffness")
+    call_hook(name, "w", _none) for name in ("force", "energy", "stiffness")
 )
 
 
 @compiled(inline=True)
-def distance_forces(
+def add_distance_forces(
     law: Any, count: int, moments: Array | None, side: Side, force: Array, normal: Array,
     tangential: Array | None,
 ) -> int:  # fmt: skip
@@ -70,7 +70,9 @@ def distance_forces(
 
 
 @compiled
-def distance_energies(law: Any, count: int, side: Side, stiffness: Array, energies: Array) -> None:
+def add_distance_energies(
+    law: Any, count: int, side: Side, stiffness: Array, energies: Array
+) -> None:
     """Energies at the wall, for grains of moment 1; adds its stiffness over the grain's mass."""
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)

@@ -131,7 +131,7 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def measure(law: SlabWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
-        """As of `granular.effects.wall_side.distance_energies`."""
+        """As of `granular.effects.wall_side.add_distance_energies`."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
             energies[i] = 0.0

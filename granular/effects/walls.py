@@ -14,7 +14,7 @@ import numpy as np
 
 from granular.effects.custom_definition import Kind as OwnKind
 from granular.effects.custom_law import CustomWallLaw
-from granular.effects.effect import Effect, EffectContext, in_joules
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions
 from granular.effects.registry import WALL_LAWS, find_wall_law
@@ -158,7 +158,7 @@ class Walls(Force):
 
     key = "walls"
     rank = 2
-    energy_record = in_joules("wall_energy", "energy of the grains at the walls")
+    energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
 
     left: Wall | None = nested(Wall, default=Wall(), optional=True)
     right: Wall | None = nested(Wall, default=Wall(), optional=True)

@@ -12,19 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import by_law
+from granular.compiled.dispatch import call_hook
 from granular.effects.wall_side import (
     BOTTOM,
     LEFT,
     RIGHT,
     TOP,
     Side,
-    distance_energies,
-    distance_forces,
+    add_distance_energies,
+    add_distance_forces,
 )
-from granular.kernel_data.constants import Constants, divide_by_mass, moments_of
+from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
 from granular.kernel_data.state import HEIGHT, Bed
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.pairs.vector import lane_sum
 
 
@@ -52,9 +52,19 @@ class WallLaws(NamedTuple):
         """
         state, constants = bed.state, bed.constants
         return _add_wall_forces(
-            law, constants.grains, moments_of(constants), state.x, state.y, state.fx, state.fy,
-            constants.width, state.piston[HEIGHT], state.scratch, workspace, state.wall_forces,
-        )  # fmt: skip
+            law,
+            constants.grains,
+            relative_moments(constants),
+            state.x,
+            state.y,
+            state.fx,
+            state.fy,
+            constants.width,
+            state.piston[HEIGHT],
+            state.scratch,
+            workspace,
+            state.wall_forces,
+        )
 
     @staticmethod
     @compiled
@@ -66,7 +76,7 @@ class WallLaws(NamedTuple):
         state, constants = bed.state, bed.constants
         _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_walls(
-            law, constants.grains, moments_of(constants), state.x, state.y,
+            law, constants.grains, relative_moments(constants), state.x, state.y,
             constants.width, state.piston[HEIGHT], stiffness, state.scratch,
         )  # fmt: skip
         divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
@@ -93,7 +103,7 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
     """Add each grain's stiffness against the piston, a wall of that law, over the mass."""
     state, constants = bed.state, bed.constants
     side = Side(state.y, state.x, state.piston[HEIGHT], -1.0)
-    _measure_side(law, constants.grains, moments_of(constants), side, slopes, state.scratch)
+    _measure_side(law, constants.grains, relative_moments(constants), side, slopes, state.scratch)
     divide_by_mass(slopes, constants.moments, constants.masses, constants.grains)
 
 
@@ -102,7 +112,7 @@ def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, c
     """Undo `divide_by_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):
-            stiffness[i] *= value_of(masses, i) / moments[i]
+            stiffness[i] *= value_or_one(masses, i) / moments[i]
 
 
 @compiled
@@ -112,11 +122,11 @@ def _no_tangent(
     """Return the forces along the wall, of a law of the distance alone."""
 
 
-_forces = by_law("add_forces", "count moments side force normal tangential", distance_forces)
-_tangential_forces = by_law(
+_forces = call_hook("add_forces", "count moments side force normal tangential", add_distance_forces)
+_tangential_forces = call_hook(
     "add_tangential_forces", "count moments along_force tangential", _no_tangent
 )
-_energies = by_law("measure", "count side stiffness energies", distance_energies)
+_energies = call_hook("measure", "count side stiffness energies", add_distance_energies)
 
 
 @compiled
@@ -124,7 +134,7 @@ def _unknown(law: Any, speed: float) -> float:
     return 0.0
 
 
-_turning = by_law("turning_stiffness", "speed", _unknown)
+_turning = call_hook("turning_stiffness", "speed", _unknown)
 
 
 @compiled(inline=True)

@@ -76,33 +76,33 @@ def loss_column(index: int) -> str:
     return f"loss {index}"
 
 
-def width(laws: int) -> int:
+def record_width(laws: int) -> int:
     """Columns of a record, with that many laws: those that the energy ledger reads."""
     return ENERGIES + 2 * laws
 
 
-def potentials(rows: np.ndarray) -> np.ndarray:
+def total_potentials(rows: np.ndarray) -> np.ndarray:
     """Potential energy of the grains in each record (r,), as a whole."""
     return np.asarray(_terms(rows).sum(axis=1))
 
 
-def potential_sizes(rows: np.ndarray) -> np.ndarray:
+def summed_potential_magnitudes(rows: np.ndarray) -> np.ndarray:
     """Sum of the sizes of the potential energies in each record (r,)."""
     return np.asarray(np.abs(_terms(rows)).sum(axis=1))
 
 
-def energies(rows: np.ndarray) -> np.ndarray:
+def total_energies(rows: np.ndarray) -> np.ndarray:
     """Energy of grains and piston in each record (r,)."""
     terms = [rows[:, [KINETIC]], _terms(rows), rows[:, [PISTON]]]
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
-def energy(row: np.ndarray) -> float:
+def total_energy(row: np.ndarray) -> float:
     """Energy of grains and piston in one record."""
-    return float(energies(row[None])[0])
+    return float(total_energies(row[None])[0])
 
 
-def losses(rows: np.ndarray) -> np.ndarray:
+def total_losses(rows: np.ndarray) -> np.ndarray:
     """Energy lost up to each record (r,)."""
     return np.asarray(rows[:, _middle(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 

@@ -7,8 +7,8 @@ as it is, to the last bit; while grains slide it goes on for some steps as it ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.kernel_data.compensation import speed_up
-from granular.kernel_data.constants import moments_of
+from granular.kernel_data.compensation import add_to_velocity
+from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import Bed, State
 from granular.pairs.far_direct import DirectWorkspace, find_far_direct
 from granular.pairs.far_field import (
@@ -16,16 +16,16 @@ from granular.pairs.far_field import (
     CHANGING,
     TIME,
     FarForces,
+    any_grain_moved,
     find_far_forces,
-    has_changed,
     store_positions,
 )
 from granular.pairs.mesh import Mesh
-from granular.pairs.pair_arrays import PairArrays, value_of
+from granular.pairs.pair_arrays import PairArrays, value_or_one
 
 
 @compiled(inline=True)
-def find_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
+def compute_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
     """Compute the far field at the present positions and time; 1 where its mesh is too small."""
     if far is None:
         return 0
@@ -45,7 +45,7 @@ def _find(mesh: Mesh | None, direct: DirectWorkspace | None, far: FarForces, bed
         state.y,
         far.fx,
         far.fy,
-        moments_of(constants),
+        relative_moments(constants),
         None,
         None,
         far.load,
@@ -82,11 +82,11 @@ def _refresh(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
 def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     state, constants = bed.state, bed.constants
     if met is None:
-        return find_far_field(far, bed, time)
+        return compute_far_field(far, bed, time)
     far.moment[CALLS] += 1.0
     if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
         return 0
-    if has_changed(met, state.x, state.y, constants.grains, far.still):
+    if any_grain_moved(met, state.x, state.y, constants.grains, far.still):
         return _find_course(far.trajectory, far, bed, time)
     far.moment[CHANGING] = 0.0
     return 0
@@ -96,11 +96,11 @@ def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -
 def _find_course(trajectory: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     """Compute the far field, and its rate of change where the last one is recent."""
     if trajectory is None:
-        return find_far_field(far, bed, time)
+        return compute_far_field(far, bed, time)
     lapse = time - far.moment[TIME]
     goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
     _keep(trajectory, far)
-    crowded = find_far_field(far, bed, time)
+    crowded = compute_far_field(far, bed, time)
     if goes_on:
         _find_slopes(trajectory, far, lapse)
         far.moment[CHANGING] = 1.0
@@ -112,7 +112,7 @@ def _keep(trajectory: Array, far: FarForces) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = far.fx[i]
         trajectory[1, i] = far.fy[i]
-        trajectory[2, i] = value_of(far.load, i)
+        trajectory[2, i] = value_or_one(far.load, i)
 
 
 @compiled
@@ -120,7 +120,7 @@ def _find_slopes(trajectory: Array, far: FarForces, lapse: float) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
         trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
-        trajectory[2, i] = (value_of(far.load, i) - trajectory[2, i]) / lapse
+        trajectory[2, i] = (value_or_one(far.load, i) - trajectory[2, i]) / lapse
 
 
 @compiled(inline=True)
@@ -185,10 +185,10 @@ def _kick(
             if masses is not None:
                 gain /= masses[i]
             by_x, by_y = far.fx[i] - held[0, i], far.fy[i] - held[1, i]
-            speed_up(rounding, state, i, gain * by_x, gain * by_y)
+            add_to_velocity(rounding, state, i, gain * by_x, gain * by_y)
 
 
-def hold_far_field(state: State) -> None:
+def update_held_far_field(state: State) -> None:
     """Hold the present far field from now on, where it acts in impulses.
 
     The energy does not change, but what a symplectic step conserves does, a little: not to be done

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.dispatch import sum_over
+from granular.compiled.dispatch import sum_of_hooks
 from granular.compiled.reference import by_reference
-from granular.engine.far import add_far_field, far_energy, find_far_field, refresh_far_field
-from granular.kernel_data.constants import Constants, divide_by_mass, moments_of
+from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
+from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
@@ -44,7 +44,7 @@ def _pair_forces(
         state.y,
         state.fx,
         state.fy,
-        moments_of(constants),
+        relative_moments(constants),
         stiffness,
         extremes,
         if_given(weight, state.load),
@@ -56,8 +56,8 @@ def _pair_forces(
         _magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
 
 
-_add_forces = sum_over("add_forces", "bed time")
-_measure = sum_over("measure", "bed time stiffness energies", backward=True)
+_add_forces = sum_of_hooks("add_forces", "bed time")
+_measure = sum_of_hooks("measure", "bed time stiffness energies", backward=True)
 
 
 @compiled(inline=True)
@@ -78,12 +78,12 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 
 @compiled
-def measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
+def compute_forces_and_sums(bed: Bed, time: float, measurement: Measurement) -> int:
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.extremes)
-    crowded = find_far_field(state.far_forces, bed, time)
+    crowded = compute_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
 
@@ -140,6 +140,6 @@ def evaluate_forces(
     """
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
-    outside = measure_forces(bed, 0.0, measurement)
+    outside = compute_forces_and_sums(bed, 0.0, measurement)
     pairs = potential_energies(bed, 0.0, measurement, energies)
     return outside, pairs, kinetic_energy(bed)[0]

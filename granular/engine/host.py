@@ -31,7 +31,7 @@ Seen from a free cell (``mount = "piston"``), the piston is one body with the ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.effects.excitation import evaluate_excitation, excitation_over
+from granular.effects.excitation import evaluate_excitation, excitation_of_kick
 from granular.effects.host import (
     FIXED,
     PISTON_MOUNT,
@@ -41,13 +41,13 @@ from granular.effects.host import (
     HostLaw,
     HostWorkspace,
     bed_momentum,
-    last_speed,
+    last_body_velocity,
 )
 from granular.effects.wall_side import TOP
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
 from granular.kernel_data.state import SPEED, WORK, Bed, State
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.protocol.motion import Motion, outer_force
 
 
@@ -76,7 +76,7 @@ def drift_host(
         for k in range(last):
             workspace.persistent[0, k] += dt * workspace.persistent[1, k]
         if last >= 0:
-            workspace.persistent[0, last] += dt * last_speed(law, workspace, state)
+            workspace.persistent[0, last] += dt * last_body_velocity(law, workspace, state)
 
 
 @compiled
@@ -88,7 +88,7 @@ def record_host(
         last, at = law.chain.masses.size - 1, 0
         if last >= 0:
             values[at] = workspace.persistent[0, last]
-            values[at + 1] = last_speed(law, workspace, state)
+            values[at + 1] = last_body_velocity(law, workspace, state)
             at += 2
         for k in range(last):
             values[at] = workspace.persistent[0, k]
@@ -117,7 +117,7 @@ def _power(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     for k in range(last):
         total += law.chain.fraction[k] * workspace.persistent[1, k]
     if last >= 0:
-        total += law.chain.fraction[last] * last_speed(law, workspace, state)
+        total += law.chain.fraction[last] * last_body_velocity(law, workspace, state)
     return total
 
 
@@ -130,7 +130,7 @@ def _kick_in_frame(
     state, constants = bed.state, bed.constants
     workspace.present[PUSH] = push
     for i in range(constants.grains):
-        state.fy[i] = workspace.push[i] - value_of(constants.masses, i) * push
+        state.fy[i] = workspace.push[i] - value_or_one(constants.masses, i) * push
     kick_grains(dt, bed, opening)
     kick_piston(dt, bed, motion, time, start, opening)
     for i in range(constants.grains):
@@ -170,7 +170,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     state, constants = bed.state, bed.constants
-    shake = excitation_over(law.drive, start + time, dt, opening)
+    shake = excitation_of_kick(law.drive, start + time, dt, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1
@@ -279,7 +279,7 @@ def _speed(law: HostLaw, workspace: HostWorkspace, state: State, k: int) -> floa
     if k < 0:
         return 0.0
     if k == law.chain.masses.size - 1:
-        return last_speed(law, workspace, state)
+        return last_body_velocity(law, workspace, state)
     return workspace.persistent[1, k]
 
 

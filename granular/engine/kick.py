@@ -9,8 +9,8 @@ that a step stays symmetric. What each effect takes is entered in the ledger.
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_last, sum_over
-from granular.kernel_data.compensation import speed_up
+from granular.compiled.dispatch import call_last_hook, sum_of_hooks
+from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import Bed, State
 
 
@@ -20,11 +20,11 @@ def _kick_freely(
 ) -> None:
     if masses is None:
         for i in range(count):
-            speed_up(rounding, state, i, dt * state.fx[i], dt * state.fy[i])
+            add_to_velocity(rounding, state, i, dt * state.fx[i], dt * state.fy[i])
     else:
         for i in range(count):
             gain = dt / masses[i]
-            speed_up(rounding, state, i, gain * state.fx[i], gain * state.fy[i])
+            add_to_velocity(rounding, state, i, gain * state.fx[i], gain * state.fy[i])
 
 
 @compiled(inline=True)
@@ -34,9 +34,9 @@ def _plain_kick(dt: float, bed: Bed, opening: bool) -> int:
     return 0
 
 
-_kick = call_last("kick", "dt bed opening", _plain_kick)
-_flow = sum_over("flow", "dt bed opening")
-_flow_back = sum_over("flow", "dt bed opening", backward=True)
+_kick = call_last_hook("kick", "dt bed opening", _plain_kick)
+_flow = sum_of_hooks("flow", "dt bed opening")
+_flow_back = sum_of_hooks("flow", "dt bed opening", backward=True)
 
 
 @compiled(inline=True)

@@ -64,17 +64,17 @@ class Ledger:
         """Ledger that begins with this record; for ``coarse`` see `granular.scene.dryness`."""
         rows = row[None]
         return cls(
-            start=float(columns.energies(rows)[0]),
-            potential=float(columns.potentials(rows)[0]),
+            start=float(columns.total_energies(rows)[0]),
+            potential=float(columns.total_potentials(rows)[0]),
             piston=float(row[columns.PISTON]),
-            moved=_LEAST_TURNOVER * float(columns.potential_sizes(rows)[0]),
+            moved=_LEAST_TURNOVER * float(columns.summed_potential_magnitudes(rows)[0]),
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
     def residuals(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of the records beyond rounding [F* D], and over the energy turned over."""
-        potential, total = columns.potentials(rows), columns.energies(rows)
-        lost, work = columns.losses(rows), rows[:, columns.WORK]
+        potential, total = columns.total_potentials(rows), columns.total_energies(rows)
+        lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         moved = np.maximum(rows[:, columns.TURNED], self.moved)
         residual = total - self.start + lost - work
         floor = _ROUNDING * (np.abs(potential) + np.abs(total) + lost + np.abs(work))

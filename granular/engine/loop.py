@@ -17,14 +17,14 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
-from granular.engine.far import find_far_field, kick_by_far_field
-from granular.engine.forces import kinetic_energy, measure_forces, potential_energies
+from granular.engine.far import compute_far_field, kick_by_far_field
+from granular.engine.forces import compute_forces_and_sums, kinetic_energy, potential_energies
 from granular.engine.host import record_host
 from granular.engine.piston import piston_energy
 from granular.engine.step import Plan, make_step
-from granular.engine.step_size import StepSchedule, tick_start, tick_steps
-from granular.engine.stiffness import stiffest_mode
-from granular.engine.variable import next_step
+from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
+from granular.engine.stiffness import highest_frequency_bound
+from granular.engine.variable import advance_step_density
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import (
     HEIGHT,
@@ -87,7 +87,7 @@ class StopCriteria(NamedTuple):
 
 
 @compiled
-def measure(
+def record_measurement(
     time: float,
     bed: Bed,
     motion: Motion,
@@ -115,7 +115,7 @@ def measure(
     fifth = measurement.extremes[1]  # power of the inverse distance
     row[columns.CLOSEST] = fifth**-0.2 if fifth > 0.0 else math.inf
     row[columns.FASTEST] = math.sqrt(fastest)
-    row[columns.STIFFEST] = stiffest_mode(row[columns.FASTEST], bed, motion, measurement)
+    row[columns.STIFFEST] = highest_frequency_bound(row[columns.FASTEST], bed, motion, measurement)
     row[columns.GRAINS] = constants.grains
     own = row[columns.ENERGIES + 2 * laws :]
     record_host(constants.acting.host, state.host, state, time, own)
@@ -188,8 +188,11 @@ def _make_tick(
     (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137); a tick is cut into such intervals.
     """
     state = bed.state
-    begin, end = window.origin + tick_start(pace, tick), window.origin + tick_start(pace, tick + 1)
-    steps, step, time, h, last = tick_steps(pace, tick), 0, begin, pace.h, False
+    begin, end = (
+        window.origin + tick_start_time(pace, tick),
+        window.origin + tick_start_time(pace, tick + 1),
+    )
+    steps, step, time, h, last = steps_in_tick(pace, tick), 0, begin, pace.h, False
     duration, durations, span_end, outside = 0, 1, 0, 0
     if every is not None:
         durations = (steps + every - 1) // every
@@ -197,7 +200,7 @@ def _make_tick(
         time = state.clock[TIME]
         end = min(end, window.limit)
         if time >= end:
-            return measure_forces(bed, window.start + time, measurement)
+            return compute_forces_and_sums(bed, window.start + time, measurement)
     while not last:
         if every is not None and step == span_end:
             duration += 1
@@ -210,7 +213,7 @@ def _make_tick(
             last = step == steps
             next_time = end if last else time + h
         else:
-            h = next_step(fraction, bed)
+            h = advance_step_density(fraction, bed)
             next_time = time + h
             last = next_time >= end
             if next_time >= window.limit:
@@ -223,7 +226,7 @@ def _make_tick(
         )
         if every is not None and step == span_end:
             if not last:
-                outside += find_far_field(state.far_forces, bed, next_time)
+                outside += compute_far_field(state.far_forces, bed, next_time)
             kick_by_far_field(state.far_forces, impulse, bed)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0
@@ -235,7 +238,7 @@ def _make_tick(
 
 
 @entry
-def advance(
+def advance_ticks(
     window: Window,
     pace: StepSchedule,
     plan: Plan,
@@ -269,8 +272,8 @@ def advance(
 def _look(window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
-    outside = measure_forces(bed, time, measurement)
-    measure(time, bed, motion, measurement, row)
+    outside = compute_forces_and_sums(bed, time, measurement)
+    record_measurement(time, bed, motion, measurement, row)
     return OUTSIDE if outside > 0 else RUNNING
 
 
@@ -299,7 +302,7 @@ def _advance(
             return OUTSIDE, tick - window.first, saved
         row = rows[saved]
         done = tick + 1
-        measure(window.start + state.clock[TIME], bed, motion, measurement, row)
+        record_measurement(window.start + state.clock[TIME], bed, motion, measurement, row)
         watch.seen[STIFFEST] = max(watch.seen[STIFFEST], row[columns.STIFFEST])
         watch.seen[LATEST] = row[columns.STIFFEST]
         turned = _energy_turnover(watch, laws, row)
@@ -319,7 +322,7 @@ def _advance(
     return RUNNING, window.ticks, saved
 
 
-def look(
+def record_present_state(
     start: float, plan: Plan, state: State, constants: Constants, motion: Motion,
     measurement: Measurement, row: Array,
 ) -> bool:  # fmt: skip
@@ -328,7 +331,7 @@ def look(
     In a stage that began at ``start`` [tau]. It is a call of the loop without ticks: a kernel of
     its own would be compiled besides.
     """
-    status, _, _ = advance(
+    status, _, _ = advance_ticks(
         Window(start, 0.0, math.inf, 0, 0), StepSchedule(1.0, 1.0, 1, 1, 1, 0), plan, state,
         constants, motion, measurement,
         StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf), row[None],

@@ -9,7 +9,7 @@ from granular.kernel_data.state import State
 from granular.pairs.direct import PADDING
 
 
-def grain_constants(constants: Constants) -> list[np.ndarray]:
+def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     """Constants with one value for each grain, which must move with the grains.
 
     All arrays of a law are such; what is something else stands in a tuple within it.
@@ -20,7 +20,7 @@ def grain_constants(constants: Constants) -> list[np.ndarray]:
     return [values for values in result if isinstance(values, np.ndarray)]
 
 
-def take_out(state: State, constants: Constants) -> Constants:
+def remove_outflow(state: State, constants: Constants) -> Constants:
     """Take out the grains below the exit; the constants with the new number of grains."""
     grains = constants.grains
     for i in range(grains - 1, -1, -1):
@@ -36,7 +36,7 @@ def take_out(state: State, constants: Constants) -> Constants:
 
 def _move_last_to(i: int, last: int, state: State, constants: Constants) -> None:
     """Swap a grain with the last one, and put padding in the last entry."""
-    moving = [state.x, state.y, state.vx, state.vy, state.label, *grain_constants(constants)]
+    moving = [state.x, state.y, state.vx, state.vy, state.label, *constants_per_grain(constants)]
     if state.rounding is not None:
         moving += list(state.rounding)
     for values in moving:

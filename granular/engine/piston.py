@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import sum_over
+from granular.compiled.dispatch import sum_of_hooks
 from granular.effects import drag
-from granular.effects.friction_law import sliding
+from granular.effects.friction_law import sliding_factor
 from granular.effects.host import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensation import compensated_sum
@@ -22,12 +22,12 @@ from granular.kernel_data.state import (
     Bed,
     State,
 )
-from granular.protocol.motion import TABLE, Motion, outer_force, path
+from granular.protocol.motion import TABLE, Motion, outer_force, piston_path
 
-lift = sum_over("lift", "time", 0.0)
+lift = sum_of_hooks("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
 
-enter_work = sum_over("work", "dt bed time")
+enter_work = sum_of_hooks("work", "dt bed time")
 """Enter the work that forces which depend on time do in ``dt``, at a time [tau]."""
 
 
@@ -87,7 +87,7 @@ def _slow(resistance: Resistance, force: float, dt: float, mass: float, state: S
 @compiled
 def _push(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> None:
     """Force and drag, exactly."""
-    decay, gain, a, b, c = drag.flow(resistance.rate, dt)
+    decay, gain, a, b, c = drag.drag_flow_coefficients(resistance.rate, dt)
     v, push = state.piston[SPEED], force / mass
     state.piston[SPEED] = decay * v + gain * push
     state.ledger[PISTON] += mass * (a * v * v + b * v * push + c * push * push)
@@ -104,9 +104,9 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = force - sign * friction
-        decay, gain, _, _, _ = drag.flow(rate, dt)
+        decay, gain, _, _, _ = drag.drag_flow_coefficients(rate, dt)
         if sign * (decay * v + gain * net / mass) > 0.0:
-            displacement = drag.displacement(rate, dt, gain, abs(v), sign * net / mass)
+            displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), sign * net / mass)
             state.ledger[PISTON] += friction * displacement
             _push(resistance, net, dt, mass, state)
             return
@@ -117,8 +117,10 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
     if abs(force) > friction:
         net = force - math.copysign(friction, force)
-        _, gain, _, _, _ = drag.flow(rate, dt)
-        state.ledger[PISTON] += friction * drag.displacement(rate, dt, gain, 0.0, abs(net) / mass)
+        _, gain, _, _, _ = drag.drag_flow_coefficients(rate, dt)
+        state.ledger[PISTON] += friction * drag.displacement_under_drag(
+            rate, dt, gain, 0.0, abs(net) / mass
+        )
         _push(resistance, net, dt, mass, state)
 
 
@@ -127,7 +129,7 @@ def _rub(resistance: Resistance, dt: float, mass: float, state: State) -> None:
     """Sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:
-        left = sliding(speed, resistance.force * dt / mass)
+        left = sliding_factor(speed, resistance.force * dt / mass)
         state.piston[SPEED] *= left
         state.ledger[PISTON] += 0.5 * mass * speed * speed * (1.0 - left * left)
 
@@ -141,8 +143,8 @@ def _path_speed(motion: Motion, time: float, dt: float, opening: bool) -> float:
     """
     if motion.kind == TABLE:
         before = time if opening else time - dt
-        return (path(motion, before + dt)[0] - path(motion, before)[0]) / dt
-    return path(motion, time)[1]
+        return (piston_path(motion, before + dt)[0] - piston_path(motion, before)[0]) / dt
+    return piston_path(motion, time)[1]
 
 
 @compiled(inline=True)
@@ -177,7 +179,7 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
         _raise_height(state.rounding, dt * state.piston[SPEED], state)
     else:
         before = piston_energy(bed, start + time)
-        height, velocity = path(motion, time)
+        height, velocity = piston_path(motion, time)
         state.piston[HEIGHT] = height
         state.piston[SPEED] = velocity
         state.ledger[WORK] += piston_energy(bed, start + time) - before

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import sum_over
+from granular.compiled.dispatch import sum_of_hooks
 from granular.effects.wall_side import TOP
-from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.forces import compute_forces, compute_forces_and_sums
 from granular.engine.piston import enter_work, lift, piston_energy
 from granular.kernel_data.constants import Resistance
 from granular.kernel_data.state import (
@@ -22,9 +22,9 @@ from granular.kernel_data.state import (
     X,
     Y,
 )
-from granular.protocol.motion import Motion, outer_force, path
+from granular.protocol.motion import Motion, outer_force, piston_path
 
-_slow = sum_over("damping_slope", "slopes dt bed")
+_slow = sum_of_hooks("damping_slope", "slopes dt bed")
 
 
 @compiled
@@ -68,7 +68,7 @@ def _piston_slopes(
         state.ledger[WORK] += dt * outer * speed
         state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * path(motion, time)[1]
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * piston_path(motion, time)[1]
     enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
@@ -105,7 +105,7 @@ def _move_to_stage(
             speed += h * weights[j] * slopes.piston[j, SPEED]
         state.piston[HEIGHT], state.piston[SPEED] = height, speed
     else:
-        state.piston[HEIGHT], state.piston[SPEED] = path(motion, time)
+        state.piston[HEIGHT], state.piston[SPEED] = piston_path(motion, time)
 
 
 @compiled
@@ -136,7 +136,7 @@ def runge_kutta_step(
     if not motion.free:
         state.ledger[WORK] += piston_energy(bed, start + end) - before
     if measuring:
-        outside += measure_forces(bed, start + end, measurement)
+        outside += compute_forces_and_sums(bed, start + end, measurement)
     else:
         outside += compute_forces(bed, start + end)
     return outside

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_last
+from granular.compiled.dispatch import call_last_hook
 from granular.effects.host import HostLaw, HostWorkspace
-from granular.engine.forces import compute_forces, measure_forces
+from granular.engine.forces import compute_forces, compute_forces_and_sums
 from granular.engine.host import drift_host, kick_host
 from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
@@ -85,7 +85,7 @@ def _drift_freely(dt: float, bed: Bed) -> int:
     return 0
 
 
-_drift_all = call_last("drift", "dt bed", _drift_freely)
+_drift_all = call_last_hook("drift", "dt bed", _drift_freely)
 
 
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
@@ -135,7 +135,7 @@ def make_step(
                 drift_host(constants.acting.host, state.host, dt, state)
                 last = k == stages - 1
                 if last and measuring:
-                    outside += measure_forces(bed, start + stage, measurement)
+                    outside += compute_forces_and_sums(bed, start + stage, measurement)
                 elif not last or kicks[stages] != 0.0 or kicks[0] != 0.0:
                     outside += compute_forces(bed, start + stage)
     return outside

@@ -44,7 +44,7 @@ MOST_COUNT = 2**53
 """Steps, and ticks, beyond which floating-point numbers no longer count one by one."""
 
 
-def multiple(factor: float) -> str:
+def auto_step_text(factor: float) -> str:
     """Multiple of the automatic step, as users write it."""
     if factor == 1.0:
         return "auto"
@@ -154,15 +154,15 @@ class StepSchedule(NamedTuple):
 
 
 @compiled
-def tick_start(pace: StepSchedule, tick: int) -> float:
+def tick_start_time(pace: StepSchedule, tick: int) -> float:
     """Time from the stage's start to a tick's start [tau]."""
     if pace.given > 0:
-        return steps_before(pace, tick) * pace.h
+        return steps_before_tick(pace, tick) * pace.h
     return tick * pace.length
 
 
 @compiled
-def steps_before(pace: StepSchedule, tick: int) -> int:
+def steps_before_tick(pace: StepSchedule, tick: int) -> int:
     """Given steps from the stage's start to a tick's start.
 
     That is tick * given // every, whose product may pass 64 bits.
@@ -172,14 +172,14 @@ def steps_before(pace: StepSchedule, tick: int) -> int:
 
 
 @compiled
-def tick_steps(pace: StepSchedule, tick: int) -> int:
+def steps_in_tick(pace: StepSchedule, tick: int) -> int:
     """Return the steps of a tick."""
     if pace.given > 0:
-        return steps_before(pace, tick + 1) - steps_before(pace, tick)
+        return steps_before_tick(pace, tick + 1) - steps_before_tick(pace, tick)
     return pace.steps
 
 
-def whole_ticks(pace: StepSchedule, time: float) -> float:
+def completed_ticks(pace: StepSchedule, time: float) -> float:
     """Ticks that end by a time in the stage [tau]."""
     if math.isinf(time):
         return math.inf

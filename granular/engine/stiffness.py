@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.dispatch import greatest_over
+from granular.compiled.dispatch import greatest_of_hooks
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
@@ -17,17 +17,17 @@ from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.dipole import head_on_stiffness
 from granular.protocol.motion import Motion
 
-_collision = greatest_over("collision", "speed constants")
+_collision = greatest_of_hooks("collision", "speed constants")
 
 
 @entry
 def collision_frequency(constants: Constants, speed: float) -> float:
-    """See `highest_collision`."""
-    return highest_collision(by_reference(constants), speed)
+    """See `highest_collision_frequency`."""
+    return highest_collision_frequency(by_reference(constants), speed)
 
 
 @compiled
-def highest_collision(constants: Constants, speed: float) -> float:
+def highest_collision_frequency(constants: Constants, speed: float) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
     Two grains of this speed meet head-on, or one of them meets a wall: their energy fixes the
@@ -51,7 +51,9 @@ def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple
 
 
 @compiled
-def stiffest_mode(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
+def highest_frequency_bound(
+    speed: float, bed: Bed, motion: Motion, measurement: Measurement
+) -> float:
     """Bound of the highest angular frequency [1/tau] of bed and free piston, and of collisions.
 
     Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin's theorem); they are
@@ -67,4 +69,4 @@ def stiffest_mode(speed: float, bed: Bed, motion: Motion, measurement: Measureme
         add_piston_stiffness(constants.acting.walls[TOP], bed, slopes)
         total, largest = _total_and_largest(slopes, constants.grains, constants.masses)
         highest = max(highest + largest, 2.0 * total / constants.piston_mass)
-    return max(math.sqrt(highest), highest_collision(constants, speed))
+    return max(math.sqrt(highest), highest_collision_frequency(constants, speed))

@@ -17,7 +17,7 @@ from typing import Any
 from granular.compiled import Array, compiled, entry
 from granular.compiled.reference import by_reference
 from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
-from granular.kernel_data.constants import Constants, moments_of
+from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State
 
 _POWER = 4
@@ -101,7 +101,7 @@ def _sides(
 def _density(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     return step_density(
-        state.x, state.y, state.vx, state.vy, constants.grains, moments_of(constants),
+        state.x, state.y, state.vx, state.vy, constants.grains, relative_moments(constants),
         state.clock[SQUARE], state.clock[LEAST],
         _sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED], constants.acting.dipole is not None,
@@ -109,7 +109,7 @@ def _density(bed: Bed) -> tuple[float, float]:
 
 
 @entry
-def open_density(
+def initialise_step_density(
     speed: float, longest: float, fraction: float, state: State, constants: Constants
 ) -> None:
     """Set the density half a step before the present state, for grains of that speed [D/tau].
@@ -127,7 +127,7 @@ def open_density(
 
 
 @compiled
-def next_step(fraction: float, bed: Bed) -> float:
+def advance_step_density(fraction: float, bed: Bed) -> float:
     """Advance the density by one step; the step [tau]."""
     state = bed.state
     _, rate = _density(bed)

@@ -33,9 +33,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.observables import compressive_forces, depaula_pair_distance
-from granular.observables.interactions import foreign_effects
+from granular.observables.interactions import unsupported_effects
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
@@ -168,7 +168,7 @@ def _particle_files(
         "velPart": ("x y [D/T]", lambda frame: frame.velocity / speed),
         "forPart": ("x y [m D/T^2]", lambda frame: frame.force / force),
     }
-    apart = not foreign_effects(run.scene)
+    apart = not unsupported_effects(run.scene)
     if apart:
         tables["comPart"] = (
             "compression [m D/T^2]",
@@ -187,7 +187,7 @@ def _particle_files(
         if len(chosen[FINE]) > len(chosen[USUAL]):
             add(f"{name}_0", FINE, table)
     if apart:
-        coarse = bed_frames(run, chosen[COARSE])
+        coarse = iterate_frames(run, chosen[COARSE])
         sizes = (
             float(np.fmax.reduce(_compression(run, frame)[:, 0], initial=0.0)) for frame in coarse
         )
@@ -216,7 +216,7 @@ def _frame_lines(
 ) -> Iterator[str]:
     yield f"# {columns}, every {every} steps\n"
     everyone = np.arange(run.scene.grains.count)
-    for frame in bed_frames(run, chosen, bar):
+    for frame in iterate_frames(run, chosen, bar):
         absent = np.setdiff1d(everyone, frame.grains)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
         yield f"# frame {frame.number}, t = {frame.time / cadence.time_unit:.17g} T{note}\n"
@@ -245,7 +245,7 @@ def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iter
     diameter = run.scene.grains.species[0].diameter
     chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
-    for frame in bed_frames(run, chosen, "avgDis.dat" if progress else None):
+    for frame in iterate_frames(run, chosen, "avgDis.dat" if progress else None):
         distance = depaula_pair_distance(frame.position) / diameter
         yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.files import replace_when_written
 
@@ -59,7 +59,7 @@ def to_extxyz(
     run, path = open_run(run), Path(path)
     with replace_when_written(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         lines = _lines(run)
-        for frame in bed_frames(run, bar=path.name if progress else None):
+        for frame in iterate_frames(run, bar=path.name if progress else None):
             file.write(f"{len(frame.grains)}\n{_comment(run, frame)}\n{lines(frame)}")
     return path
 

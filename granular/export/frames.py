@@ -62,7 +62,7 @@ def open_run(run: Trajectory | str | Path) -> Trajectory:
     return run
 
 
-def bed_frames(
+def iterate_frames(
     run: Trajectory, numbers: Sequence[int] | None = None, bar: str | None = None
 ) -> Iterator[BedFrame]:
     """Frames of a run, in the order of their numbers (all of them where none are given).
@@ -95,6 +95,6 @@ def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
         )
 
 
-def in_space(plane: np.ndarray) -> np.ndarray:
+def planar_to_spatial(plane: np.ndarray) -> np.ndarray:
     """Vectors (k, 2) as vectors of space (k, 3)."""
     return np.column_stack([plane, np.zeros(len(plane))])

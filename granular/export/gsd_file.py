@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, in_space, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replace_when_written
@@ -69,7 +69,7 @@ def to_gsd(
         gsd.hoomd.open(name=str(part), mode="w") as file,
     ):
         unchanging = _constant_fields(run)
-        for frame in bed_frames(run, bar=path.name if progress else None):
+        for frame in iterate_frames(run, bar=path.name if progress else None):
             file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))
     return path
 
@@ -80,7 +80,7 @@ def _box_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(2), np.array(run.scene.cell.periods)
     heights = [0.0] if run.scene.piston is None else run.dataset["frame_height"].values
     low, high = np.zeros(2), np.array([run.scene.cell.width, np.nanmax(heights)])
-    for frame in bed_frames(run):
+    for frame in iterate_frames(run):
         low = np.minimum(low, frame.position.min(axis=0, initial=np.inf))
         high = np.maximum(high, frame.position.max(axis=0, initial=-np.inf))
     return low, high - low
@@ -110,13 +110,13 @@ def _frame(
     particles.types = unchanging["types"]
     for name in ("typeid", "diameter", "mass"):
         setattr(particles, name, unchanging[name][frame.grains])
-    particles.position = in_space(frame.position - low - size / 2.0)
-    particles.velocity = in_space(frame.velocity)
+    particles.position = planar_to_spatial(frame.position - low - size / 2.0)
+    particles.velocity = planar_to_spatial(frame.velocity)
     new.log = {
         "time": np.array([frame.time]),
-        "particles/position": in_space(frame.position),
-        "particles/velocity": in_space(frame.velocity),
-        "particles/force": in_space(frame.force),
+        "particles/position": planar_to_spatial(frame.position),
+        "particles/velocity": planar_to_spatial(frame.velocity),
+        "particles/force": planar_to_spatial(frame.force),
         "particles/grain": frame.grains.astype(np.int32),
     }
     if frame.height is not None:

@@ -19,19 +19,19 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
-from granular.export.frames import bed_frames, open_run
+from granular.export.frames import iterate_frames, open_run
 from granular.export.lammps_script import (
     NEAREST_PAIR,
     NEAREST_WALL,
     Deck,
     check_scene,
-    pair_name,
+    input_script_lines,
     pair_table,
-    script,
-    wall_name,
+    pair_table_name,
     wall_table,
+    wall_table_name,
 )
-from granular.export.lammps_stages import Leg, leg
+from granular.export.lammps_stages import Leg, remaining_stage
 from granular.pairs import dipole
 from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
@@ -39,7 +39,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, make_directory, replace_when_written
+from granular.shared.files import check_output_file, make_directory, replace_when_written
 
 
 class _Start(NamedTuple):
@@ -95,7 +95,7 @@ def to_lammps(
     deck = _deck(scene, start, dt)
     directory = Path(directory)
     contents = {
-        "in.granular": (f"{line}\n" for line in script(deck)),
+        "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
         "bed.data": _data(deck, start),
         "pairs.table": _pair_tables(deck),
         "walls.table": _wall_tables(deck),
@@ -121,7 +121,7 @@ def _scene_start(scene: Scene) -> _Start:
 
 def _run_start(run: Trajectory) -> _Start:
     """Last frame, and the stages that it leaves."""
-    (frame,) = bed_frames(run, [run.dataset.sizes["frame"] - 1])
+    (frame,) = iterate_frames(run, [run.dataset.sizes["frame"] - 1])
     behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
     height, started, point = frame.height, frame.time, len(behind)
     if point < len(run.stages):
@@ -136,7 +136,7 @@ def _run_start(run: Trajectory) -> _Start:
 def _legs(scene: Scene, index: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
     """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
-        next_leg = leg(stage, height, done)
+        next_leg = remaining_stage(stage, height, done)
         yield next_leg
         height, done = None if next_leg.path is None else next_leg.path.end, 0.0
 
@@ -166,9 +166,9 @@ def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.options import checked_step
+    from granular.run.options import validated_step
 
-    asked = checked_step(dt, deck.scene)
+    asked = validated_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
     highest = max(_compressed_frequency(deck, start), _colliding(deck, start)) * deck.scales.rate
@@ -185,7 +185,7 @@ def _compressed_frequency(deck: Deck, start: _Start) -> float:
     heights = [each_leg.path.lowest for each_leg in deck.legs if each_leg.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
-        stiffest_frequency(
+        highest_mode_frequency(
             position * [1.0, fraction],
             charge,
             mass,
@@ -247,7 +247,7 @@ def _pair_tables(deck: Deck) -> Iterator[str]:
     nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
     for first, second in deck.pairs():
         charge = deck.charges[first - 1] * deck.charges[second - 1]
-        name = pair_name(first, second)
+        name = pair_table_name(first, second)
         yield from pair_table(name, charge, nearest, deck.cut, deck.scales).lines("FPRIME")
 
 
@@ -256,7 +256,7 @@ def _wall_tables(deck: Deck) -> Iterator[str]:
     nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.charges)), 1.001 * deck.wall_cut
     for law in dict.fromkeys(deck.sides.values()):
         for number, charge in enumerate(deck.charges, start=1):
-            name = wall_name(law, number)
+            name = wall_table_name(law, number)
             yield from wall_table(name, law, charge, nearest, farthest, deck.scales).lines("FP")
 
 
@@ -267,7 +267,7 @@ def _write(
     paths = {name: directory / name for name in contents}
     make_directory(directory)
     for path in paths.values():
-        check_target(path, overwrite)
+        check_output_file(path, overwrite)
     with contextlib.ExitStack() as stack:
         for name, lines in contents.items():
             part = stack.enter_context(replace_when_written(paths[name], overwrite))
@@ -282,7 +282,7 @@ REACH = 6.0
 _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
-def stiffest_frequency(
+def highest_mode_frequency(
     position: np.ndarray, charge: np.ndarray, mass: np.ndarray, walls: Mapping[str, str],
     width: float, height: float, *, pairs: bool,
 ) -> float:  # fmt: skip

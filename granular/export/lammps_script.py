@@ -215,15 +215,15 @@ class Deck(NamedTuple):
         return list(itertools.combinations_with_replacement(range(1, len(self.charges) + 1), 2))
 
 
-def pair_name(first: int, second: int) -> str:
+def pair_table_name(first: int, second: int) -> str:
     return f"PAIR_{first}_{second}"
 
 
-def wall_name(law: str, species: int) -> str:
+def wall_table_name(law: str, species: int) -> str:
     return f"WALL_{law.upper()}_{species}"
 
 
-def script(deck: Deck) -> Iterator[str]:
+def input_script_lines(deck: Deck) -> Iterator[str]:
     """Lines of the input script."""
     yield from _opening(deck)
     yield from _pairs(deck)
@@ -260,7 +260,7 @@ def _pairs(deck: Deck) -> Iterator[str]:
     else:
         yield f"pair_style table bitmap {PAIR_BITS}"
         for first, second in deck.pairs():
-            name = pair_name(first, second)
+            name = pair_table_name(first, second)
             yield f"pair_coeff {first} {second} pairs.table {name} {deck.cut * length!r}"
     yield f"neighbor {length!r} bin"
     # With all pairs summed, every other grain is a neighbour.
@@ -279,7 +279,7 @@ def _walls(deck: Deck) -> Iterator[str]:
     for number in range(1, len(deck.charges) + 1):
         walls = " ".join(
             f"{FACES[side]} {coordinates.get(side, 'v_height')} walls.table "
-            f"{wall_name(law, number)} {reach!r}"
+            f"{wall_table_name(law, number)} {reach!r}"
             for side, law in deck.sides.items()
         )
         yield f"fix walls{number} species{number} wall/table spline {WALL_ROWS} {walls}"

@@ -74,7 +74,7 @@ def check_stage(stage: Stage) -> None:
         raise InputError(f"{what}: {only}")
 
 
-def leg(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
+def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> Leg:
     """Stage that begins with the piston at a height [m], and is ``done`` for so long [s].
 
     Raises

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing_together
@@ -79,7 +79,7 @@ def _header(name: str, unit: str) -> str:
 
 def _grains(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
     species = run.scene.grains.assignment()
-    for frame in bed_frames(run, bar=directory.name if progress else None):
+    for frame in iterate_frames(run, bar=directory.name if progress else None):
         yield _table(frame, species)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, in_space, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replacing_together
@@ -65,7 +65,7 @@ def to_vtk(
     with replacing_together(directory, [LIST, *names], overwrite) as place_of:
         unchanging = _constant_fields(run)
         place_of(LIST).write_text(_list_of(names, times), encoding="utf-8")
-        frames = bed_frames(run, bar=directory.name if progress else None)
+        frames = iterate_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
             meshio.write(place_of(name), _mesh(meshio, frame, unchanging), file_format="vtu")
     return (directory / LIST, *(directory / name for name in names))
@@ -83,9 +83,9 @@ def _constant_fields(run: Trajectory) -> dict[str, np.ndarray]:
 def _mesh(meshio: Any, frame: BedFrame, unchanging: dict[str, np.ndarray]) -> Any:
     data = {name: values[frame.grains] for name, values in unchanging.items()}
     data |= {"grain": np.asarray(frame.grains, dtype=np.int64)}
-    data |= {"velocity": in_space(frame.velocity), "force": in_space(frame.force)}
+    data |= {"velocity": planar_to_spatial(frame.velocity), "force": planar_to_spatial(frame.force)}
     points = np.arange(len(frame.grains))[:, None]
-    return meshio.Mesh(in_space(frame.position), [("vertex", points)], point_data=data)
+    return meshio.Mesh(planar_to_spatial(frame.position), [("vertex", points)], point_data=data)
 
 
 def _list_of(names: list[str], times: np.ndarray) -> str:

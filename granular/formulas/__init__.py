@@ -9,9 +9,9 @@ SymPy's objects, and `granular.formulas.dimensions` its unit.
 from granular.formulas.functions import CONSTANTS, FUNCTIONS, Function
 from granular.formulas.parser import parse
 from granular.formulas.tokens import MAX_CHARACTERS, FormulaError
-from granular.formulas.tree import Applied, Name, Node, Number, constants, names
+from granular.formulas.tree import Applied, Name, Node, Number, constant_names, variable_names
 
 __all__ = [
     "CONSTANTS", "FUNCTIONS", "MAX_CHARACTERS", "Applied", "FormulaError", "Function", "Name",
-    "Node", "Number", "constants", "names", "parse",
+    "Node", "Number", "constant_names", "parse", "variable_names",
 ]  # fmt: skip

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _LEAST, _GREATEST = sys.float_info.min, sys.float_info.max
 
 
-def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
+def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) -> sympy.Expr:
     """Return the formula as SymPy's expression.
 
     Parameters
@@ -41,7 +41,7 @@ def expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = None) ->
     return result
 
 
-def check_numbers(expression: sympy.Expr) -> None:
+def check_finite_numbers(expression: sympy.Expr) -> None:
     """Numbers that came about by multiplying out are ones that a computer holds.
 
     Raises

@@ -14,11 +14,11 @@ from granular.formulas.tokens import (
     MAX_DEPTH,
     FormulaError,
     Token,
-    check_size,
-    function_name,
+    check_magnitude,
+    nesting_error,
+    resolve_function_name,
     syntax_error,
     tokenize,
-    too_deep,
 )
 from granular.formulas.tree import Applied, Name, Node, Number
 
@@ -90,7 +90,7 @@ class _Parser:
         except SyntaxError as error:
             raise self._unreadable((error.offset or 1) - 1) from None
         except (ValueError, MemoryError, RecursionError):
-            raise too_deep(self.tokens[0]) from None
+            raise nesting_error(self.tokens[0]) from None
         return self._part(body, 0).tree
 
     def _token_at(self, offset: int) -> Token:
@@ -108,7 +108,7 @@ class _Parser:
     def _part(self, node: ast.expr, depth: int) -> _Part:
         token = self._token_at(node.col_offset)
         if depth > MAX_DEPTH:
-            raise too_deep(token)
+            raise nesting_error(token)
         operands: list[ast.expr]
         match node:
             case ast.Name():
@@ -135,7 +135,7 @@ class _Parser:
 
     def _name(self, token: Token) -> _Part:
         text = token[0]
-        if function_name(text, self.functions) is not None:
+        if resolve_function_name(text, self.functions) is not None:
             remedy = f"write {text}(...), or take another name"
             raise syntax_error(token, f"{text!r} is a function", remedy)
         if text in CONSTANTS:
@@ -153,7 +153,7 @@ class _Parser:
         return self._apply("+", terms, token)
 
     def _function(self, node: ast.Call, token: Token) -> str:
-        name = function_name(token[0], self.functions)
+        name = resolve_function_name(token[0], self.functions)
         assert name is not None  # the tokens were checked
         least, most = self.functions[name].least, self.functions[name].most
         if not least <= len(node.args) <= most:
@@ -195,7 +195,7 @@ class _Parser:
             value = math.nan
         if isinstance(value, complex) or math.isnan(value):
             raise syntax_error(token, "something that is no real number", "write another one")
-        check_size(value, token)
+        check_magnitude(value, token)
         return float(value)
 
 

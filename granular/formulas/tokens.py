@@ -75,7 +75,7 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
         depth += (token[0] == "(") - (token[0] == ")")
         signs = signs + 1 if token[0] in ("+", "-") else 0
         if max(depth, signs) > MAX_DEPTH:
-            raise too_deep(token)
+            raise nesting_error(token)
     for before, token in itertools.pairwise(tokens):
         _check_pair(before, token, functions)
     return tokens
@@ -88,7 +88,7 @@ def _check_token(token: Token, functions: Mapping[str, Function]) -> None:
             if len(text) > MAX_DIGITS:
                 what = f"a number of {len(text)} characters"
                 raise syntax_error(token, what, f"at most {MAX_DIGITS} are read: round it")
-            check_size(float(text), token)
+            check_magnitude(float(text), token)
         case "name":
             name = text.rstrip("'")
             if len(name) > MAX_NAME:
@@ -97,7 +97,7 @@ def _check_token(token: Token, functions: Mapping[str, Function]) -> None:
             if "__" in name:
                 what = "two underscores, characters that no name has together,"
                 raise syntax_error(token, what, "write one")
-            if name != text and (name in CONSTANTS or function_name(name, functions)):
+            if name != text and (name in CONSTANTS or resolve_function_name(name, functions)):
                 what = f"a prime behind {name}, which does not change in time,"
                 raise syntax_error(token, what, "take another name")
 
@@ -107,7 +107,7 @@ def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) 
     if before.lastgroup == "operator" and before[0] != ")":
         return
     if token[0] == "(" and before.lastgroup == "name":
-        if function_name(before[0], functions) is None:
+        if resolve_function_name(before[0], functions) is None:
             remedy = f"write {before[0]}*(...), or one of {', '.join(functions)}"
             raise syntax_error(before, f"{before[0]!r} is no function", remedy)
     elif token[0] == "(" or token.lastgroup != "operator":
@@ -128,7 +128,7 @@ def _foreign(token: Token) -> FormulaError:
     return syntax_error(token, f"{shown} is none of the characters of a formula", remedy)
 
 
-def function_name(name: str, functions: Mapping[str, Function]) -> str | None:
+def resolve_function_name(name: str, functions: Mapping[str, Function]) -> str | None:
     """Name of the function that a name stands for; None where it stands for none."""
     name = ALIASES.get(name, name)
     return name if name in functions else None
@@ -140,13 +140,13 @@ def syntax_error(token: Token, what: str, remedy: str) -> FormulaError:
     return FormulaError(f"{what} at {quote(rest)}; {remedy}")
 
 
-def too_deep(token: Token) -> FormulaError:
+def nesting_error(token: Token) -> FormulaError:
     """Error of what is nested deeper than is read."""
     what = f"more than {MAX_DEPTH} brackets, operators or powers within each other"
     return syntax_error(token, what, "write it with fewer")
 
 
-def check_size(value: float, token: Token) -> None:
+def check_magnitude(value: float, token: Token) -> None:
     """Raise `FormulaError` where a number leaves what double precision can square and cube."""
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         what = f"a number of the size {abs(value):.3g}"

@@ -48,12 +48,12 @@ class Applied:
 Node = Number | Name | Applied
 
 
-def names(*trees: Node) -> tuple[Name, ...]:
+def variable_names(*trees: Node) -> tuple[Name, ...]:
     """Names in formulas, each once, in the order of the text."""
     return tuple(dict.fromkeys(leaf for leaf in _leaves(trees) if isinstance(leaf, Name)))
 
 
-def constants(*trees: Node) -> tuple[str, ...]:
+def constant_names(*trees: Node) -> tuple[str, ...]:
     """Names of `CONSTANTS` in formulas, each once."""
     numbers = (leaf.text for leaf in _leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))

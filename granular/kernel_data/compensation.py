@@ -19,7 +19,7 @@ def compensated_sum(total: float, rounding: float, increment: float) -> tuple[fl
 
 
 @compiled
-def speed_up(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
+def add_to_velocity(rounding: Array | None, state: State, i: int, by_x: float, by_y: float) -> None:
     """Add to the velocity of a grain, as a compensated sum where what rounding takes is kept."""
     if rounding is None:
         state.vx[i] += by_x

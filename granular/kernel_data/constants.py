@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.pairs.far_field import FarField
-from granular.pairs.pair_arrays import value_of
+from granular.pairs.pair_arrays import value_or_one
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings
 
@@ -77,7 +77,7 @@ class Constants(NamedTuple):
     moments : float64 (m,) or None
         Magnetic moment of each grain over that of the first species. None where these are the same
         numbers as the masses, as in species of one material and thickness: a second array in here
-        makes a step of 92 grains 10 % slower. Kernels ask `moments_of`.
+        makes a step of 92 grains 10 % slower. Kernels ask `relative_moments`.
     least_mass, least_moment : float
         Mass and moment of the grain that others come closest to: the lightest, where all are of the
         same material.
@@ -112,7 +112,7 @@ class Constants(NamedTuple):
 
 
 @compiled(inline=True)
-def moments_of(constants: Constants) -> Array | None:
+def relative_moments(constants: Constants) -> Array | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
     return _given(constants.moments, constants.masses)
 
@@ -129,4 +129,4 @@ def divide_by_mass(
     """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
     if moments is not None:
         for i in range(count):
-            stiffness[i] *= moments[i] / value_of(masses, i)
+            stiffness[i] *= moments[i] / value_or_one(masses, i)

@@ -7,7 +7,11 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from granular.methods.order_conditions import HIGHEST_ORDER, failed_tree, failed_word
+from granular.methods.order_conditions import (
+    HIGHEST_ORDER,
+    failed_composition_condition,
+    failed_order_condition,
+)
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
@@ -68,11 +72,11 @@ class Method:
             _set(self, "kicks", _numbers(self, "kicks", self.kicks))
             _set(self, "drifts", _numbers(self, "drifts", self.drifts))
             _check_composition(self)
-            failed = failed_word(self.kicks, self.drifts, self.order)
+            failed = failed_composition_condition(self.kicks, self.drifts, self.order)
         else:
             _set(self, "tableau", _rows(self))
             _check_tableau(self)
-            failed = failed_tree(self.tableau, self.order)
+            failed = failed_order_condition(self.tableau, self.order)
         if failed is not None:
             raise InputError(
                 f"method {quote(self.name)} declares order {self.order}: {failed}; correct the "
@@ -117,7 +121,7 @@ class Method:
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Table as plain data, which `method_of` takes.
+        """Table as plain data, which `resolve_method` takes.
 
         Returns
         -------

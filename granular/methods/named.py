@@ -19,7 +19,7 @@ GROUP = "granular.methods"
 _own: dict[str, Method] = {}
 
 
-def method_of(method: str | Method | Mapping[str, Any]) -> Method:
+def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     """Return the method that is meant: by its name, as it is, or by its table as plain data.
 
     Parameters
@@ -39,8 +39,8 @@ def method_of(method: str | Method | Mapping[str, Any]) -> Method:
 
     Examples
     --------
-    >>> from granular.methods import method_of
-    >>> method_of("stormer-verlet").name
+    >>> from granular.methods import resolve_method
+    >>> resolve_method("stormer-verlet").name
     'stormer-verlet'
     """
     if isinstance(method, str):
@@ -96,16 +96,16 @@ def method_named(name: str) -> Method:
             f"{unknown(word, known, 'method')}; a method of your own comes by --import FILE, or by "
             f"an installed entry point of the group {GROUP!r}"
         )
-    return method if plain == word else compensated(method)
+    return method if plain == word else with_compensated_sums(method)
 
 
-def known_methods() -> Registry[Method]:
+def all_methods() -> Registry[Method]:
     """All methods by their names: built in, of the user's own, and of installed distributions."""
     names = (*METHODS, *_own, *entry_point_names(GROUP))
     return Registry(((name, method_named(name)) for name in dict.fromkeys(names)), str)
 
 
-def compensated(method: Method) -> Method:
+def with_compensated_sums(method: Method) -> Method:
     """Return the method with compensated sums.
 
     Raises
@@ -121,7 +121,7 @@ def compensated(method: Method) -> Method:
     return dataclasses.replace(method, name=method.name + COMPENSATED, compensated=True)
 
 
-def add_methods(methods: Iterable[Method]) -> None:
+def register_methods(methods: Iterable[Method]) -> None:
     """Let `method_named` know methods of the user's own, for as long as the process lives.
 
     Raises
@@ -130,7 +130,7 @@ def add_methods(methods: Iterable[Method]) -> None:
         If one takes the name of another.
     """
     for method in methods:
-        former = _own.get(method_of(method).name, method)
+        former = _own.get(resolve_method(method).name, method)
         if former != method:
             raise InputError(
                 f"two methods are called {quote(method.name)}; give each a name of its own"

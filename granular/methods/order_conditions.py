@@ -31,7 +31,9 @@ Tree: TypeAlias = "tuple[Tree, ...]"
 """A rooted tree: the trees that hang on its root."""
 
 
-def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
+def failed_composition_condition(
+    kicks: Sequence[float], drifts: Sequence[float], order: int
+) -> str | None:
     """First condition up to an order that a composition fails, in words; None if it holds.
 
     Parameters
@@ -54,7 +56,7 @@ def failed_word(kicks: Sequence[float], drifts: Sequence[float], order: int) -> 
     return None
 
 
-def failed_tree(tableau: Sequence[Sequence[float]], order: int) -> str | None:
+def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> str | None:
     """First condition up to an order that a Runge-Kutta method fails; None if it holds.
 
     Parameters

@@ -11,10 +11,10 @@ from granular.observables.correlation import (
     check_edges,
     default_edges,
     mean_over_pairs,
-    sum_products,
+    sum_pair_products,
 )
 from granular.observables.displacement import check_lags
-from granular.observables.frame import check_frames, check_positions, observable, sum_at
+from granular.observables.frame import check_frames, check_positions, observable, sum_by_index
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -58,7 +58,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     bond = arm[:, 0] + 1j * arm[:, 1]
     # exp(6 i theta) is the same from both ends of a bond.
     turn = (bond / np.abs(bond)) ** 6
-    total = sum_at(i, turn, len(positions)) + sum_at(j, turn, len(positions))
+    total = sum_by_index(i, turn, len(positions)) + sum_by_index(j, turn, len(positions))
     known = cells.sides > 0
     local = np.full(len(positions), complex(np.nan, np.nan))
     local[known] = total[known] / cells.sides[known]
@@ -256,7 +256,9 @@ def bond_correlation(
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
-    products = sum_products(points, order.real, edges) + sum_products(points, order.imag, edges)
+    products = sum_pair_products(points, order.real, edges) + sum_pair_products(
+        points, order.imag, edges
+    )
     return mean_over_pairs(points, products, edges)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.defects import defect_numbers
+from granular.observables.defects import count_defects
 from granular.observables.forces import (
     compressive_forces,
     grain_pressures,
@@ -20,9 +20,9 @@ from granular.observables.frame import (
     Frame,
     Value,
     frames,
+    is_present,
     observable,
-    observable_mark,
-    present,
+    observable_metadata,
     require_piston,
     select_frames,
     species_names,
@@ -67,7 +67,7 @@ def species_piston_distance(frame: Frame) -> dict[str, float]:
 
 @observable("1", "packing fraction below the piston, or of a periodic cell")
 def packing(frame: Frame) -> float:
-    here = present(frame.positions)
+    here = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
 
@@ -98,7 +98,7 @@ def regularity(frame: Frame) -> dict[str, float]:
 
 @observable("1", "number of defects")
 def defects(frame: Frame) -> dict[str, float]:
-    return defect_numbers(voronoi_cells(frame.positions))
+    return count_defects(voronoi_cells(frame.positions))
 
 
 @observable("J", "kinetic temperature of the bed")
@@ -190,7 +190,7 @@ def per_frame(
 
     if isinstance(function, str):
         function = find_observable(function)
-    marked = observable_mark(function)
+    marked = observable_metadata(function)
     name = function.__name__ if marked is None else marked.name
     chosen = select_frames(run, start, stop)
     values = [_value(function, name, frame) for frame in frames(run, chosen)]
@@ -257,7 +257,7 @@ def frame_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) 
 
     columns = {"time [s]": run.dataset["frame_time"].values}
     for function in functions:
-        values, marked = per_frame(run, function), observable_mark(function)
+        values, marked = per_frame(run, function), observable_metadata(function)
         name, unit = (function.__name__, "1") if marked is None else (marked.name, marked.unit)
         if "grain" in values.dims:
             raise InputError(
@@ -298,7 +298,7 @@ def find_observable(
     if name in every:
         return every[name]
     result: Callable[[Frame], Value] | None = load_entry_point(GROUP, name, "observable")
-    if observable_mark(result) is not None and result is not None:
+    if observable_metadata(result) is not None and result is not None:
         return result
     if result is not None:
         raise InputError(f"observable {quote(name)} is no granular Observable")

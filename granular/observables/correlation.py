@@ -9,12 +9,12 @@ import numpy as np
 
 from granular.observables.frame import (
     bounding_box,
+    check_grain_values,
     check_positions,
     observable,
-    observable_mark,
+    observable_metadata,
     present_positions,
     select_frames,
-    values_of_grains,
 )
 from granular.shared.errors import InputError
 
@@ -90,8 +90,8 @@ def per_distance(
         edges = min((default_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
     parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
-    values = mean_per_pair(total, np.sum([part.weights for part in parts], axis=0))
-    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_mark(function)
+    values = divide_by_pair_count(total, np.sum([part.weights for part in parts], axis=0))
+    middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_metadata(function)
     return xarray.DataArray(
         values, dims="distance", coords={"distance": ("distance", middle, {"units": "m"})},
         attrs={} if marked is None else marked.attributes,
@@ -160,15 +160,15 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairFunction:
     """Return the sums over the pairs of each bin, as means over them."""
     pairs = count_pairs(points, edges)
-    return PairFunction(edges, mean_per_pair(products, pairs), pairs, pairs)
+    return PairFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
-def mean_per_pair(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def divide_by_pair_count(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """NaN in bins without pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
-def sum_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def sum_pair_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Sum of v_i v_j over the pairs i < j of each bin (lower edge, upper edge], float (k,)."""
     from scipy.spatial import cKDTree
 
@@ -278,7 +278,7 @@ def spatial_correlation(
         If shapes or edges do not fit, or all values are the same.
     """
     positions = check_positions(positions)
-    values = values_of_grains("values", values, len(positions))
+    values = check_grain_values("values", values, len(positions))
     known = np.isfinite(positions).all(axis=1) & np.isfinite(values)
     points, deviation = (
         positions[known],
@@ -288,5 +288,5 @@ def spatial_correlation(
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
         raise InputError("the values do not differ; there is nothing to correlate")
-    pairs, products = count_pairs(points, edges), sum_products(points, deviation, edges)
-    return PairFunction(edges, mean_per_pair(products, pairs) / variance, pairs, pairs)
+    pairs, products = count_pairs(points, edges), sum_pair_products(points, deviation, edges)
+    return PairFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)

@@ -11,9 +11,9 @@ from granular.observables.bond_order import global_psi6, local_psi6
 from granular.observables.defects import (
     burgers_vectors,
     counter_clockwise,
-    grains_in_excess,
-    in_space,
-    norm_squared,
+    excess_grains,
+    lattice_norm_squared,
+    lattice_to_plane,
 )
 from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
@@ -126,7 +126,7 @@ def detect_defects(
         kinds=tuple(cluster.kind for cluster in clusters),
         positions=np.array([cluster.position for cluster in clusters], dtype=float).reshape(-1, 2),
         lattice=lattice,
-        burgers=in_space(lattice, angle, spacing),
+        burgers=lattice_to_plane(lattice, angle, spacing),
         charge=np.array([cluster.charge for cluster in clusters], dtype=int),
         sizes=np.array([cluster.size for cluster in clusters], dtype=int),
         angle=angle,
@@ -167,7 +167,7 @@ def _clusters(
         charge = int((6 - degree[members]).sum())
         kind = _kind(lattice, charge, region, positions, angle)
         if at_rim[members].any():
-            if kind != BOUNDARY and norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
+            if kind != BOUNDARY and lattice_norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
                 continue
             kind = DISLOCATION
         position = positions[members].mean(axis=0)
@@ -207,7 +207,7 @@ def _kind(
         return DISCLINATION
     if lattice.any():
         return DISLOCATION
-    excess = round(grains_in_excess(region, positions, angle))
+    excess = round(excess_grains(region, positions, angle))
     return VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
 
 
@@ -216,7 +216,10 @@ def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]
     from scipy.cluster.hierarchy import fcluster, linkage
 
     able = [cluster for cluster in clusters if cluster.lattice.any()]
-    if sum(math.sqrt(norm_squared(defect.lattice)) for defect in able) < LEAST_OF_BOUNDARY / 2:
+    if (
+        sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in able)
+        < LEAST_OF_BOUNDARY / 2
+    ):
         return clusters
     rest = [cluster for cluster in clusters if not cluster.lattice.any()]
     positions = np.array([defect.position for defect in able])
@@ -232,10 +235,10 @@ def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]
 
 
 def _boundary(members: list[_Cluster]) -> list[_Cluster]:
-    lengths = [math.sqrt(norm_squared(member.lattice)) for member in members]
+    lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
     total = np.sum([member.lattice for member in members], axis=0)
     dislocations = sum(member.size for member in members) / 2.0
-    if dislocations < LEAST_OF_BOUNDARY or math.sqrt(norm_squared(total)) < 0.5 * max(
+    if dislocations < LEAST_OF_BOUNDARY or math.sqrt(lattice_norm_squared(total)) < 0.5 * max(
         sum(lengths), LEAST_OF_BOUNDARY
     ):
         return members

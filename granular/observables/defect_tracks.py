@@ -17,7 +17,7 @@ from granular.observables.defect_clusters import (
     Defects,
     detect_defects,
 )
-from granular.observables.defects import in_space
+from granular.observables.defects import lattice_to_plane
 from granular.observables.frame import check_frames, select_frames
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
@@ -411,7 +411,7 @@ def _dataset(
     data["born"] = ("track", _words(_event_kinds(events, len(tracks), started=True)))
     data["ended"] = ("track", _words(_event_kinds(events, len(tracks), started=False)))
     angle = defects[0].angle
-    missing = _pairs(in_space(entry.missing, angle, spacing) for entry in events)
+    missing = _pairs(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
     data["event_kind"] = ("event", _words(entry.kind for entry in events))
     data["event_time"] = ("event", np.array([times[entry.frame] for entry in events], dtype=float),
                           {"units": "s"})  # fmt: skip

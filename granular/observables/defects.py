@@ -22,14 +22,14 @@ def lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
     return np.where(back[:, None], -SIX[index], SIX[index])
 
 
-def in_space(vectors: np.ndarray, angle: float, spacing: float) -> np.ndarray:
+def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> np.ndarray:
     """Lattice vectors (..., 2) as vectors in the plane, in the unit of the spacing."""
     turned = angle + np.pi / 3.0
     basis = np.array([[np.cos(angle), np.sin(angle)], [np.cos(turned), np.sin(turned)]])
     return np.asarray(spacing * (np.asarray(vectors) @ basis))
 
 
-def norm_squared(vectors: np.ndarray) -> np.ndarray:
+def lattice_norm_squared(vectors: np.ndarray) -> np.ndarray:
     """m^2 + m n + n^2, the square of the length over the spacing."""
     m, n = np.moveaxis(np.asarray(vectors), -1, 0)
     return np.asarray(m * m + m * n + n * n)
@@ -44,7 +44,7 @@ def counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarra
     return turned
 
 
-def triangle_edges(triangles: np.ndarray) -> np.ndarray:
+def edges_of_triangles(triangles: np.ndarray) -> np.ndarray:
     """Three edges of each triangle, from corner to corner (t, 3, 2)."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
@@ -56,19 +56,19 @@ def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) 
     the displacement from the perfect lattice (FS/RH, Hirth and Lothe 1982). Triangles of a strained
     lattice have none, and that of a region is the sum over its triangles.
     """
-    edges = triangle_edges(triangles).reshape(-1, 2)
+    edges = edges_of_triangles(triangles).reshape(-1, 2)
     bonds = lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
-def grains_in_excess(triangles: np.ndarray, positions: np.ndarray, angle: float) -> float:
+def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) -> float:
     """Grains in a region more than lattice sites: -1 for a vacancy, 1 for an interstitial.
 
     A region of t triangles with n grains inside and k at its rim has t = 2 n + k - 2, and one in
     the lattice with the same rim an area of n + k/2 - 1 cells (Pick's theorem). The rim's lattice
     vectors must close.
     """
-    edges = triangle_edges(triangles).reshape(-1, 2)
+    edges = edges_of_triangles(triangles).reshape(-1, 2)
     have = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in have if (j, i) not in have}
     area = 0.0
@@ -179,7 +179,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     return Dislocations(pairs, 0.5 * (five + seven), spacing[:, None] * across)
 
 
-def defect_numbers(cells: VoronoiCells) -> dict[str, float]:
+def count_defects(cells: VoronoiCells) -> dict[str, float]:
     """Disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
     number = int(np.count_nonzero(disclination_charges(cells)))
     pairs = len(_match_pairs(cells))

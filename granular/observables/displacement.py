@@ -12,9 +12,9 @@ from granular.observables.frame import (
     check_frames,
     check_positions,
     observable,
-    observable_mark,
+    observable_metadata,
     select_frames,
-    sum_at,
+    sum_by_index,
 )
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
@@ -68,7 +68,7 @@ def per_lag(
     lags, options = check_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
         options["periods"] = run.scene.cell.periods
-    marked = observable_mark(function)
+    marked = observable_metadata(function)
     return xarray.DataArray(
         np.asarray(function(frames, lags, **options)),
         dims="lag",
@@ -265,8 +265,8 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     known = np.isfinite(after).all(axis=1)
     i, before, after = both[known, 0], before[known], after[known]
     count = len(first)
-    mixed = sum_at(i, after[:, :, None] * before[:, None, :], count)
-    square = sum_at(i, before[:, :, None] * before[:, None, :], count)
+    mixed = sum_by_index(i, after[:, :, None] * before[:, None, :], count)
+    square = sum_by_index(i, before[:, :, None] * before[:, None, :], count)
     number = np.bincount(i, minlength=count)
     able = cells.interior & (number > 2) & np.isfinite(second).all(axis=1)
     gradient = np.full((count, 2, 2), np.nan)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import Frame, species_names, values_of_grains
+from granular.observables.frame import Frame, check_grain_values, species_names
 from granular.observables.interactions import pair_interactions, wall_interactions
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
@@ -154,8 +154,8 @@ def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndar
         If shapes do not fit.
     """
     magnitudes = np.asarray(magnitudes, dtype=np.float64)
-    magnitudes = values_of_grains("magnitudes", magnitudes, magnitudes.size)
-    species = values_of_grains("species", species, len(magnitudes))
+    magnitudes = check_grain_values("magnitudes", magnitudes, magnitudes.size)
+    species = check_grain_values("species", species, len(magnitudes))
     fluctuation = np.full(len(magnitudes), np.nan)
     for specy in np.unique(species):
         chosen = (species == specy) & np.isfinite(magnitudes)

@@ -117,7 +117,7 @@ class Observable(NamedTuple):
         return {"units": self.unit, "long_name": self.meaning}
 
 
-def observable_mark(function: Any) -> Observable | None:
+def observable_metadata(function: Any) -> Observable | None:
     """Name, unit and meaning that `observable` gave a function; None if it gave none."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None
@@ -228,7 +228,7 @@ def check_frames(frames: np.ndarray, least: int = 0) -> np.ndarray:
     return array
 
 
-def present(positions: np.ndarray) -> np.ndarray:
+def is_present(positions: np.ndarray) -> np.ndarray:
     """Grains that are in the cell, bool (..., n) of positions (..., n, 2)."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
@@ -242,10 +242,10 @@ def present_positions(positions: np.ndarray) -> np.ndarray:
         If the positions have another shape than (n, 2).
     """
     array = check_positions(positions)
-    return array[present(array)]
+    return array[is_present(array)]
 
 
-def values_of_grains(
+def check_grain_values(
     name: str, values: np.ndarray, count: int, width: int | None = None
 ) -> np.ndarray:
     """One value or row for each grain, float64 (count,) or (count, width).
@@ -270,7 +270,7 @@ def bounding_box(positions: np.ndarray) -> np.ndarray:
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
-def sum_at(indices: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def sum_by_index(indices: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sum of the values (k, ...) at each index (count, ...)."""
     total = np.zeros((count, *values.shape[1:]), dtype=values.dtype)
     np.add.at(total, indices, values)

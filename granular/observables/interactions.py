@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_positions, present
+from granular.observables.frame import check_positions, is_present
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Interactions(NamedTuple):
     forces: np.ndarray
 
 
-def foreign_effects(scene: Scene) -> tuple[str, ...]:
+def unsupported_effects(scene: Scene) -> tuple[str, ...]:
     """Effects of a scene whose part in the forces between grains is not known here."""
     return tuple(effect.key for effect in scene.effects.all if effect.key not in (*KNOWN, *SILENT))
 
@@ -69,7 +69,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     positions, here, system = _prepare(scene, positions)
     scales = system.scales
     points = positions[here] / scales.length
-    moments = moments_of(scene)[here]
+    moments = magnetic_moments(scene)[here]
     contact = _law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
@@ -115,7 +115,7 @@ def wall_interactions(
         "bottom": (y, x, (0.0, 1.0)), "top": (height - y, x, (0.0, -1.0)),
     }  # fmt: skip
     acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
-    moments = moments_of(scene)[here]
+    moments = magnetic_moments(scene)[here]
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, side in enumerate(acting):
         w, along, (nx, ny) = seen[side]
@@ -134,12 +134,12 @@ def _prepare(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarra
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := foreign_effects(scene):
+    if foreign := unsupported_effects(scene):
         raise InputError(
             f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
             "resulting force instead"
         )
-    return positions, np.flatnonzero(present(positions)), natural_system(scene)
+    return positions, np.flatnonzero(is_present(positions)), natural_system(scene)
 
 
 def _law(system: Any, key: str) -> Any:
@@ -150,7 +150,7 @@ def _law(system: Any, key: str) -> Any:
     return None
 
 
-def moments_of(scene: Scene) -> np.ndarray:
+def magnetic_moments(scene: Scene) -> np.ndarray:
     """Magnetic moment of each grain over that of the first species (n,)."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())
@@ -168,7 +168,9 @@ def _contacts(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     push = np.zeros_like(r)
     overlap = law.radius[first][:, None] + law.radius[second][None] - r
     for i, j in np.argwhere(overlap > 0.0):
-        spring = _callable(contact.spring)(law, law.radius[first[i]], law.radius[second[j]])
+        spring = _callable(contact.spring_constant)(
+            law, law.radius[first[i]], law.radius[second[j]]
+        )
         push[i, j] = _callable(contact.force)(spring, overlap[i, j])
     return push
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import check_positions
-from granular.observables.interactions import foreign_effects, moments_of
+from granular.observables.interactions import magnetic_moments, unsupported_effects
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -142,7 +142,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
     return strength * (math.pi * density) ** 1.5 / temperature
 
 
-def theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
+def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
     """K = Y a^2/T of the theory of melting; where it has fallen to 16 pi dislocations unbind.
 
     (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979.)
@@ -244,7 +244,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := foreign_effects(scene):
+    if foreign := unsupported_effects(scene):
         raise InputError(f"effects.{foreign[0]}: its stiffness is not known here; leave it out")
     if scene.effects.dipole is None:
         raise InputError("the scene has no dipoles between grains; add [effects] dipole = true")
@@ -252,7 +252,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
     inner, area, length = _inner(positions, reach)
     here = np.flatnonzero(np.isfinite(positions).all(axis=1))
-    moments = moments_of(scene)
+    moments = magnetic_moments(scene)
     strength = dipole_strength(_first_moment(scene))
     density = len(inner) / area
     energies, forces, matrix = _sums(positions, moments, here, inner, length, density)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import (
+    check_grain_values,
     check_positions,
-    present,
+    is_present,
     present_positions,
     require_piston,
-    values_of_grains,
 )
 from granular.shared.errors import InputError
 
@@ -99,7 +99,7 @@ def _fraction_left(run: Trajectory) -> np.ndarray:
     """Fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)
-    left = present(data["position"].values) @ areas / areas.sum()
+    left = is_present(data["position"].values) @ areas / areas.sum()
     latest = np.searchsorted(data["frame_time"].values, data["time"].values, side="right") - 1
     return np.asarray(left[np.maximum(latest, 0)])
 
@@ -151,13 +151,13 @@ def area_fraction_profile(
     [0.39 0.4 ]
     """
     positions = check_positions(positions)
-    diameters = values_of_grains("diameters", diameters, len(positions))
+    diameters = check_grain_values("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise InputError("edges must be at least two heights that increase; sort them")
     if not width > 0.0:
         raise InputError(f"width = {width:g} m; give a length above 0 m")
-    here = present(positions)
+    here = is_present(positions)
     covered = _area_between(positions[here, 1], diameters[here] / 2.0, edges)
     return np.asarray(covered / (width * np.diff(edges)))
 

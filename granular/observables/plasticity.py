@@ -32,7 +32,7 @@ from granular.observables.defect_tracks import (
     find_events,
     link_tracks,
 )
-from granular.observables.defects import in_space
+from granular.observables.defects import lattice_to_plane
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
 
@@ -180,17 +180,17 @@ class Slip(NamedTuple):
         return self.moves + self.events + self.rim
 
 
-def uniaxial(strain: np.ndarray) -> np.ndarray:
+def uniaxial_strain(strain: np.ndarray) -> np.ndarray:
     """Yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
-def area_change(strain: np.ndarray) -> np.ndarray:
+def areal_strain(strain: np.ndarray) -> np.ndarray:
     """Xx and yy together (f,): of plastic strain what climb makes, grains lost or gained."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
-def slip_of_frames(frames: np.ndarray) -> Slip:
+def plastic_distortion(frames: np.ndarray) -> Slip:
     """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
 
     Parameters
@@ -214,7 +214,7 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
     spacing = float(np.mean([entry.spacing for entry in defects]))
     events = find_events(tracks, boxes, spacing)
     cells = [voronoi_cells(entry) for entry in frames]
-    area = np.array([entry.area[inner(entry)].sum() for entry in cells])
+    area = np.array([entry.area[interior_grains(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
     for entry in tracks:
         _add_moves(moves, entry, frames, spacing)
@@ -222,9 +222,9 @@ def slip_of_frames(frames: np.ndarray) -> Slip:
         if not event.missing.any():
             jumps[event.frame] += _jump(event, tracks)
         elif event.kind in ("entry", "leaving"):
-            known = frames[event.frame][inner(cells[event.frame])]
+            known = frames[event.frame][interior_grains(cells[event.frame])]
             box = np.stack([known.min(axis=0), known.max(axis=0)])
-            burgers = in_space(event.missing, defects[event.frame].angle, spacing)
+            burgers = lattice_to_plane(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _jump(event, tracks)
             rim[event.frame] += swept_area(
                 burgers, -displacement_to_edge(event.position, burgers, box)
@@ -299,13 +299,13 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
 
 
 def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
-    bonds = cells.neighbours[inner(cells)[cells.neighbours].any(axis=1)]
+    bonds = cells.neighbours[interior_grains(cells)[cells.neighbours].any(axis=1)]
     arm = positions[bonds[:, 1]] - positions[bonds[:, 0]]
     values, vectors = np.linalg.eigh(arm.T @ arm / len(arm))
     return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)
 
 
-def inner(cells: VoronoiCells) -> np.ndarray:
+def interior_grains(cells: VoronoiCells) -> np.ndarray:
     """Grains (n,) whose cell and whose neighbours' cells are interior: where defects are known."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False

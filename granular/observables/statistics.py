@@ -90,7 +90,7 @@ class AxialOrder(NamedTuple):
     vectors: int
 
 
-def axial_order(vectors: np.ndarray) -> AxialOrder:
+def axial_order_parameter(vectors: np.ndarray) -> AxialOrder:
     """Polar and axial order parameter of vectors (n, 2), of whatever length.
 
     Vectors that are NaN or 0 are left out. The probability is exp(-n R^2) with the first correction
@@ -114,8 +114,8 @@ def axial_order(vectors: np.ndarray) -> AxialOrder:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables import axial_order
-    >>> found = axial_order(np.array([[1.0, 0.0]] * 20))
+    >>> from granular.observables import axial_order_parameter
+    >>> found = axial_order_parameter(np.array([[1.0, 0.0]] * 20))
     >>> found
     AxialOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
     """
@@ -190,13 +190,13 @@ def dip_test(values: np.ndarray) -> DipTest:
     count = len(known)
     if count < LEAST_VALUES:
         raise InputError(f"{count} values; the dip test needs at least {LEAST_VALUES}")
-    result = dip(known)
+    result = dip_statistic(known)
     drawn = min(count, LARGEST_DRAWN)
     null = _uniform_dips(drawn) * np.sqrt(drawn / count)
     return DipTest(result, float((1 + (null >= result).sum()) / (1 + len(null))))
 
 
-def dip(values: np.ndarray) -> float:
+def dip_statistic(values: np.ndarray) -> float:
     """Dip of values in order (n,), n at least 2.
 
     Between a lower and an upper end, which close in on the mode, the greatest convex minorant of
@@ -249,7 +249,7 @@ def _bends_down(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
 @cache
 def _uniform_dips(count: int) -> np.ndarray:
     random = np.random.default_rng(count)
-    return np.array([dip(np.sort(random.random(count))) for _ in range(DRAWS)])
+    return np.array([dip_statistic(np.sort(random.random(count))) for _ in range(DRAWS)])
 
 
 MOST_BINS = 1000

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.observables.frame import check_frames, present, values_of_grains
-from granular.observables.interactions import moments_of, pair_interactions, wall_interactions
+from granular.observables.frame import check_frames, check_grain_values, is_present
+from granular.observables.interactions import magnetic_moments, pair_interactions, wall_interactions
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
 
@@ -48,7 +48,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities = np.asarray(velocities, dtype=np.float64)
     if velocities.ndim != 2 or velocities.shape[1] != 2:
         raise InputError(f"velocities have the shape {velocities.shape}; (n, 2) is wanted")
-    masses = values_of_grains("masses", masses, len(velocities))
+    masses = check_grain_values("masses", masses, len(velocities))
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
     return float(energies.mean()) if len(energies) else np.nan
@@ -56,7 +56,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 
 def fluctuation_energies(velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
     """(1/2) m |v - V|^2 of each grain (n,) [J]; NaN for absent grains."""
-    here = present(velocities)
+    here = is_present(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
     drift = np.average(velocities[here], axis=0, weights=masses[here])
@@ -159,7 +159,7 @@ def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
 
     scales = Scales.of(scene.grains)
     strength = dipole_strength(scales.current * scales.length**2)
-    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), moments_of(scene)
+    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
     for some in pair_interactions(scene, positions):
         forces[some.grains] = some.forces.sum(axis=1)

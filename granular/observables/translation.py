@@ -11,7 +11,7 @@ from granular.observables.correlation import (
     check_edges,
     default_edges,
     mean_over_pairs,
-    sum_products,
+    sum_pair_products,
 )
 from granular.observables.frame import observable, present_positions
 from granular.observables.voronoi import voronoi_cells
@@ -168,7 +168,7 @@ def translational_correlation(
     if wave.shape != (2,):
         raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")
     phase = points @ wave
-    products = sum_products(points, np.cos(phase), edges) + sum_products(
+    products = sum_pair_products(points, np.cos(phase), edges) + sum_pair_products(
         points, np.sin(phase), edges
     )
     return mean_over_pairs(points, products, edges)

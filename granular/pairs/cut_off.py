@@ -19,10 +19,10 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
-from granular.pairs.pair_arrays import PairArrays, if_given, refuse, with_extremes
+from granular.pairs.pair_arrays import PairArrays, if_given, set_forces_to_nan, with_extremes
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.runs import sweep_runs
-from granular.pairs.stripe_lists import make_ready
+from granular.pairs.stripe_lists import refresh_lists
 from granular.pairs.stripes import Stripes
 
 
@@ -229,10 +229,10 @@ def _cut_sum(
     grains: int,
     arrays: PairArrays,
 ) -> None:
-    if make_ready(stripes, arrays, grains, radius):
+    if refresh_lists(stripes, arrays, grains, radius):
         _sum_extremes(arrays.extremes, threaded, stripes, arrays, radius, smooth)
     else:
-        refuse(arrays, grains)
+        set_forces_to_nan(arrays, grains)
 
 
 cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum

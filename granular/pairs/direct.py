@@ -13,7 +13,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.lanes import SCALE
-from granular.pairs.pair_arrays import PairArrays, clear, clear_sums, if_given, scale
+from granular.pairs.pair_arrays import PairArrays, clear_array, clear_sums, if_given, scale_array
 from granular.pairs.plain import plain_direct_sum
 from granular.pairs.vector import WIDTH, pad_to_vectors, sweep_block, sweep_rows
 
@@ -116,13 +116,13 @@ def _direct_sum(
         _add_parts(buffers, 1, arrays.fy)
         _add_parts(buffers, 2, arrays.stiffness)
         _add_parts(buffers, 3, arrays.load)
-        clear(arrays.extremes)
+        clear_array(arrays.extremes)
         _join_extremes(buffers, arrays.extremes)
-    scale(arrays.fx, STRENGTH * SCALE)
-    scale(arrays.fy, STRENGTH * SCALE)
-    scale(arrays.stiffness, SCALE)
-    scale(arrays.load, SCALE)
-    scale(arrays.extremes, SCALE)
+    scale_array(arrays.fx, STRENGTH * SCALE)
+    scale_array(arrays.fy, STRENGTH * SCALE)
+    scale_array(arrays.stiffness, SCALE)
+    scale_array(arrays.load, SCALE)
+    scale_array(arrays.extremes, SCALE)
 
 
 direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum

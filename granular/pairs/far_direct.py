@@ -14,8 +14,8 @@ from granular.compiled import Array, compiled
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum, part_buffers
-from granular.pairs.pair_arrays import PairArrays, refuse, with_extremes
-from granular.pairs.stripe_lists import finite
+from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, with_extremes
+from granular.pairs.stripe_lists import positions_are_finite
 from granular.pairs.stripes import Stripes
 
 
@@ -82,8 +82,8 @@ def find_far_direct(
         Without stiffness and extremes.
     energy : float64 (1,)
     """
-    if not finite(arrays.x, arrays.y, grains):
-        refuse(arrays, grains)
+    if not positions_are_finite(arrays.x, arrays.y, grains):
+        set_forces_to_nan(arrays, grains)
         return
     forces, every, near = workspace.near, workspace.extremes[0], workspace.extremes[1]
     direct_sum(with_extremes(arrays, every), workspace.buffers, threaded, None)

@@ -14,12 +14,12 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY
 from granular.pairs.far_direct import DirectWorkspace, direct_workspace
-from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, open_windows
-from granular.pairs.mesh_around import mesh_around_workspace
-from granular.pairs.mesh_grains import gather_potential, spread
-from granular.pairs.mesh_potential import find_potential
-from granular.pairs.pair_arrays import PairArrays, refuse, value_of
-from granular.pairs.stripe_lists import finite
+from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, place_windows
+from granular.pairs.mesh_around import periodic_mesh_workspace
+from granular.pairs.mesh_grains import interpolate_potential, spread_grains
+from granular.pairs.mesh_potential import compute_mesh_potential
+from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, value_or_one
+from granular.pairs.stripe_lists import positions_are_finite
 
 SPACINGS = 4.5
 """Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part
@@ -127,7 +127,7 @@ def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForc
     """Workspace for that many grains (padded)."""
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
-        mesh = mesh_around_workspace(*field.size, field.radius, spacing)
+        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing)
     elif field.size is not None:
         mesh = mesh_workspace(*field.size, field.radius, spacing, size)
     return FarForces(
@@ -182,12 +182,12 @@ def _gather_part(mesh: Mesh, asked: FarSums, part: int) -> None:
     grains, total = asked.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
-        value, by_x, by_y = gather_potential(mesh, asked.x[i], asked.y[i])
-        q = value_of(asked.moments, i)
+        value, by_x, by_y = interpolate_potential(mesh, asked.x[i], asked.y[i])
+        q = value_or_one(asked.moments, i)
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
         total += q * (value - asked.own * q)
-        _put_load(asked.load, i, value_of(asked.weight, i) * (value - asked.own))
+        _put_load(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
     asked.totals[part] = total
 
 
@@ -197,8 +197,8 @@ def _gather_load_part(mesh: Mesh, asked: FarSums, part: int) -> None:
     grains = asked.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
-        value, _, _ = gather_potential(mesh, asked.x[i], asked.y[i])
-        _put_load(asked.load, i, value - asked.own * value_of(asked.weight, i))
+        value, _, _ = interpolate_potential(mesh, asked.x[i], asked.y[i])
+        _put_load(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
 
 
 @compiled(parallel=True)
@@ -238,7 +238,7 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: FarSums) -> None:
 
 @compiled(inline=True)
 def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
-    return True if around is not None else open_windows(mesh, x, y, grains)
+    return True if around is not None else place_windows(mesh, x, y, grains)
 
 
 @compiled(inline=True)
@@ -251,8 +251,8 @@ def _find_load(
 ) -> None:
     """Compute the load of grains that differ; of others it comes with the forces."""
     if weight is not None and moments is not None:
-        spread(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
-        find_potential(mesh, threaded)
+        spread_grains(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
+        compute_mesh_potential(mesh, threaded)
         _gather_load(threaded, mesh, sums)
 
 
@@ -283,8 +283,8 @@ def find_far_forces(
     if grains == 0:
         return 0
     x, y = arrays.x, arrays.y
-    if not finite(x, y, grains):
-        refuse(arrays, grains)
+    if not positions_are_finite(x, y, grains):
+        set_forces_to_nan(arrays, grains)
         return 0
     if not _has_space(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
@@ -302,8 +302,8 @@ def find_far_forces(
         arrays.load,
         far.totals,
     )
-    spread(mesh, threaded, x, y, arrays.moments, order, grains)
-    find_potential(mesh, threaded)
+    spread_grains(mesh, threaded, x, y, arrays.moments, order, grains)
+    compute_mesh_potential(mesh, threaded)
     far.energy[0] = _gather(threaded, mesh, sums)
     store_positions(far.met, x, y, grains)
     _find_load(arrays.weight, arrays.moments, mesh, threaded, sums)
@@ -311,7 +311,7 @@ def find_far_forces(
 
 
 @compiled
-def has_changed(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
+def any_grain_moved(met: Array, x: Array, y: Array, grains: int, still: float) -> bool:
     """Return whether a grain has moved so far since the last forces that these have changed."""
     moved = 0
     for i in range(grains):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.lanes import INDEX, Code, constant, flags, inverse_fifth
+from granular.pairs.lanes import INDEX, Code, constant, inverse_fifth, lane_mask
 
 _AWAY = 1e100
 """Square of a displacement [D^2] that no two grains are apart."""
@@ -51,16 +51,16 @@ class Grains(NamedTuple):
     weight: Any
 
 
-def present(values: Sums) -> list[Any]:
+def present_arrays(values: Sums) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-def eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
+def load_eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
     return Grains(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
 
 
-def one_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
+def broadcast_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
     return Grains(
         *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
@@ -155,7 +155,7 @@ def _energy(
     return b.select(inside, b.fsub(energy, rest), constant(0.0))
 
 
-def interact(
+def pair_contributions(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None, images: Images | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
@@ -171,7 +171,7 @@ def interact(
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
     s = inverse_fifth(code, r2)
     if lanes is not None:
-        s = b.select(flags(lanes), s, zero)
+        s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
         s = b.select(b.fcmp_ordered("<", r2, cut.square), s, zero)
     near, cube = s, None
@@ -205,5 +205,5 @@ def interact(
     return Sums(*own), Sums(*other)
 
 
-def added(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
+def add_lanes(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

@@ -56,7 +56,7 @@ def integer_constant(value: int) -> ir.Constant:
     return ir.Constant(_BITS, [value] * WIDTH)
 
 
-def flags(lanes: list[bool]) -> ir.Constant:
+def lane_mask(lanes: list[bool]) -> ir.Constant:
     return ir.Constant(_FLAGS, lanes)
 
 

@@ -70,7 +70,7 @@ class Tables(NamedTuple):
     rest: Table
 
 
-def levels_over(extent: float, radius: float, spacing: float) -> int:
+def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
     """Levels until the rest's table covers a bed of that extent [D]."""
     reach = _reach(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
@@ -193,7 +193,7 @@ class Mesh(NamedTuple):
 def mesh_workspace(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
     """Workspace for that many grains in a cell of that size [D]."""
     tables = mesh_tables(radius, spacing)
-    levels = levels_over(max(width, height), radius, spacing)
+    levels = mesh_level_count(max(width, height), radius, spacing)
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     begins, strides, most = [0], [], 0
@@ -225,7 +225,7 @@ def mesh_workspace(width: float, height: float, radius: float, spacing: float, g
 
 
 @compiled
-def open_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+def place_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     """Lay each level's window about the grains; False where the mesh is too small."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):

@@ -51,7 +51,7 @@ change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
 `granular.pairs.mesh`."""
 
 
-def points_around(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
+def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
     """Points along both sides [D], level by level, no farther apart than ``spacing`` at first."""
     wanted = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(wanted) / FEWEST)))
@@ -147,7 +147,7 @@ def _rest(width: float, height: float, radius: float, across: int, up: int) -> S
 @functools.cache
 def image_tables(width: float, height: float, radius: float, spacing: float) -> Tables:
     """Tables of the band and of the rest, for a periodic cell and a split radius [D]."""
-    points = points_around(width, height, spacing)
+    points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
     band = _band(radius, (width / fine[0], height / fine[1]))
@@ -164,16 +164,16 @@ FRACTIONS = (0.75, 0.5, 0.125)
 
 
 @compiled(inline=True)
-def first_point(mesh: Mesh, level: int) -> int:
+def index_of_first_point(mesh: Mesh, level: int) -> int:
     """Place of a level's first point."""
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
 @compiled
-def copy_round(mesh: Mesh, values: Array, level: int) -> None:
+def copy_periodic_margin(mesh: Mesh, values: Array, level: int) -> None:
     """Copy what lies on the one side of a level to the other one."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
-    stride, margin, first = mesh.strides[level], mesh.margin, first_point(mesh, level)
+    stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_point(mesh, level)
     for line in range(up):
         at = first + line * stride
         for apart in range(1, margin + 1):
@@ -190,7 +190,7 @@ def copy_round(mesh: Mesh, values: Array, level: int) -> None:
 def _fold(mesh: Mesh, level: int) -> None:
     """Add what was put on the copies of points to the points."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
-    stride, first, source = mesh.strides[level], first_point(mesh, level), mesh.source
+    stride, first, source = mesh.strides[level], index_of_first_point(mesh, level), mesh.source
     for line in range(-BELOW, up + ABOVE):
         at = first + line * stride
         source[at + across - 1] += source[at - 1]
@@ -203,14 +203,14 @@ def _fold(mesh: Mesh, level: int) -> None:
 
 
 @compiled
-def spread_around(
+def spread_periodic(
     mesh: Mesh, fineness: Array, x: Array, y: Array, amounts: Array | None, order: Array,
     grains: int,
 ) -> None:  # fmt: skip
     """Put amounts (ones where there are none) on the finest level; ``fineness`` [1/D]."""
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
-    corner = first_point(mesh, 0) - 1 - stride
+    corner = index_of_first_point(mesh, 0) - 1 - stride
     for k in range(grains):
         i = order[k]
         u, v = x[i] * fineness[0], y[i] * fineness[1]
@@ -219,31 +219,33 @@ def spread_around(
         amount = 1.0 if amounts is None else amounts[i]
         put_spline(mesh.source, at, stride, u - column, v - line, amount)
     _fold(mesh, 0)
-    copy_round(mesh, mesh.source, 0)
+    copy_periodic_margin(mesh, mesh.source, 0)
 
 
 @compiled(inline=True)
-def gathered_around(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
+def interpolate_periodic(
+    mesh: Mesh, fineness: Array, x: float, y: float
+) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
-    at = first_point(mesh, 0) - 1 - stride + int(line) % up * stride + int(column) % across
+    at = index_of_first_point(mesh, 0) - 1 - stride + int(line) % up * stride + int(column) % across
     value, by_u, by_v = spline_sums(mesh.potential, at, stride, u - column, v - line)
     return value, by_u * fineness[0], by_v * fineness[1]
 
 
 @compiled
-def restrict_around(mesh: Mesh, level: int) -> None:
+def restrict_periodic(mesh: Mesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = FRACTIONS
     lines, start, stride = (
         mesh.windows[level - 1, UP],
-        first_point(mesh, level - 1),
+        index_of_first_point(mesh, level - 1),
         mesh.strides[level - 1],
     )
-    own, custom_stride = first_point(mesh, level), mesh.strides[level]
+    own, custom_stride = index_of_first_point(mesh, level), mesh.strides[level]
     across, start = mesh.windows[level, ACROSS], start - margin
     for up in range(mesh.windows[level, UP]):
         lower = start + (2 * up - 2) % lines * stride
@@ -258,17 +260,17 @@ def restrict_around(mesh: Mesh, level: int) -> None:
             at = margin + 2 * column
             near, far = row[at - 1] + row[at + 1], row[at - 2] + row[at + 2]
             source[own + up * custom_stride + column] = total * row[at] + half * near + rest * far
-    copy_round(mesh, source, level)
+    copy_periodic_margin(mesh, source, level)
 
 
 @compiled
-def prolong_around(mesh: Mesh, level: int) -> None:
+def prolong_periodic(mesh: Mesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
     total, half, rest = FRACTIONS
-    copy_round(mesh, potential, level)
-    coarse, stride = first_point(mesh, level) - margin, mesh.strides[level]
-    fine, fine_stride = first_point(mesh, level - 1), mesh.strides[level - 1]
+    copy_periodic_margin(mesh, potential, level)
+    coarse, stride = index_of_first_point(mesh, level) - margin, mesh.strides[level]
+    fine, fine_stride = index_of_first_point(mesh, level - 1), mesh.strides[level - 1]
     for line in range(mesh.windows[level - 1, UP]):
         # Copies of lines stand next to the first and the last one.
         middle = coarse + line // 2 * stride
@@ -287,10 +289,10 @@ def prolong_around(mesh: Mesh, level: int) -> None:
             potential[out + 1] += half * (row[at] + row[at + 1])
 
 
-def mesh_around_workspace(width: float, height: float, radius: float, spacing: float) -> Mesh:
+def periodic_mesh_workspace(width: float, height: float, radius: float, spacing: float) -> Mesh:
     """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
     tables = image_tables(width, height, radius, spacing)
-    points = points_around(width, height, spacing)
+    points = periodic_mesh_points(width, height, spacing)
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     begins, strides = [0], []

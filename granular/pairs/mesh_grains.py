@@ -8,7 +8,7 @@ import numba
 
 from granular.compiled import Array, compiled
 from granular.pairs.mesh import LEFT, LOW, PARTS, UP, Mesh
-from granular.pairs.mesh_around import gathered_around, spread_around
+from granular.pairs.mesh_around import interpolate_periodic, spread_periodic
 from granular.pairs.stencil import put_spline, spline_sums
 
 _STRANDS = 4
@@ -82,7 +82,7 @@ def _join_threaded(mesh: Mesh) -> None:
 
 
 @compiled
-def spread(
+def spread_grains(
     mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array,
     grains: int,
 ) -> None:  # fmt: skip
@@ -100,7 +100,7 @@ def _spread(
     amounts: Array | None, order: Array, grains: int,
 ) -> None:  # fmt: skip
     if around is not None:
-        spread_around(mesh, around, x, y, amounts, order, grains)
+        spread_periodic(mesh, around, x, y, amounts, order, grains)
     elif threaded is None:
         for part in range(len(mesh.fractions)):
             _spread_part(mesh, x, y, amounts, order, grains, part)
@@ -112,7 +112,7 @@ def _spread(
 
 
 @compiled(inline=True)
-def gather_potential(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
+def interpolate_potential(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
     return _gather_potential(mesh.around, mesh, x, y)
 
@@ -122,7 +122,7 @@ def _gather_potential(
     around: Array | None, mesh: Mesh, x: float, y: float
 ) -> tuple[float, float, float]:
     if around is not None:
-        return gathered_around(mesh, around, x, y)
+        return interpolate_periodic(mesh, around, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
     u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)

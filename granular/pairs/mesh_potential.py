@@ -11,10 +11,10 @@ from granular.pairs.lanes import WIDTH
 from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
 from granular.pairs.mesh_around import (
     FRACTIONS,
-    copy_round,
-    first_point,
-    prolong_around,
-    restrict_around,
+    copy_periodic_margin,
+    index_of_first_point,
+    prolong_periodic,
+    restrict_periodic,
 )
 
 # Unsigned, since an index that may be negative is looked at every time.
@@ -116,7 +116,7 @@ def _convolve_part(mesh: Mesh, part: int) -> None:
 def _first(around: Array | None, mesh: Mesh, level: int) -> int:
     """Place of a level's first point."""
     if around is not None:
-        return first_point(mesh, level)
+        return index_of_first_point(mesh, level)
     return mesh.begins[level] + mesh.margin
 
 
@@ -151,7 +151,7 @@ def _convolve_threaded(mesh: Mesh) -> None:
 
 
 @compiled
-def find_potential(mesh: Mesh, threaded: bool | None) -> None:
+def compute_mesh_potential(mesh: Mesh, threaded: bool | None) -> None:
     """Find the potential on the finest level of the sources there."""
     _find_potential(mesh.around, mesh, threaded)
 
@@ -163,7 +163,7 @@ def _find_potential(around: Array | None, mesh: Mesh, threaded: bool | None) -> 
         if around is None:
             _restrict(mesh, level)
         else:
-            restrict_around(mesh, level)
+            restrict_periodic(mesh, level)
     if threaded is None:
         for part in range(PARTS):
             _convolve_part(mesh, part)
@@ -173,6 +173,6 @@ def _find_potential(around: Array | None, mesh: Mesh, threaded: bool | None) -> 
         if around is None:
             _prolong(mesh, level)
         else:
-            prolong_around(mesh, level)
+            prolong_periodic(mesh, level)
     if around is not None:
-        copy_round(mesh, mesh.potential, 0)
+        copy_periodic_margin(mesh, mesh.potential, 0)

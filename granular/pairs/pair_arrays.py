@@ -63,7 +63,7 @@ def with_extremes(arrays: PairArrays, extremes: Array) -> PairArrays:
 
 
 @compiled(inline=True)
-def clear(values: Array | None) -> None:
+def clear_array(values: Array | None) -> None:
     """Set an array, if there is one, to zero."""
     if values is not None:
         values[:] = 0.0
@@ -72,15 +72,15 @@ def clear(values: Array | None) -> None:
 @compiled(inline=True)
 def clear_sums(arrays: PairArrays) -> None:
     """Set all that a sum fills to zero."""
-    clear(arrays.fx)
-    clear(arrays.fy)
-    clear(arrays.stiffness)
-    clear(arrays.extremes)
-    clear(arrays.load)
+    clear_array(arrays.fx)
+    clear_array(arrays.fy)
+    clear_array(arrays.stiffness)
+    clear_array(arrays.extremes)
+    clear_array(arrays.load)
 
 
 @compiled(inline=True)
-def scale(values: Array | None, factor: float) -> None:
+def scale_array(values: Array | None, factor: float) -> None:
     """Multiply an array, if there is one."""
     if values is not None:
         for i in range(values.size):
@@ -88,7 +88,7 @@ def scale(values: Array | None, factor: float) -> None:
 
 
 @compiled(inline=True)
-def value_of(values: Array | None, i: int) -> float:
+def value_or_one(values: Array | None, i: int) -> float:
     """Value of one grain; 1 where all grains are alike."""
     return 1.0 if values is None else values[i]
 
@@ -101,7 +101,7 @@ def add_at(values: Array | None, i: int, amount: float) -> None:
 
 
 @compiled(inline=True)
-def refuse(arrays: PairArrays, grains: int) -> None:
+def set_forces_to_nan(arrays: PairArrays, grains: int) -> None:
     """Make the forces no numbers, for positions that are none or lists that overflow."""
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan

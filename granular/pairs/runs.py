@@ -16,11 +16,11 @@ from granular.pairs.interact import (
     Extremes,
     Grains,
     Smooth,
-    added,
-    eight_grains,
-    interact,
-    one_grain,
-    present,
+    add_lanes,
+    broadcast_grain,
+    load_eight_grains,
+    pair_contributions,
+    present_arrays,
 )
 from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
 
@@ -50,15 +50,17 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
     """
-    pointers = present(sweep.arrays.sums)
-    partners = eight_grains(code, sweep.arrays, j)
+    pointers = present_arrays(sweep.arrays.sums)
+    partners = load_eight_grains(code, sweep.arrays, j)
     reactions = [code.load(pointer, j) for pointer in pointers]
     for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
-        pairs = interact(code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut)
-        for total, value in zip(sums, present(pairs[0]), strict=True):
+        pairs = pair_contributions(
+            code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut
+        )
+        for total, value in zip(sums, present_arrays(pairs[0]), strict=True):
             code.raise_by(total, value)
-        reactions = added(code, reactions, present(pairs[1]))
+        reactions = add_lanes(code, reactions, present_arrays(pairs[1]))
     for pointer, reaction in zip(pointers, reactions, strict=True):
         code.store(reaction, pointer, j)
 
@@ -92,7 +94,7 @@ def _sweep_group(
         sweep = _shift(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _meet_eight(code, sweep, j, own=False)
-    for which, pointer in enumerate(present(all_rows.arrays.sums)):
+    for which, pointer in enumerate(present_arrays(all_rows.arrays.sums)):
         vectors = [b.load(sums[which]) for sums in all_rows.totals]
         code.add_vector(code.totals(vectors), pointer, first)
     all_rows.extremes.finish()
@@ -161,10 +163,10 @@ def sweep_runs(
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
-            count = len(present(arrays.sums))
+            count = len(present_arrays(arrays.sums))
             sweep = _Sweep(
                 arrays,
-                [one_grain(code, arrays, position) for position in indices],
+                [broadcast_grain(code, arrays, position) for position in indices],
                 [[code.variable(constant(0.0)) for _ in range(count)] for _ in indices],
                 Extremes(code, arrays.extremes),
                 cut,

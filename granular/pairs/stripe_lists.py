@@ -28,8 +28,8 @@ from granular.pairs.stripes import (
     SKIN,
     STRIPES,
     Stripes,
-    sort,
-    sort_around,
+    sort_into_periodic_stripes,
+    sort_into_stripes,
 )
 
 _ROW_COST = 3
@@ -142,11 +142,11 @@ def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Ar
 def _find_runs(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
     """Sort the grains and list their runs; the number of stripes."""
     if shifts is None:
-        number = sort(stripes, grains, reach)
+        number = sort_into_stripes(stripes, grains, reach)
         _list_runs(stripes, number, reach)
     else:
-        number = sort_around(stripes, grains, reach)
-        list_images(stripes, number, reach)
+        number = sort_into_periodic_stripes(stripes, grains, reach)
+        list_periodic_runs(stripes, number, reach)
     return number
 
 
@@ -192,7 +192,7 @@ def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def finite(x: Array, y: Array, grains: int) -> bool:
+def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
     odd = 0
     for i in range(grains):
         odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
@@ -200,11 +200,11 @@ def finite(x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def make_ready(stripes: Stripes, arrays: PairArrays, grains: int, radius: float) -> bool:
+def refresh_lists(stripes: Stripes, arrays: PairArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius; False where a position is no number."""
     x, y = arrays.x, arrays.y
     if _moved(stripes, x, y, grains):
-        if not finite(x, y, grains):
+        if not positions_are_finite(x, y, grains):
             return False
         _adapt_skin(stripes.memory, radius)
         _limit_skin(stripes.periods, stripes.memory, radius)
@@ -225,7 +225,7 @@ _HERE, _RIGHT, _LEFT = range(IMAGES)
 
 
 @compiled
-def list_images(stripes: Stripes, number: int, reach: float) -> None:
+def list_periodic_runs(stripes: Stripes, number: int, reach: float) -> None:
     """List the runs of every two rows, and their shifts."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):

@@ -151,7 +151,7 @@ no distance."""
 
 
 @compiled
-def sort(stripes: Stripes, grains: int, reach: float) -> int:
+def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     """Sort the grains into stripes by the positions in ``built``; return the number of stripes."""
     y = stripes.built[1]
     low, high = y[0], y[0]
@@ -200,8 +200,8 @@ def _sort_into(
 
 
 @compiled
-def sort_around(stripes: Stripes, grains: int, reach: float) -> int:
-    """`sort` in a periodic cell: the images within it, in stripes of one height."""
+def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
+    """`sort_into_stripes` in a periodic cell: the images within it, in stripes of one height."""
     periods, homes = stripes.periods, stripes.homes
     assert periods is not None
     assert homes is not None

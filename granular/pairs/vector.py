@@ -20,11 +20,11 @@ from granular.pairs.interact import (
     Extremes,
     Grains,
     Images,
-    added,
-    eight_grains,
-    interact,
-    one_grain,
-    present,
+    add_lanes,
+    broadcast_grain,
+    load_eight_grains,
+    pair_contributions,
+    present_arrays,
 )
 from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant, has_avx512, pad_to_vectors
 
@@ -64,18 +64,20 @@ def _sweep(
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
     indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
-    grains = [one_grain(code, arrays, position) for position in indices]
-    pointers = present(arrays.sums)
+    grains = [broadcast_grain(code, arrays, position) for position in indices]
+    pointers = present_arrays(arrays.sums)
     totals = [[code.variable(constant(0.0)) for _ in pointers] for _ in range(rows)]
     extremes = Extremes(code, arrays.extremes)
     with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-        partners = eight_grains(code, arrays, j)
+        partners = load_eight_grains(code, arrays, j)
         reactions = [code.load(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
-            own, other = interact(code, grain, partners, arrays.sums, extremes, None, *ends)
-            for total, value in zip(sums, present(own), strict=True):
+            own, other = pair_contributions(
+                code, grain, partners, arrays.sums, extremes, None, *ends
+            )
+            for total, value in zip(sums, present_arrays(own), strict=True):
                 code.raise_by(total, value)
-            reactions = added(code, reactions, present(other))
+            reactions = add_lanes(code, reactions, present_arrays(other))
         for pointer, reaction in zip(pointers, reactions, strict=True):
             code.store(reaction, pointer, j)
     for which, pointer in enumerate(pointers):
@@ -86,18 +88,18 @@ def _sweep(
 
 def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> None:
     """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
-    grains = eight_grains(code, arrays, first)
-    pointers = present(arrays.sums)
+    grains = load_eight_grains(code, arrays, first)
+    pointers = present_arrays(arrays.sums)
     totals = [code.load(pointer, first) for pointer in pointers]
     extremes = Extremes(code, arrays.extremes)
     for by in range(1, WIDTH // 2 + 1):
         partners = Grains(*(None if grain is None else code.turned(grain, by) for grain in grains))
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
-        own, other = interact(code, grains, partners, arrays.sums, extremes, lanes, *ends)
-        totals = added(code, totals, present(own))
-        back = [code.turned(value, WIDTH - by) for value in present(other)]
-        totals = added(code, totals, back)
+        own, other = pair_contributions(code, grains, partners, arrays.sums, extremes, lanes, *ends)
+        totals = add_lanes(code, totals, present_arrays(own))
+        back = [code.turned(value, WIDTH - by) for value in present_arrays(other)]
+        totals = add_lanes(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
         code.store(total, pointer, first)
     extremes.finish()

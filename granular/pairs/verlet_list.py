@@ -16,7 +16,13 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import ENERGY, pair_energy, pair_force
-from granular.pairs.pair_arrays import PairArrays, add_at, clear_sums, refuse, value_of
+from granular.pairs.pair_arrays import (
+    PairArrays,
+    add_at,
+    clear_sums,
+    set_forces_to_nan,
+    value_or_one,
+)
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
@@ -93,13 +99,13 @@ def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: P
     clear_sums(arrays)
     rest = pair_energy(listing.radius)
     if listed.pairs.filled[0] < 0:
-        refuse(arrays, grains)
+        set_forces_to_nan(arrays, grains)
     for p in range(listed.pairs.filled[0]):
         i, j = listed.pairs.first[p], listed.pairs.second[p]
         dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
         r = math.sqrt(dx * dx + dy * dy)
         force, energy = pair_force(r), pair_energy(r)
-        first, second = value_of(arrays.moments, i), value_of(arrays.moments, j)
+        first, second = value_or_one(arrays.moments, i), value_or_one(arrays.moments, j)
         ratio = force / r * (first * second)
         arrays.fx[i] += ratio * dx
         arrays.fy[i] += ratio * dy
@@ -109,8 +115,8 @@ def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: P
         add_at(arrays.stiffness, i, fifth * second)
         add_at(arrays.stiffness, j, fifth * first)
         _meet(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
-        add_at(arrays.load, i, value_of(arrays.weight, j) * energy / ENERGY)
-        add_at(arrays.load, j, value_of(arrays.weight, i) * energy / ENERGY)
+        add_at(arrays.load, i, value_or_one(arrays.weight, j) * energy / ENERGY)
+        add_at(arrays.load, j, value_or_one(arrays.weight, i) * energy / ENERGY)
 
 
 @compiled(inline=True)

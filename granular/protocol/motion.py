@@ -62,7 +62,7 @@ class Motion(NamedTuple):
 
 
 @entry
-def path(motion: Motion, time: float) -> tuple[float, float]:
+def piston_path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
     return _path(motion.times, motion.heights, motion, time)
 
@@ -133,12 +133,12 @@ def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
     ) / h
 
 
-def is_tabulated(motion: Motion) -> Motion:
+def as_tabulated(motion: Motion) -> Motion:
     """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
-def greatest_speed(
+def greatest_piston_speed(
     motion: Motion, mass: float, gravity: float, height: float, speed: float
 ) -> float:
     """Greatest speed of the piston in the stage [D/tau], or a bound of it where it falls freely.

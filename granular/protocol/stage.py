@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import Motion, is_tabulated
+from granular.protocol.motion import Motion, as_tabulated
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, quantity, text
@@ -104,7 +104,7 @@ class Timed(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return is_tabulated(motion) if any(stage.is_tabulated for stage in protocol) else motion
+    return as_tabulated(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
 
 CLOSE = 1e-11
@@ -157,14 +157,14 @@ def _functions(
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     import sympy
 
-    from granular.formulas.algebra import compile_function, expression
+    from granular.formulas.algebra import compile_function, sympy_expression
 
     symbols = {name: sympy.Symbol(name, real=True) for name in variables}
     given = {
         name: sympy.Symbol(f"parameter{number}", real=True)
         for number, name in enumerate(parameters)
     }
-    tree = expression(parse(formula), symbols | given)
+    tree = sympy_expression(parse(formula), symbols | given)
     arguments = [*symbols.values(), *given.values()]
     slope = tree.diff(symbols["t"])
     if slope.has(sympy.DiracDelta):

@@ -17,7 +17,7 @@ _CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
 _DAY = 86400.0
 
 
-def is_stamp(cell: str) -> bool:
+def is_timestamp(cell: str) -> bool:
     """Return True for a date with time, as of ISO 8601, or a time of day."""
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
 
@@ -26,12 +26,12 @@ def is_number(cell: str, decimal: str) -> bool:
     """Return True for a number, a date or a time of day."""
     if decimal == ",":
         if "." in cell:
-            return is_stamp(cell)
+            return is_timestamp(cell)
         cell = cell.replace(",", ".", 1)
-    return _NUMBER.fullmatch(cell) is not None or is_stamp(cell)
+    return _NUMBER.fullmatch(cell) is not None or is_timestamp(cell)
 
 
-def parse_stamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
+def parse_timestamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
     """Seconds since the first of some stamps, and what they are; None where some are none.
 
     A time of day that falls back by more than half a day has passed midnight.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, is_number, is_stamp, parse_stamps
+from granular.readers.cells import LOST, is_number, is_timestamp, parse_timestamps
 from granular.readers.dialect import (
     SEPARATORS,
     Dialect,
@@ -25,7 +25,7 @@ from granular.readers.dialect import (
 from granular.readers.headers import TIME, guess_role, is_unit, parse_header
 from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 COMMENTS = "#%!"
 """Characters that begin a comment."""
@@ -102,7 +102,7 @@ def _no_table(lines: Sequence[Line]) -> str:
         for name, cell in zip(names, cells, strict=False):
             if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in LOST:
                 return (
-                    f"{visible(parse_header(name)[0])} of sample {row} (line "
+                    f"{sanitize(parse_header(name)[0])} of sample {row} (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
@@ -289,7 +289,7 @@ def _frame(rows: Sequence[Line], form: Dialect) -> Any:
         )  # fmt: skip
     except (ValueError, OverflowError, pandas.errors.ParserError) as error:
         words = " ".join(str(error).split())
-        raise RecordError(f"cannot be read as CSV: {visible(words)}; write it anew") from None
+        raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it anew") from None
 
 
 def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
@@ -303,14 +303,14 @@ def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
     for row, text in enumerate(texts):
         if text in LOST:
             values[row] = np.nan
-        elif is_number(text, decimal) and not is_stamp(text):
+        elif is_number(text, decimal) and not is_timestamp(text):
             values[row] = float(text.replace(",", ".", 1) if decimal == "," else text)
         else:
             wrong = (row, text)
             break
     if wrong is None:
         return Column(name, unit, values)
-    stamps = parse_stamps(texts, LOST)
+    stamps = parse_timestamps(texts, LOST)
     if stamps is not None:
         return Column(name, "s", stamps[0], clock=stamps[1])
     return Column(name, unit, None, wrong)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from granular.readers.cells import LOST, is_number, is_stamp
+from granular.readers.cells import LOST, is_number, is_timestamp
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _LOOKED_AT = 200
@@ -136,7 +136,7 @@ def replace_decimal_commas(lines: Sequence[Line]) -> list[Line]:
 
 
 def _with_point(cell: str) -> bool:
-    return "." in cell and is_number(cell, ".") and not is_stamp(cell)
+    return "." in cell and is_number(cell, ".") and not is_timestamp(cell)
 
 
 def split_fields(line: str, separator: str) -> list[str]:

@@ -30,7 +30,7 @@ from granular.readers.workbook import read_workbook, refuse_old
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import reading as reading_file
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 MAX_BYTES = 256 * 2**20
 """Of a file; in text some six million samples: reading takes ten times as much memory."""
@@ -56,7 +56,9 @@ class Format(NamedTuple):
     most: int = MAX_BYTES
 
 
-def interpret_file(path: Path, options: ReadOptions, form: Format | None = None) -> Interpretation:
+def interpret_record_file(
+    path: Path, options: ReadOptions, form: Format | None = None
+) -> Interpretation:
     """Columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
@@ -105,7 +107,7 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except RecordError as error:
-        raise RecordError(f"{visible(path)}: {error}") from None
+        raise RecordError(f"{sanitize(path)}: {error}") from None
 
 
 def _read_bytes(path: Path, most: int) -> bytes:
@@ -113,7 +115,7 @@ def _read_bytes(path: Path, most: int) -> bytes:
         content = file.read(most + 1)
     if len(content) > most:  # of a file that says that it is empty, as in /proc
         raise RecordError(
-            f"{visible(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
+            f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
         )
     return content
 
@@ -171,7 +173,7 @@ def _wide(content: bytes) -> str | None:
 
 
 def _no_text(reason: str) -> RecordError:
-    return RecordError(f"cannot be read as text: {visible(reason)}; save it as CSV in UTF-8")
+    return RecordError(f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8")
 
 
 TEXT = Format(read_text)
@@ -214,7 +216,7 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
     with _naming(path):
         time = time_column(sheet)
         other = _other(sheet, time, unit)
-        name = visible(other.name) or f"column {sheet.columns.index(other) + 1}"
+        name = sanitize(other.name) or f"column {sheet.columns.index(other) + 1}"
         times = check_values(sheet, TIME, time) * _size(TIME, time, "s")
         values = check_values(sheet, name, other) * _size(name, other, unit)
     here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
@@ -223,7 +225,7 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
         notes.append(f"{(~here).sum()} of {len(here)} samples are lost and left out: {first} first")
     times = spread_ticks(times[here], notes)
     if notes:
-        warnings.warn(f"{visible(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
+        warnings.warn(f"{sanitize(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
     return times, values[here]
 
 

@@ -22,7 +22,7 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
@@ -230,12 +230,12 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
     except SceneError as error:
         raise RecordError(
             f"{role}: {error}; if it is another, say so (units: {role}=...); of a sensor, give "
-            f"the scale (scale: '2.5 mm/{visible(unit, 12)}')"
+            f"the scale (scale: '2.5 mm/{sanitize(unit, 12)}')"
         ) from None
     if dimension[3] != 0:
         raise RecordError(
             f"{role} has the unit {quote(unit)}; if it is another, say so (units: {role}=...); of "
-            f"a sensor, give the scale (scale: '2.5 mm/{visible(unit, 12)}')"
+            f"a sensor, give the scale (scale: '2.5 mm/{sanitize(unit, 12)}')"
         )
     if dimension != unit_size(wanted)[1]:
         raise RecordError(

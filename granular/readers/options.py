@@ -19,7 +19,7 @@ from granular.schema.sections import unknown
 from granular.schema.units import si_value
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import read_toml, write_text
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 T = TypeVar("T")
 
@@ -197,11 +197,11 @@ def read_description(path: Path) -> tuple[Path, ReadOptions]:
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
-        raise RecordError(f"{visible(path)}: file = {quote(name)}; give the name of a file")
+        raise RecordError(f"{sanitize(path)}: file = {quote(name)}; give the name of a file")
     try:
         return path.parent / name, options_from_plain(plain)
     except RecordError as error:
-        raise RecordError(f"{visible(path)}: {error}") from None
+        raise RecordError(f"{sanitize(path)}: {error}") from None
 
 
 @contextlib.contextmanager
@@ -213,7 +213,7 @@ def describing(path: Path, file: Path) -> Iterator[None]:
         if not _is_elsewhere(path, file):
             raise
         raise RecordError(
-            f"{visible(path)}: {FILE} = {quote(str(file))} cannot be read as a record; as it does "
+            f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; as it does "
             "not lie below the description, no more is said: read it itself"
         ) from None
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, parse_stamps
+from granular.readers.cells import LOST, parse_timestamps
 from granular.readers.headers import parse_header
 from granular.shared.errors import RecordError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 
 @dataclasses.dataclass(eq=False)
@@ -99,7 +99,7 @@ def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
             f"'granular-damper[{extra}]', or save it as CSV"
         ) from None
     except Exception as error:  # each library has its own kinds, and its versions others
-        words = visible(" ".join(str(error).split()))
+        words = sanitize(" ".join(str(error).split()))
         raise RecordError(f"cannot be read as {kind}: {words}; save it anew, or as CSV") from None
 
 
@@ -163,7 +163,7 @@ def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
     except (TypeError, ValueError):
         pass
     texts = [str(value) for value in values]
-    stamps = parse_stamps(texts, LOST)
+    stamps = parse_timestamps(texts, LOST)
     if stamps is not None:
         return Column(name, "s", stamps[0], clock=stamps[1])
     return Column(name, unit, None, (0, texts[0] if texts else ""))

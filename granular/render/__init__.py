@@ -1,7 +1,7 @@
 """Stills and movies of the bed: grains at their true size, walls and piston.
 
->>> from granular.render import movie, save, still
->>> save(still("runs/light-piston", colour="force"), "bed.png")
+>>> from granular.render import movie, save_picture, still
+>>> save_picture(still("runs/light-piston", colour="force"), "bed.png")
 >>> movie("runs/light-piston", "bed.mp4", colour="sides")
 
 The colours are those of `granular.render.colourings.COLOURINGS`.
@@ -10,6 +10,6 @@ The colours are those of `granular.render.colourings.COLOURINGS`.
 from __future__ import annotations
 
 from granular.render.movie import movie
-from granular.render.still import save, still
+from granular.render.still import save_picture, still
 
-__all__ = ["movie", "save", "still"]
+__all__ = ["movie", "save_picture", "still"]

@@ -167,7 +167,7 @@ def colouring(name: str) -> Colouring:
     return COLOURINGS[name]
 
 
-def classes(name: str, scene: Scene) -> dict[str, str]:
+def colour_classes(name: str, scene: Scene) -> dict[str, str]:
     """Names and colours of the classes of a colouring; none for a continuous one."""
     if name == "sides":
         return SIDES

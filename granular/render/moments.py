@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames
+from granular.export.frames import BedFrame, iterate_frames
 from granular.run.trajectory import Trajectory
 from granular.schema.parts import Cell
 
@@ -35,7 +35,7 @@ def interpolate_bed(
     UserWarning
         If frames lie so far apart that the paths between them are guesses.
     """
-    frames = bed_frames(run, numbers, bar)
+    frames = iterate_frames(run, numbers, bar)
     before = after = next(frames)
     heights = _Heights(run)
     bent = 0.0

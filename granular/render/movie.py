@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import BedFrame, bed_frames, open_run
+from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.render.colourings import colouring
 from granular.render.moments import interpolate_bed, movie_times
-from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest
+from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import check_target, replace_when_written
+from granular.shared.files import check_output_file, replace_when_written
 from granular.shared.messages import quote
 from granular.shared.stops import Stop, deferred_stop
 
@@ -100,17 +100,17 @@ def movie(
         raise InputError(f"width {width} is not within {NARROWEST} to {WIDTH} pixels")
     run = open_run(run)
     numbers = stage_frames(run, stage)
-    check_target(path, overwrite)
+    check_output_file(path, overwrite)
     times = run.dataset["frame_time"].values[numbers]
     if speed is not None:
         times = movie_times(times, speed, fps)
-    top = highest(run, bed_frames(run, numbers))
-    limits = colour_limits(run, colour, bed_frames(run, numbers))
+    top = highest_point(run, iterate_frames(run, numbers))
+    limits = colour_limits(run, colour, iterate_frames(run, numbers))
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
     beds = (
-        bed_frames(run, numbers, bar)
+        iterate_frames(run, numbers, bar)
         if speed is None
         else interpolate_bed(run, numbers, times, bar)
     )

@@ -10,7 +10,7 @@ import numpy as np
 from granular.effects.walls import Wall
 from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
-from granular.render.colourings import View, classes, colouring
+from granular.render.colourings import View, colour_classes, colouring
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.plotting import COLOURS, GREY, plain_label
@@ -30,7 +30,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 """What stands about the bed: labels, legend, title [inch]."""
 
 
-def wall_thickness(scene: Scene) -> float:
+def wall_thickness_mm(scene: Scene) -> float:
     """Thickness of the drawn walls and piston [mm]."""
     return 0.018 * 1e3 * scene.cell.width
 
@@ -39,7 +39,7 @@ CURVE = 1.5
 """Height of what stands below the bed in a movie, with its labels [inch]."""
 
 
-def new_page(
+def new_figure_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
     """Figure with axes in mm, to scale, that hold the bed up to ``top`` [m], and axes next to it.
@@ -49,7 +49,7 @@ def new_page(
     """
     from matplotlib.figure import Figure
 
-    edge = 1.5 * wall_thickness(scene)
+    edge = 1.5 * wall_thickness_mm(scene)
     width, height = 1e3 * scene.cell.width + 2.0 * edge, 1e3 * top + 2.0 * edge
     inch = min(widest / width, TALLEST / height)
     size = [
@@ -88,7 +88,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     """
     from matplotlib.patches import Rectangle
 
-    width, height, thickness = 1e3 * scene.cell.width, 1e3 * top, wall_thickness(scene)
+    width, height, thickness = 1e3 * scene.cell.width, 1e3 * top, wall_thickness_mm(scene)
     walls = scene.effects.walls
     for side, edge in (("left", -thickness), ("right", width)):
         wall = None if walls is None else getattr(walls, side)
@@ -181,12 +181,12 @@ class BedPicture:
         self.run, self.colour = run, colouring(colour)
         self._species = run.scene.grains.assignment()
         self._diameters = 1e3 * run.scene.grains.diameters()
-        self._classes = classes(colour, run.scene)
+        self._classes = colour_classes(colour, run.scene)
         self._times = run.dataset["time"].values
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
             curve = duration is not None and "piston_height" in run.dataset
-            self.figure, self._axes, side = new_page(
+            self.figure, self._axes, side = new_figure_to_scale(
                 run.scene, top, CURVE if curve else 0.0, widest
             )
             self._curve = None
@@ -212,7 +212,7 @@ class BedPicture:
             offset_transform=axes.transData, linewidths=0.35, edgecolors=INK, zorder=2,
         )  # fmt: skip
         axes.add_collection(self._grains)
-        thickness = wall_thickness(self.run.scene)
+        thickness = wall_thickness_mm(self.run.scene)
         width = 1e3 * self.run.scene.cell.width
         self._piston = Rectangle((0.0, 0.0), width, thickness, color=PISTON, zorder=3)
         self._piston.set_visible(self.run.scene.piston is not None)
@@ -269,7 +269,7 @@ class BedPicture:
         self._grains.set_widths(diameters)
         self._grains.set_heights(diameters)
         self._grains.set_angles(np.zeros(len(diameters)))
-        view = view_of(self.run, self.colour.needs_cells, frame)
+        view = frame_view(self.run, self.colour.needs_cells, frame)
         colours = self._colours(self.colour.values(view))
         if view.cells is not None:
             polygons = cell_polygons(view.cells)
@@ -325,7 +325,7 @@ class BedPicture:
         return words
 
 
-def view_of(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
+def frame_view(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
     """Frame as the colourings see it."""
     cells = voronoi_cells(frame.position) if with_cells else None
     return View(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
@@ -337,7 +337,8 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
     if not colouring_used.map:
         return 0.0, 1.0
     result = [
-        colouring_used.values(view_of(run, colouring_used.needs_cells, frame)) for frame in frames
+        colouring_used.values(frame_view(run, colouring_used.needs_cells, frame))
+        for frame in frames
     ]
     values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
@@ -347,7 +348,7 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
     return (float(low), float(high)) if high > low else (float(low), float(low) + 1.0)
 
 
-def highest(run: Trajectory, frames: Iterable[BedFrame]) -> float:
+def highest_point(run: Trajectory, frames: Iterable[BedFrame]) -> float:
     """Height that holds piston and grains in all the frames [m]; that of a periodic cell."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.export.frames import bed_frames, open_run
+from granular.export.frames import iterate_frames, open_run
 from granular.render.colourings import colouring
-from granular.render.picture import BedPicture, colour_limits, highest
+from granular.render.picture import BedPicture, colour_limits, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import replace_when_written
@@ -47,7 +47,7 @@ def still(
     Returns
     -------
     matplotlib Figure
-        Picture, which `save` writes.
+        Picture, which `save_picture` writes.
 
     Raises
     ------
@@ -56,13 +56,15 @@ def still(
     """
     colouring(colour)
     run = open_run(run)
-    (chosen,) = bed_frames(run, [frame_number(run, frame, time)])
-    picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest(run, [chosen]))
+    (chosen,) = iterate_frames(run, [frame_index(run, frame, time)])
+    picture = BedPicture(
+        run, colour, colour_limits(run, colour, [chosen]), highest_point(run, [chosen])
+    )
     picture.show(chosen)
     return picture.figure
 
 
-def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
+def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> int:
     """Index of a frame by its number (negative: from the end), or nearest to a time [s].
 
     Raises
@@ -86,7 +88,7 @@ def frame_number(run: Trajectory, frame: int = -1, time: float | None = None) ->
     return frame % len(times)
 
 
-def save(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
+def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a picture as PNG, SVG or PDF, by the ending of the path.
 
     Parameters

@@ -31,7 +31,9 @@ def tuned_mass(host: Host, mass: float) -> tuple[float, float]:
     return mass * omega**2, 2.0 * zeta * mass * omega
 
 
-def hanging_mass(frequencies: Any, mass: float, spring: float, dashpot: float) -> np.ndarray:
+def hanging_mass_stiffness(
+    frequencies: Any, mass: float, spring: float, dashpot: float
+) -> np.ndarray:
     """Dynamic stiffness (f,) [N/m] of a mass on spring and dashpot, at frequencies [Hz]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
@@ -110,7 +112,7 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def at_amplitude(host: Host, key: str, size: float) -> Host:
+def with_amplitude(host: Host, key: str, size: float) -> Host:
     """Host with another amplitude of its excitation."""
     plain = host.to_plain()
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
@@ -123,8 +125,8 @@ def compare_linear(
     """Curves without damper and with the tuned mass, and what the damper is to the host."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
-    tuned = hanging_mass(frequencies, mass, spring, dashpot)
-    hosts = [at_amplitude(host, key, size) for size in sizes]
+    tuned = hanging_mass_stiffness(frequencies, mass, spring, dashpot)
+    hosts = [with_amplitude(host, key, size) for size in sizes]
     alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
     ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
     result = {

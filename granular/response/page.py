@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from granular.response.response import Response
-from granular.response.transients import pace_of_sweep
-from granular.shared.html import Page, number
+from granular.response.transients import sweep_rate_at_peak
+from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, READABLE, figure, plain_numbers
 from granular.shared.version import versions
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 UNSTEADY = 0.05
 """Change of the amplitude, while it is taken, from which on a note says so."""
 PACE = 0.3
-"""Of a sweep (`pace_of_sweep`), from which on a note says so."""
+"""Of a sweep (`sweep_rate_at_peak`), from which on a note says so."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Frequencies from which on points are not marked."""
@@ -63,7 +63,7 @@ def response_page(
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
-    page = Page(f"The response of scene {response.scene.name!r}", response_words(response))
+    page = Page(f"The response of scene {response.scene.name!r}", answer_sentence(response))
     _curves(page, response, comparison)
     _peaks(page, response)
     add_steadiness(page, response)
@@ -84,11 +84,11 @@ def response_page(
     return page
 
 
-def response_words(response: Response) -> str:
+def answer_sentence(response: Response) -> str:
     """Answer in one sentence, at the greatest amplitude."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
-        f"{amplitude_words(response, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
+        f"{amplitude_phrase(response, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
         f"{row['frequency']:.3g} Hz"
     )
     if "alone" not in row:
@@ -149,13 +149,13 @@ def _caption(response: Response, comparison: PageComparison | None) -> str:
 def _peaks(page: Page, response: Response) -> None:
     page.section("The peaks")
     rows = response.peaks()
-    head = [labels(response)[0], "at [Hz]", "peak [mm]"]
+    head = [amplitude_labels(response)[0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
-        [f"{row['amplitude']:g}", number(row["frequency"]), _mm(row["peak"]),
+        [f"{row['amplitude']:g}", format_number(row["frequency"]), _mm(row["peak"]),
          *(_mm(row[key]) for key in keys),
-         *([number(row["reduction"], 3)] if keys else [])]
+         *([format_number(row["reduction"], 3)] if keys else [])]
         for row in rows
     ]  # fmt: skip
     page.table(head, cells)
@@ -176,7 +176,7 @@ def _peaks(page: Page, response: Response) -> None:
 def add_steadiness(page: Page, response: Response) -> None:
     """Add notes on swings that are not steady, and on a sweep that was too fast."""
     data = response.dataset
-    pace = pace_of_sweep(response)
+    pace = sweep_rate_at_peak(response)
     if pace is not None and pace > PACE:
         wanted = response.settings["duration"] * pace / (0.5 * PACE)
         page.note(
@@ -189,7 +189,7 @@ def add_steadiness(page: Page, response: Response) -> None:
     worst = data.unsteady.where(data.unsteady == data.unsteady.max(), drop=True)
     if float(worst.max()) > UNSTEADY:
         page.note(
-            f"Not all swings are steady. {amplitude_words(response, float(worst.amplitude[0]))}, "
+            f"Not all swings are steady. {amplitude_phrase(response, float(worst.amplitude[0]))}, "
             f"at {float(worst.frequency[0]):.4g} Hz, the amplitude still changes "
             f"by {100.0 * float(worst.max()):.2g} % while it is taken. Where that matters, "
             "let the sines act for longer (--duration)."
@@ -202,19 +202,21 @@ def _settings(page: Page, response: Response) -> None:
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
         rows.append(("one sweep", f"{sweep[0]:g} to {sweep[1]:g} Hz in {lasts:g} s"))
-        pace = pace_of_sweep(response)
-        rows.append(("its pace at the peak", "not known" if pace is None else number(pace, 2)))
+        pace = sweep_rate_at_peak(response)
+        rows.append(
+            ("its pace at the peak", "not known" if pace is None else format_number(pace, 2))
+        )
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     page.table(("setting", "value"), rows)
-    if shown_rows(response) < response.dataset.sizes["frequency"]:
+    if shown_frequency_count(response) < response.dataset.sizes["frequency"]:
         page.text("The tables show some of the frequencies; response.csv holds all.")
     page.preformat(response.scene.to_toml())
 
 
 def _mm(metres: float) -> str:
-    return number(1e3 * metres, 3)
+    return format_number(1e3 * metres, 3)
 
 
 MARKS = "os^vDP*X"
@@ -256,7 +258,7 @@ def _equivalents(page: Page, response: Response) -> None:
             part = response.dataset.sel(amplitude=size)
             swing, colour = 1e3 * part.displacement, COLOURS[k % len(COLOURS)]
             look = {"color": colour, "linestyle": "none", "marker": MARKS[k % len(MARKS)]}
-            both[0].plot(swing, part.added_damping, label=amplitude_words(response, size), **look)
+            both[0].plot(swing, part.added_damping, label=amplitude_phrase(response, size), **look)
             both[1].plot(swing, 1e-3 * part.added_stiffness, **look)
         both[0].set_ylabel("added damping [kg/s]")
         both[1].set_ylabel("stiffness [kN/m]")
@@ -271,7 +273,7 @@ def _equivalents(page: Page, response: Response) -> None:
 
 
 def _swings(page: Page, response: Response, size: float) -> None:
-    part, diameter = shown_part(response, size), response.scene.grains.species[0].diameter
+    part, diameter = shown_response(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
         "mm": (part.displacement, 1e3, 3),
@@ -286,14 +288,14 @@ def _swings(page: Page, response: Response, size: float) -> None:
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
-    page.text(f"{amplitude_words(response, size)}:")
+    page.text(f"{amplitude_phrase(response, size)}:")
     page.table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
 def _figure(value: float, digits: int) -> str:
     """Return the number for a table; without an exponent where it can be."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
-        return number(value, digits)
+        return format_number(value, digits)
     decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
     return f"{value:.{decimals}f}"
 
@@ -304,8 +306,8 @@ def add_energy(page: Page, response: Response) -> None:
         return
     page.section("Where the energy of a period goes")
     for size in response.dataset.amplitude.values.tolist():
-        part = shown_part(response, size)
-        losses = period_losses(part)
+        part = shown_response(response, size)
+        losses = losses_per_period(part)
         columns = {"work": part.work_a_period.values, **losses}
         head = ["Hz", *(f"{name} [mJ]" for name in columns)]
         rows = [
@@ -315,7 +317,7 @@ def add_energy(page: Page, response: Response) -> None:
             ]
             for k, f in enumerate(part.frequency.values)
         ]
-        page.text(f"{amplitude_words(response, size)}:")
+        page.text(f"{amplitude_phrase(response, size)}:")
         page.table(head, rows)
     page.text(
         "Work is what shakes the machine does in a period, the others are where it goes. Affine "
@@ -325,7 +327,7 @@ def add_energy(page: Page, response: Response) -> None:
     )
 
 
-def period_losses(part: xarray.Dataset) -> dict[str, np.ndarray]:
+def losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
     """Energies (f,) that are lost in a period [J], by their names, without those that are 0."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
@@ -346,31 +348,33 @@ _NAMES = {
 }
 
 
-def labels(response: Response) -> tuple[str, float]:
+def amplitude_labels(response: Response) -> tuple[str, float]:
     """Head of the column of amplitudes, and what they are multiplied by for it."""
     head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return head, scale
 
 
-def amplitude_words(response: Response, size: float) -> str:
+def amplitude_phrase(response: Response, size: float) -> str:
     """Amplitude, as a sentence begins with it."""
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * size)
 
 
-def shown_rows(response: Response) -> int:
+def shown_frequency_count(response: Response) -> int:
     """Return the number of frequencies that the tables show."""
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
-def shown_part(response: Response, size: float) -> xarray.Dataset:
+def shown_response(response: Response, size: float) -> xarray.Dataset:
     """Response at an amplitude, at the frequencies that tables show; its peak is one of them.
 
     On ``frequency``.
     """
     part = response.dataset.sel(amplitude=size)
     count = part.sizes["frequency"]
-    indices = np.unique(np.linspace(0, count - 1, shown_rows(response)).round().astype(int))
+    indices = np.unique(
+        np.linspace(0, count - 1, shown_frequency_count(response)).round().astype(int)
+    )
     peak = int(part.displacement.values.argmax())
     indices[int(np.abs(indices - peak).argmin())] = peak
     return part.isel(frequency=indices)

@@ -13,19 +13,19 @@ import numpy as np
 
 from granular.effects.host import Host
 from granular.response.linear_system import (
-    at_amplitude,
     compare_linear,
     damper_mass,
-    hanging_mass,
+    hanging_mass_stiffness,
     linear_response,
     tuned_mass,
+    with_amplitude,
 )
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError, InputError
 from granular.shared.files import make_directory, read_text, write_text
-from granular.shared.messages import quote, visible
-from granular.shared.tables import in_columns
+from granular.shared.messages import quote, sanitize
+from granular.shared.tables import align_columns
 from granular.studies.sweep import sweep
 
 if TYPE_CHECKING:
@@ -87,10 +87,10 @@ class Response:
         """Return fine ``frequency`` [Hz], and the amplitude ``alone`` and with ``ideal`` [m]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
-        host = at_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
+        host = with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
         dense = np.geomspace(known.min(), known.max(), DENSE)
         mass = damper_mass(self.scene)
-        attached = hanging_mass(dense, mass, *tuned_mass(host, mass))
+        attached = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))
         return {
             "frequency": dense,
             "alone": np.abs(linear_response(host, dense)[:, -1]),
@@ -102,7 +102,7 @@ class Response:
         """The peaks in columns."""
         rows = self.peaks()
         head = tuple(rows[0])
-        return in_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
+        return align_columns([head, *(tuple(f"{row[key]:.4g}" for key in head) for row in rows)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement [mm] over the frequency, with and without the damper."""
@@ -360,5 +360,5 @@ def _response_of(plain: Any, path: Path) -> Response:
 
 def _damage_error(path: Path, why: str) -> InputError:
     return InputError(
-        f"{visible(path)} cannot be read: {why}; write it anew by granular-damper response"
+        f"{sanitize(path)} cannot be read: {why}; write it anew by granular-damper response"
     )

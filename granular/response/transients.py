@@ -42,8 +42,8 @@ def run_sweep(
     """Response of a scene's host, read off one run under a slow sweep.
 
     What shakes the host is that of the scene, a force on it or a motion of its base, with its
-    amplitude and its start, as a sweep. See `swept_response` for how slow is slow; `pace_of_sweep`
-    gives the speed of this one for what it found.
+    amplitude and its start, as a sweep. See `swept_response` for how slow is slow;
+    `sweep_rate_at_peak` gives the speed of this one for what it found.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
     return Response(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
-def pace_of_sweep(response: Response) -> float | None:
+def sweep_rate_at_peak(response: Response) -> float | None:
     """Speed at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at

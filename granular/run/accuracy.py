@@ -7,10 +7,15 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from granular.engine.step_size import Step, multiple
+from granular.engine.step_size import Step, auto_step_text
 from granular.methods.named import method_named
-from granular.run.options import checked_step, is_allowed
-from granular.run.work_precision import WorkPrecisionEntry, WorkPrecisionTable, nearest_table, table
+from granular.run.options import is_allowed, validated_step
+from granular.run.work_precision import (
+    WorkPrecisionEntry,
+    WorkPrecisionTable,
+    load_price_table,
+    nearest_priced_scene,
+)
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
@@ -57,7 +62,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     InputError
         If it is none, or the table has no such quantity.
     """
-    names = sorted({name for entry in table() for name in entry.floors})
+    names = sorted({name for entry in load_price_table() for name in entry.floors})
     match = _ASKED.fullmatch(text) if isinstance(text, str) else None
     try:
         value = float(match["value"]) if match else math.nan
@@ -82,7 +87,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
         If the text is none, or neither the table nor the scatter of starts allows the promise.
     """
     tolerance, quantity = parse_accuracy(text)
-    costs = nearest_table(scene, quantity)
+    costs = nearest_priced_scene(scene, quantity)
     if costs is None:
         raise InputError(
             f"accuracy = {quote(text)}: the table of prices holds no scene like {scene.name!r} "
@@ -159,11 +164,11 @@ def _fraction(entries: list[WorkPrecisionEntry], quantity: str, tolerance: float
 
 def _step(scene: Scene, fraction: float) -> str:
     """Step as a multiple of the scene's automatic one, rounded down to hundredths."""
-    step: Step = checked_step("auto", scene)
+    step: Step = validated_step("auto", scene)
     factor = min(fraction / step.fraction, step.longest)
     if factor < 1.0:
         return f"auto/{math.ceil(100.0 / factor - 1e-6) / 100.0:g}"
-    return multiple(math.floor(100.0 * factor + 1e-6) / 100.0)
+    return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
 
 
 def _add_up(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:

@@ -21,8 +21,8 @@ KNOWN = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 """What a run directory holds."""
 
 
-def lock(path: Path) -> int | None:
-    """Keep other processes from writing to a directory; what holds it, for `unlock`.
+def lock_directory(path: Path) -> int | None:
+    """Keep other processes from writing to a directory; what holds it, for `unlock_directory`.
 
     The lock is the directory's, whatever its name becomes, and ends with the process. None where
     the file system has no locks.
@@ -46,14 +46,14 @@ def lock(path: Path) -> int | None:
     return held
 
 
-def unlock(held: int | None) -> None:
+def unlock_directory(held: int | None) -> None:
     """Let others write there."""
     if held is not None:
         os.close(held)
 
 
-def create_part(path: Path) -> tuple[Path, int | None]:
-    """Empty directory next to a run's path, to which `move_part` moves it; and its lock.
+def create_partial_directory(path: Path) -> tuple[Path, int | None]:
+    """Empty directory next to a run's path, to which `move_into_place` moves it; and its lock.
 
     Raises
     ------
@@ -74,17 +74,17 @@ def create_part(path: Path) -> tuple[Path, int | None]:
             part = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
             part.mkdir()
             try:
-                held = lock(part)
+                held = lock_directory(part)
             except (FileNotFoundError, StoreError):
                 continue  # taken for remains by another process, before it was locked
             if part.is_dir():
                 return part, held
-            unlock(held)
+            unlock_directory(held)
     except OSError as error:
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
 
-def move_part(part: Path, path: Path) -> None:
+def move_into_place(part: Path, path: Path) -> None:
     """Move a complete part to its path.
 
     Raises
@@ -118,10 +118,10 @@ def _remove_remains(target: Path) -> None:
         if not name.fullmatch(part.name):
             continue
         with contextlib.suppress(StoreError, OSError):  # one begins there, or removes it, just now
-            held = lock(part) if {path.name for path in part.iterdir()} <= KNOWN else None
+            held = lock_directory(part) if {path.name for path in part.iterdir()} <= KNOWN else None
             if held is not None:
                 shutil.rmtree(part, ignore_errors=True)
-                unlock(held)
+                unlock_directory(held)
 
 
 def replace_file(file: Path, content: bytes) -> None:

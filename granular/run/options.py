@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.engine.step_size import MOST_STEPS, Step
 from granular.methods.method import COMPENSATED, Method
-from granular.methods.named import method_of
+from granular.methods.named import resolve_method
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import Timed
 from granular.scene.dryness import dry_parts
@@ -25,7 +25,7 @@ LATEST = 1e30
 _AUTOMATIC = re.compile(r"auto(?:([*/])(\d+\.?\d*|\.\d+))?")
 
 
-def checked_step(dt: float | str, scene: Scene | None = None) -> Step:
+def validated_step(dt: float | str, scene: Scene | None = None) -> Step:
     """Time step in seconds, or a multiple of the automatic one, of a scene.
 
     Raises
@@ -70,7 +70,7 @@ def double_step(dt: float | str) -> float | str:
 
 
 def _scale_coefficients(dt: float | str, by: float) -> float | str:
-    step = checked_step(dt)
+    step = validated_step(dt)
     if step.seconds is not None:
         return by * step.seconds
     factor = by * step.factor
@@ -86,8 +86,8 @@ def _positional(value: float) -> str:
 def is_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
     """Return True where a scene can be run with a time step and a method."""
     try:
-        step = checked_step(dt, scene)
-        check_method(method_of(method), step, scene)
+        step = validated_step(dt, scene)
+        check_method(resolve_method(method), step, scene)
         check_step(step, scene)
     except InputError:
         return False

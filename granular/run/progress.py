@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import Timed
-from granular.shared.progress import progress_bar, say
+from granular.shared.progress import print_above_bar, progress_bar
 
 if TYPE_CHECKING:
     from granular.run.run import Run
@@ -82,7 +82,7 @@ class ProgressBar:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), Settling(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
-        return progress_bar(desc=name, total=stage_seconds(run), bar_format=form), None
+        return progress_bar(desc=name, total=stage_duration(run), bar_format=form), None
 
     def _tell(self, run: Run) -> None:
         """Say once how many steps are ahead, and how long they take, if that is long."""
@@ -93,9 +93,9 @@ class ProgressBar:
         if self._told or now - started < JUDGED or run.steps == made:
             return
         self._told = True
-        words = remaining_time_text(steps_ahead(run), (run.steps - made) / (now - started))
+        words = remaining_time_text(remaining_steps(run), (run.steps - made) / (now - started))
         if words is not None:
-            say(f"{run.scene.name}: {words}")
+            print_above_bar(f"{run.scene.name}: {words}")
 
 
 class Settling:
@@ -141,7 +141,7 @@ class Settling:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
 
 
-def stage_seconds(run: Run) -> float | None:
+def stage_duration(run: Run) -> float | None:
     """Length of the present stage [s], as far as it is known."""
     stage = run.scene.protocol[run.progress.stage]
     if isinstance(stage, Timed) and stage.until == "rest":
@@ -150,7 +150,7 @@ def stage_seconds(run: Run) -> float | None:
     return end * run.system.scales.time if math.isfinite(end) else None
 
 
-def steps_ahead(run: Run) -> float:
+def remaining_steps(run: Run) -> float:
     """Return the steps from here to the end of a run, at the present one.
 
     A stage that ends at rest or at a force counts whole, and a later one from the height that the

@@ -16,7 +16,7 @@ import numpy as np
 from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replace_when_written
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 if TYPE_CHECKING:
     import pandas
@@ -89,17 +89,17 @@ class PistonRecord:
         array = _numbers(name, values)
         if array.ndim != 1 or len(array) != len(np.atleast_1d(self.time)):
             raise RecordError(
-                f"{visible(name)}: has the shape {array.shape}; one value a sample of time, "
+                f"{sanitize(name)}: has the shape {array.shape}; one value a sample of time, "
                 f"{len(np.atleast_1d(self.time))}, is wanted"
             )
         if len(array) < _LEAST_SAMPLES:
             raise RecordError(
-                f"{visible(name)}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
+                f"{sanitize(name)}: {len(array)} samples; at least {_LEAST_SAMPLES} make a record"
             )
         if not np.isfinite(array).all():
             sample = int(np.argmin(np.isfinite(array)))
             raise RecordError(
-                f"{visible(name)} of sample {sample} is {array[sample]}; values must be finite: "
+                f"{sanitize(name)} of sample {sample} is {array[sample]}; values must be finite: "
                 "drop such samples"
             )
         array.flags.writeable = False
@@ -286,16 +286,16 @@ class PistonRecord:
         units: Mapping[str, str] | None,
         said: dict[str, Any],
     ) -> PistonRecord:
-        from granular.readers.formats import interpret_file
+        from granular.readers.formats import interpret_record_file
 
-        meaning = interpret_file(path, ReadOptions(units=units or {}, **said), form)
+        meaning = interpret_record_file(path, ReadOptions(units=units or {}, **said), form)
         try:
             record = cls.from_interpretation(meaning)
         except RecordError as error:
-            raise RecordError(f"{visible(path)}: {error}") from None
+            raise RecordError(f"{sanitize(path)}: {error}") from None
         if meaning.notes:
             warnings.warn(
-                f"{visible(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3
+                f"{sanitize(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3
             )
         return record
 
@@ -527,5 +527,5 @@ def _numbers(name: str, values: Any) -> np.ndarray:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise RecordError(
-            f"{visible(name)}: holds something that is not a number; give finite real numbers"
+            f"{sanitize(name)}: holds something that is not a number; give finite real numbers"
         ) from None

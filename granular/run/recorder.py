@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.engine.columns import width
+from granular.engine.columns import record_width
 from granular.engine.far import total_force
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
@@ -88,7 +88,7 @@ class Recorder:
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
         own = sum(len(effect.records) for effect in self.effects)
-        empty = np.empty((0, width(len(self.effects)) + own))
+        empty = np.empty((0, record_width(len(self.effects)) + own))
         return (
             np.concatenate([empty, *self.rows]),
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),

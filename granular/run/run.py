@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.engine import columns
 from granular.engine.failures import not_at_rest_error, unbalanced_energy_error
-from granular.engine.far import hold_far_field
+from granular.engine.far import update_held_far_field
 from granular.engine.ledger import Ledger
 from granular.engine.loop import (
     HIGHEST,
@@ -24,16 +24,16 @@ from granular.engine.loop import (
     STIFFEST,
     StopCriteria,
     Window,
-    advance,
+    advance_ticks,
 )
-from granular.engine.outflow import take_out
+from granular.engine.outflow import remove_outflow
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
-from granular.protocol.motion import path
+from granular.protocol.motion import piston_path
 from granular.protocol.stage import Timed, stage_motion
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.threads import Threads
-from granular.scene.dryness import is_coarse
+from granular.scene.dryness import has_coarse_friction
 from granular.shared.errors import NotFiniteError
 
 CALL_SECONDS = 0.1
@@ -75,9 +75,9 @@ class Run(RunState):
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
-            self._take_hold(path(self.motion, 0.0)[1])
+            self._take_hold(piston_path(self.motion, 0.0)[1])
         row = self.look(ARRANGE)
-        hold_far_field(self.state)
+        update_held_far_field(self.state)
         self.set_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
@@ -90,7 +90,9 @@ class Run(RunState):
     def _open_ledger(self) -> None:
         if self.ledger is None:
             row = self.look(ARRANGE)
-            self.ledger = Ledger.opened(row[: self._entered], coarse=is_coarse(self.scene))
+            self.ledger = Ledger.opened(
+                row[: self._entered], coarse=has_coarse_friction(self.scene)
+            )
 
     def _jump(self, by: float) -> None:
         before = self.energy(ARRANGE)
@@ -138,7 +140,7 @@ class Run(RunState):
     ) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
         rows = np.empty((window.ticks // pace.every + 2, self._columns))
-        status, done, saved = advance(
+        status, done, saved = advance_ticks(
             window, pace, self.plan, self.state, self.constants, self.motion,
             self.measurement, watch, rows,
         )  # fmt: skip
@@ -176,7 +178,7 @@ class Run(RunState):
             if self.step.automatic and self._dissipates:
                 self.set_steps(self.seen[STIFFEST])
             if self._dissipates:
-                hold_far_field(self.state)
+                update_held_far_field(self.state)
             self.seen[STIFFEST] = 0.0
 
     @property
@@ -186,7 +188,7 @@ class Run(RunState):
     def _let_go(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
         before = self.energy(self.shorter)
-        self.constants = take_out(self.state, self.constants)
+        self.constants = remove_outflow(self.state, self.constants)
         self.state.ledger[WORK] += self.energy(self.shorter) - before
 
     def _short_tick(self, left: float) -> None:
@@ -292,7 +294,7 @@ class Run(RunState):
             seconds = self.system.scales.time
             moment = float(rows[wrong[0], columns.TIME]) * seconds
             row = rows[wrong[0], None]
-            turned = columns.energies(row) + columns.losses(row) + row[:, columns.WORK]
+            turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
                     "an energy is not finite any more",

@@ -13,7 +13,7 @@ from granular.effects.frame import Frame
 from granular.engine import columns
 from granular.engine.failures import misplaced_grain_error, too_many_steps_error
 from granular.engine.ledger import Ledger
-from granular.engine.loop import STIFFEST, TURNED, StopCriteria, look
+from granular.engine.loop import STIFFEST, TURNED, StopCriteria, record_present_state
 from granular.engine.new_state import new_measurement, new_state
 from granular.engine.step import make_plan
 from granular.engine.step_size import (
@@ -22,11 +22,11 @@ from granular.engine.step_size import (
     REVIEW,
     Step,
     StepSchedule,
-    multiple,
-    whole_ticks,
+    auto_step_text,
+    completed_ticks,
 )
 from granular.engine.stiffness import collision_frequency
-from granular.engine.variable import open_density
+from granular.engine.variable import initialise_step_density
 from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
@@ -39,7 +39,7 @@ from granular.kernel_data.state import (
 )
 from granular.methods import Method
 from granular.protocol import Stage
-from granular.protocol.motion import Motion, drive_frequency, greatest_speed
+from granular.protocol.motion import Motion, drive_frequency, greatest_piston_speed
 from granular.protocol.stage import Timed
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
@@ -123,7 +123,7 @@ class RunState:
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: Ledger | None = None
         self.motion = Motion()
-        self._entered = columns.width(len(system.effects))
+        self._entered = columns.record_width(len(system.effects))
         """Columns that the energy ledger reads."""
         self._columns = self._entered + sum(len(effect.records) for effect in system.effects)
         self._row = np.zeros(self._columns)
@@ -174,7 +174,7 @@ class RunState:
 
     def ticks_to(self, time: float) -> float:
         """Whole ticks that are left to a time in the stage."""
-        return whole_ticks(self.pace, time) - self.progress.ticks
+        return completed_ticks(self.pace, time) - self.progress.ticks
 
     def ticks_to_end(self) -> float:
         """Whole ticks that are left to ``t_end``.
@@ -215,7 +215,7 @@ class RunState:
     def shorter(self) -> str:
         """Remedy for steps that are too long."""
         if self.step.automatic:
-            return f"shorten dt (for instance {multiple(0.25 * self.step.factor)!r})"
+            return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
@@ -248,15 +248,15 @@ class RunState:
     def look(self, remedy: str) -> np.ndarray:
         """Return the forces and a record of the present moment."""
         moved = self.progress.start, self.plan, self.state, self.constants, self.motion
-        outside = look(*moved, self.measurement, self._row)
+        outside = record_present_state(*moved, self.measurement, self._row)
         self._row[columns.TURNED] = self.seen[TURNED]
         if outside:
             raise self.misplaced_grain_error(remedy)
         return self._row
 
     def energy(self, remedy: str) -> float:
-        """Energy of the present moment [F* D]; see `look`."""
-        return columns.energy(self.look(remedy)[: self._entered])
+        """Energy of the present moment [F* D]; see `record_present_state`."""
+        return columns.total_energy(self.look(remedy)[: self._entered])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
         moment = self.steps, self.time * self.system.scales.time
@@ -277,7 +277,9 @@ class RunState:
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
-        speed += greatest_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
+        speed += greatest_piston_speed(
+            self.motion, self.constants.piston_mass, gravity, height, falling
+        )
         speed += sum(
             effect.greatest_speed(scales)
             for effect in self.system.effects
@@ -296,7 +298,9 @@ class RunState:
         self._check_count("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
             half_tick = 0.5 * pace.length
-            open_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
+            initialise_step_density(
+                speed, half_tick, self.plan.fraction, self.state, self.constants
+            )
 
     def set_steps(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""

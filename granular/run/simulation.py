@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.compiled.timer import CompileTimer, timed_compiling
+from granular.compiled.timer import CompileTimer, measure_compile_time
 from granular.engine.failures import raise_where_not_finite
 from granular.engine.step_size import Step
 from granular.methods.method import Method
-from granular.methods.named import method_of, method_setting
+from granular.methods.named import method_setting, resolve_method
 from granular.run.accuracy import choose_settings
 from granular.run.checkpoint import read_checkpoint, read_files
 from granular.run.directory import SETTINGS, is_run
-from granular.run.options import check_end, check_method, check_step, checked_step
+from granular.run.options import check_end, check_method, check_step, validated_step
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
-from granular.run.snapshot import restore, snapshot
+from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.run.store import Store
 from granular.run.threads import Threads, choose_threads, set_threads
-from granular.run.trajectory import Trajectory, finished, load_trajectory
-from granular.scene.dryness import doubtful
+from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
+from granular.scene.dryness import degraded_residual_limit
 from granular.scene.scene import Scene
 from granular.scene.system import System, explain_compile_errors, natural_system
 from granular.shared.errors import InputError, RunError, StoreError
@@ -118,8 +118,8 @@ def simulate(
             raise InputError("accuracy chooses dt and method; give either it or them")
         scene, dt, method, words = choose_settings(scene, accuracy)
         promised = {"accuracy": words}
-    plan = method_of(method)
-    step = checked_step(dt, scene)
+    plan = resolve_method(method)
+    step = validated_step(dt, scene)
     check_method(plan, step, scene)
     check_end(scene, t_end)
     check_step(step, scene, t_end)
@@ -132,7 +132,7 @@ def simulate(
         raise InputError("resume = True needs out, the directory of the run to go on with")
     run = Run(scene, system, plan, step, t_end)
     run.threads = Threads(count if threads is None else 1)
-    with deferred_stop() as stop, timed_compiling() as compiling:
+    with deferred_stop() as stop, measure_compile_time() as compiling:
         store = None if out is None else _open_store(Path(out), run, settings, resume)
         try:
             with explain_compile_errors(scene):
@@ -184,7 +184,7 @@ class _Job:
         """State to resume from, with how many records and frames lie before it."""
         rows, frames = self.run.recorder.counts()
         written = (0, 0) if self.store is None else (self.store.rows, self.store.frames)
-        return snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
+        return take_snapshot(self.run) | {"rows": written[0] + rows, "frames": written[1] + frames}
 
     def _outcome(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
@@ -212,7 +212,7 @@ class _Job:
             return load_trajectory(self.store.path)
         run = self.run
         data = _dataset(run.scene, run.system, run.recorder)
-        return finished(run.scene, data, self.settings, self._outcome(complete, until), None)
+        return make_trajectory(run.scene, data, self.settings, self._outcome(complete, until), None)
 
 
 def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
@@ -264,7 +264,7 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
     if is_run(path) and not resume:
         raise StoreError(f"{path} holds a run; resume it, or give a new directory")
     if not is_run(path):
-        first = snapshot(run) | {"rows": 0, "frames": 0}
+        first = take_snapshot(run) | {"rows": 0, "frames": 0}
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return Store.create(path, run.scene, run.system, settings, first)
@@ -290,7 +290,7 @@ def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) ->
     store = Store(path, run.scene, run.system)
     store.hold()
     try:
-        restore(run, store.resume())
+        restore_snapshot(run, store.resume())
     except BaseException:
         store.release()
         raise
@@ -301,7 +301,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
     """Warn where a run is less accurate than a user may take it to be."""
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
-    if residual > doubtful(trajectory.scene):
+    if residual > degraded_residual_limit(trajectory.scene):
         remedy = "a shorter dt is more accurate"
         if trajectory.scene.pair_method == "verlet-list":
             remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine.ledger import Ledger
-from granular.engine.outflow import grain_constants
+from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
@@ -19,9 +19,9 @@ from granular.run.run_state import ARRANGE, Progress, RunState
 from granular.shared.errors import StoreError
 
 
-def snapshot(run: RunState) -> dict[str, Any]:
+def take_snapshot(run: RunState) -> dict[str, Any]:
     """All that is needed to go on from here, as arrays."""
-    saved = kept_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
+    saved = persistent_arrays(run.state) | {"band": run.band.copy(), "seen": run.seen.copy()}
     memory = {
         "progress": dataclasses.asdict(run.progress),
         "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
@@ -30,7 +30,7 @@ def snapshot(run: RunState) -> dict[str, Any]:
     return saved | {"memory": np.array(json.dumps(memory))}
 
 
-def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
+def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     """Go back to a snapshot.
 
     Raises
@@ -39,18 +39,18 @@ def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
         If the run has gone farther than its end is now to be, or the checkpoint lacks an array.
     """
     state = run.state
-    missing = set(kept_arrays(state)) - set(saved)
+    missing = set(persistent_arrays(state)) - set(saved)
     if missing:
         raise StoreError(
             f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a "
             "new directory"
         )
-    put_arrays(state, saved)
+    restore_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
     memory = json.loads(str(saved["memory"]))
     run.progress = Progress(**memory["progress"])
     run.ledger = None if memory["ledger"] is None else Ledger(**memory["ledger"])
-    for values in grain_constants(run.constants):
+    for values in constants_per_grain(run.constants):
         values[:] = values[state.label[: len(values)]]
     run.constants = run.constants._replace(grains=memory["grains"])
     if run.progress.started:
@@ -59,7 +59,7 @@ def restore(run: RunState, saved: dict[str, np.ndarray]) -> None:
     # What is not kept follows from the positions; what is kept has the bits of the pass that
     # made it, which may have been a measuring one.
     run.look(ARRANGE)
-    put_arrays(state, saved)
+    restore_arrays(state, saved)
     _check_end(run)
 
 
@@ -101,27 +101,29 @@ def _persistent_arrays(state: State) -> dict[str, np.ndarray]:
     return saved
 
 
-def kept_arrays(state: State) -> dict[str, Any]:
+def persistent_arrays(state: State) -> dict[str, Any]:
     """Return the copies of the arrays that a state cannot be made again from."""
     saved = {name: array.copy() for name, array in _persistent_arrays(state).items()}
-    return saved | kept_lists(state.stripes or state.verlet_list)
+    return saved | neighbour_list_arrays(state.stripes or state.verlet_list)
 
 
-def put_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
+def restore_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
     """Put kept arrays back."""
     for name, array in _persistent_arrays(state).items():
         array[:] = saved[name]
-    put_lists(state.stripes or state.verlet_list, saved)
+    restore_neighbour_lists(state.stripes or state.verlet_list, saved)
 
 
-def kept_lists(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
+def neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.ndarray]:
     """Arrays of the lists of partners in a checkpoint: the positions that they were made at."""
     if lists is None:
         return {}
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
-def put_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
+def restore_neighbour_lists(
+    lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]
+) -> None:
     """Let the lists be made again at the positions that a checkpoint holds."""
     if lists is not None and "near_built" in saved:
         lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]

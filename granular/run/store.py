@@ -30,7 +30,14 @@ from granular.run.checkpoint import (
     read_files,
     write_checkpoint,
 )
-from granular.run.directory import SCENE, SETTINGS, create_part, lock, move_part, unlock
+from granular.run.directory import (
+    SCENE,
+    SETTINGS,
+    create_partial_directory,
+    lock_directory,
+    move_into_place,
+    unlock_directory,
+)
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
 from granular.scene.system import System
@@ -71,7 +78,7 @@ class Store:
         StoreError
             If the directory holds something already, or cannot be made.
         """
-        part, held = create_part(path)
+        part, held = create_partial_directory(path)
         store = cls(part, scene, system)
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
@@ -80,10 +87,10 @@ class Store:
             store._metadata.write(part, store._lengths())
             store._files = file_digests(part)
             store.commit(checkpoint)
-            move_part(part, path)
+            move_into_place(part, path)
         except BaseException as error:
             shutil.rmtree(part, ignore_errors=True)
-            unlock(held)
+            unlock_directory(held)
             if isinstance(error, OSError):
                 raise StoreError(f"{path} cannot be made: {error.strerror}") from None
             raise
@@ -108,11 +115,11 @@ class Store:
         StoreError
             If another one writes here.
         """
-        self._held = lock(self.path)
+        self._held = lock_directory(self.path)
 
     def release(self) -> None:
         """Let others write here."""
-        unlock(self._held)
+        unlock_directory(self._held)
         self._held = None
 
     def resume(self) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ def packing_fraction(scene: Scene, height: float) -> float:
     return area / (scene.cell.width * height)
 
 
-def scene_figures(scene: Scene) -> dict[str, Any]:
+def derived_scene_values(scene: Scene) -> dict[str, Any]:
     """Numbers that follow from a scene, in SI."""
     scales = Scales.of(scene.grains)
     figures: dict[str, Any] = {
@@ -101,7 +101,7 @@ def scene_text(scene: Scene) -> str:
     return "\n".join(lines)
 
 
-def run_figures(run: Trajectory) -> dict[str, Any]:
+def run_statistics(run: Trajectory) -> dict[str, Any]:
     """Numbers that tell how a run went, in SI."""
     data, last = run.dataset, {}
     for name in ("piston_height", "piston_force", "kinetic_energy"):
@@ -131,7 +131,7 @@ def run_text(run: Trajectory) -> str:
     str
         Lines about steps, energy and stages.
     """
-    figures, scales = run_figures(run), Scales.of(run.scene.grains)
+    figures, scales = run_statistics(run), Scales.of(run.scene.grains)
     lines = []
     for stage in run.stages:
         height = ""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.shaking import Shaking
-from granular.methods import Method, method_of
+from granular.methods import Method, resolve_method
 from granular.protocol import Push, Stage
 from granular.run.record import PistonRecord
 from granular.scene.loading import load_scene
@@ -147,9 +147,9 @@ class Trajectory:
         InputError
             If the run has no frames.
         """
-        from granular.run.view import view_of
+        from granular.run.view import run_page
 
-        return view_of(
+        return run_page(
             self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages]
         )
 
@@ -205,7 +205,7 @@ class Trajectory:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of(name)
-        time = merge_ties(data["time"].values)[chosen]
+        time = merge_equal_times(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
         columns = {
@@ -235,7 +235,7 @@ class Trajectory:
         """Return records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._index(name))
-        times = merge_ties(self.dataset["time"].values)
+        times = merge_equal_times(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
             first -= 1
@@ -259,7 +259,7 @@ class Trajectory:
     @property
     def method(self) -> Method:
         """The integration method."""
-        return method_of(self.settings()["method"])
+        return resolve_method(self.settings()["method"])
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -291,10 +291,12 @@ def load_trajectory(path: str | Path) -> Trajectory:
     files = read_files(path, manifest)
     data = open_dataset(path, Metadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))
-    return finished(load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path)
+    return make_trajectory(
+        load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path
+    )
 
 
-def finished(
+def make_trajectory(
     scene: Scene,
     data: xarray.Dataset,
     settings: dict[str, Any],
@@ -304,7 +306,7 @@ def finished(
     """Trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.assignment()
     data = data.assign_coords(
-        time=("time", separate_ties(data["time"].values), data["time"].attrs),
+        time=("time", separate_equal_times(data["time"].values), data["time"].attrs),
         frame=("frame", np.arange(data.sizes["frame"]), {"long_name": "frame", "units": "1"}),
         grain=np.arange(scene.grains.count),
         axis=["x", "y"],
@@ -324,7 +326,7 @@ def finished(
     return Trajectory(scene, data, stages, outcome["complete"], path)
 
 
-def separate_ties(times: np.ndarray) -> np.ndarray:
+def separate_equal_times(times: np.ndarray) -> np.ndarray:
     """Return the times (m,) [s] as stored, as times that grow.
 
     Where the piston jumps upwards, one time has two records. Labelled data need times that
@@ -337,7 +339,7 @@ def separate_ties(times: np.ndarray) -> np.ndarray:
     return result
 
 
-def merge_ties(times: np.ndarray) -> np.ndarray:
+def merge_equal_times(times: np.ndarray) -> np.ndarray:
     """Return the times (m,) [s] that grow, as they are stored."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _apart(result[:-1])):

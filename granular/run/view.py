@@ -24,7 +24,7 @@ MOST_RECORDS = 6000
 HEIGHT = 640
 
 
-def view_of(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
+def run_page(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, float]]) -> LivePage:
     """Page of a run, its stages by name and start [s]; of many frames some are in it."""
     frames, grains = data.sizes["frame"], data.sizes["grain"]
     if not frames:

@@ -90,7 +90,7 @@ def damping_kind(scene: Scene) -> str:
 
 
 @cache
-def table() -> tuple[WorkPrecisionTable, ...]:
+def load_price_table() -> tuple[WorkPrecisionTable, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     return tuple(_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
@@ -109,7 +109,7 @@ def _scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
     )
 
 
-def nearest_table(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
+def nearest_priced_scene(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
     """Scene of the table that is most like another one; None where none is like it."""
     if not KNOWN.issuperset(effect_names(scene)):
         return None
@@ -125,7 +125,7 @@ def nearest_table(scene: Scene, quantity: str) -> WorkPrecisionTable | None:
 
     near = [
         entry
-        for entry in table()
+        for entry in load_price_table()
         if entry.kind == kind and quantity in entry.floors and apart(entry) <= math.log(ALIKE)
     ]
     return min(near, key=unlike, default=None)
@@ -141,7 +141,7 @@ def price_text(run: Trajectory) -> str:
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
     quantity = _main(run)
-    costs = None if quantity is None else nearest_table(run.scene, quantity)
+    costs = None if quantity is None else nearest_priced_scene(run.scene, quantity)
     seen = settings.get("step_times_highest_frequency", 0.0)
     entry = None if costs is None else _nearest(costs, run.method.name, seen)
     if quantity is None or costs is None or entry is None:

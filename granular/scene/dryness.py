@@ -6,7 +6,7 @@ from granular.scene.scene import Scene
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
 """Residual of the energy ledger, over the energy turned over, beyond which a run is called
-degraded; the second where `is_coarse` holds, see `granular.engine.ledger.COARSE_FACTOR`."""
+degraded; the second where `has_coarse_friction` holds (`granular.engine.ledger.COARSE_FACTOR`)."""
 
 
 def dry_parts(scene: Scene) -> tuple[str, ...]:
@@ -18,7 +18,7 @@ def dry_parts(scene: Scene) -> tuple[str, ...]:
     return tuple(names)
 
 
-def is_coarse(scene: Scene) -> bool:
+def has_coarse_friction(scene: Scene) -> bool:
     """Return whether grains rub by de Paula's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (
@@ -26,6 +26,6 @@ def is_coarse(scene: Scene) -> bool:
     )
 
 
-def doubtful(scene: Scene) -> float:
+def degraded_residual_limit(scene: Scene) -> float:
     """Residual over the energy turned over beyond which a run of the scene is called degraded."""
-    return COARSE_DOUBTFUL if is_coarse(scene) else DOUBTFUL
+    return COARSE_DOUBTFUL if has_coarse_friction(scene) else DOUBTFUL

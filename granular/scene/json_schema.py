@@ -12,7 +12,7 @@ import re
 from typing import Any
 
 from granular.effects.formula import Listed
-from granular.effects.registry import find, names
+from granular.effects.registry import effect_names, find_effect
 from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
@@ -73,7 +73,9 @@ def study_schema() -> Schema:
 def _section(section: type[Section]) -> Schema:
     """Section as an object."""
     if section is Effects:
-        known = {name: result for name in names() if (result := find(name)) is not None}
+        known = {
+            name: result for name in effect_names() if (result := find_effect(name)) is not None
+        }
         return _object({name: _effect(effect) for name, effect in known.items()}, [], section)
     if issubclass(section, Wall):
         plain = _of_fields(section)

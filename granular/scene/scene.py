@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from granular.effects.effect import Effect
-from granular.effects.registry import find, names
+from granular.effects.registry import effect_names, find_effect
 from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
@@ -27,7 +27,7 @@ from granular.schema.sections import (
     unknown,
 )
 from granular.schema.units import si_value
-from granular.shared.citing import words_of_module
+from granular.shared.citing import module_docstring_of
 from granular.shared.errors import SceneError
 from granular.shared.files import write_text
 from granular.shared.messages import quote
@@ -60,7 +60,7 @@ class Effects(Section):
         object.__setattr__(self, "_given", _read_effects(given, None))
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or find(name) is None:
+        if name.startswith("_") or find_effect(name) is None:
             raise AttributeError(f"there is no effect {name!r}")
         return self._given.get(name)
 
@@ -86,7 +86,7 @@ class Effects(Section):
 
     @classmethod
     def key_names(cls) -> tuple[str, ...]:
-        return names()
+        return effect_names()
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
@@ -111,9 +111,9 @@ IMPORT = "(import the file of your own ones first: --import FILE, or an installe
 def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
     known: dict[str, type[Effect]] = {}
     for name in plain:
-        effect = find(name)
+        effect = find_effect(name)
         if effect is None:
-            raise FieldError(f"{unknown(name, names(), 'effect')} {IMPORT}")
+            raise FieldError(f"{unknown(name, effect_names(), 'effect')} {IMPORT}")
         known[name] = effect
     result = {}
     for name in sorted(plain):
@@ -165,7 +165,7 @@ class Scene(Section):
     def literature(self) -> tuple[str, ...]:
         """Texts that name the papers behind its effects; see `granular.cite`."""
         parts = [part for effect in self.effects.all for part in (effect, *effect.parts)]
-        return tuple(words_of_module(type(part)) for part in parts)
+        return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
         self._check_piston()

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any, ClassVar, Self
 
-from granular.formulas import names, parse
+from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
 from granular.schema.sections import FieldError, Kind, Section, declare, unknown
 from granular.schema.units import si_value, unit_size
@@ -95,7 +95,7 @@ class Parametric(Section):
 
     def _check_formula(self) -> None:
         tree, given = parse(self.formula), dict(self.values)
-        written = [name.text for name in names(tree)]
+        written = [name.text for name in variable_names(tree)]
         for name in written:
             if name not in self.variables and name not in given:
                 known = (*self.variables, *given)

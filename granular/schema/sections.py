@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.schema.units import si_value
 from granular.shared.errors import SceneError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 _LONGEST = 200  # characters of a name
 _MOST_SHOWN = 30  # known words in a message
@@ -30,7 +30,7 @@ class FieldError(SceneError):
 
     def __init__(self, reason: str, *path: str) -> None:
         self.reason, self.path = reason, path
-        super().__init__(f"{'.'.join(map(visible, path))}: {reason}" if path else reason)
+        super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
 
     def within(self, *outer: str) -> FieldError:
         return FieldError(self.reason, *outer, *self.path)
@@ -39,7 +39,7 @@ class FieldError(SceneError):
 def unknown(word: str, known: Sequence[str], what: str) -> str:
     """Message for an unknown word, with the nearest known one."""
     near = difflib.get_close_matches(word[:_LONGEST], known, 1, cutoff=0.5)
-    shown = ", ".join(map(visible, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
+    shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
     return f"unknown {what} {quote(word)}; {advice}"
 

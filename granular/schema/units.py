@@ -10,7 +10,7 @@ import re
 from decimal import Decimal
 
 from granular.shared.errors import SceneError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 Dimension = tuple[int, int, int, int]  # powers of metre, kilogram, second, ampere
 
@@ -172,7 +172,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     wanted = unit_size(unit)[1]
     if dimension != wanted:
         right = "a pure number or a fraction in %" if unit == "1" else f"a quantity in {unit}"
-        raise SceneError(f"{quote(text)} has the unit {visible(written)}; {right} is wanted")
+        raise SceneError(f"{quote(text)} has the unit {sanitize(written)}; {right} is wanted")
     if not 0.0 < abs(number) < math.inf:
         return number
     # By decimal numbers "0.2 D" of 6 mm is 0.0012 m, and not 0.0012000000000000001 m.

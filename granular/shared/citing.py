@@ -91,6 +91,6 @@ def by_doi() -> dict[str, str]:
     return result
 
 
-def words_of_module(of: type) -> str:
+def module_docstring_of(of: type) -> str:
     """Docstring of the file that a class is from, where its law and its source stand."""
     return sys.modules[of.__module__].__doc__ or ""

@@ -171,7 +171,7 @@ NEEDED_BY = {
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 
-def missing(error: ModuleNotFoundError) -> MissingError | None:
+def missing_module_message(error: ModuleNotFoundError) -> MissingError | None:
     """Return same in words that say what to do; None where the module is none of the toolkit's."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
@@ -182,14 +182,14 @@ def missing(error: ModuleNotFoundError) -> MissingError | None:
     )
 
 
-def with_advice(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
+def advise_on_missing_module(attribute: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return the package's ``__getattr__`` that says so where what it imports is not installed."""
 
     def get(name: str) -> Any:
         try:
             return attribute(name)
         except ModuleNotFoundError as error:
-            advice = missing(error)
+            advice = missing_module_message(error)
             if advice is None:
                 raise
             raise advice from None

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
 """Of a file: the positions of 400 000 grains, which are read in half a minute."""
@@ -40,7 +40,7 @@ def replace_when_written(path: Path, overwrite: bool) -> Iterator[Path]:
     StoreError
         If it cannot be written.
     """
-    check_target(path, overwrite)
+    check_output_file(path, overwrite)
     if path.exists() and not path.is_file():
         try:
             yield path
@@ -84,7 +84,7 @@ def replacing_together(
     """
     make_directory(directory)
     for name in names:
-        check_target(directory / name, overwrite)
+        check_output_file(directory / name, overwrite)
     with contextlib.ExitStack() as stack:
         yield lambda name: stack.enter_context(replace_when_written(directory / name, overwrite))
 
@@ -114,7 +114,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
             return content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             raise kind(
-                f"{visible(path)}: cannot be read as text: {error}; save it as UTF-8"
+                f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8"
             ) from None
 
 
@@ -129,7 +129,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
     InputError
         Of that kind, if there is no such file, or it cannot be read or is too long.
     """
-    name = visible(path)
+    name = sanitize(path)
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -156,7 +156,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
 
 def _too_long(path: Path, most: int, kind: type[InputError]) -> InputError:
     return kind(
-        f"{visible(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
+        f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
     )
 
 
@@ -206,22 +206,22 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, plain: object) -> None:
-    """Write plain data as a JSON file for people and programs; see `finite` and `write_text`."""
-    write_text(path, json.dumps(finite(plain), indent=2, allow_nan=False) + "\n")
+    """Write plain data as a JSON file; see `finite_or_none` and `write_text`."""
+    write_text(path, json.dumps(finite_or_none(plain), indent=2, allow_nan=False) + "\n")
 
 
-def finite(plain: Any) -> Any:
+def finite_or_none(plain: Any) -> Any:
     """Plain data with None in place of every number that is infinite or NaN."""
     if isinstance(plain, dict):
-        return {key: finite(value) for key, value in plain.items()}
+        return {key: finite_or_none(value) for key, value in plain.items()}
     if isinstance(plain, list | tuple):
-        return [finite(value) for value in plain]
+        return [finite_or_none(value) for value in plain]
     if isinstance(plain, float) and not math.isfinite(plain):
         return None
     return plain
 
 
-def check_target(path: Path, overwrite: bool) -> None:
+def check_output_file(path: Path, overwrite: bool) -> None:
     """Refuse a file that cannot be written or may not be overwritten; see `replacing`."""
     if not path.name:
         raise InputError(f"{str(path)!r} names no file; give one, such as out/bed.gsd")

@@ -210,6 +210,6 @@ class LivePage:
         write_text(Path(path), self.page)
 
 
-def number(value: float, digits: int = 4) -> str:
+def format_number(value: float, digits: int = 4) -> str:
     """Return the number for a table."""
     return f"{value:.{digits}g}"

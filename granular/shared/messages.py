@@ -24,11 +24,11 @@ def quote(value: object) -> str:
     elif isinstance(value, int) and value.bit_length() > 1000:
         text = f"an integer of {value.bit_length()} bits"  # Python refuses to write some
     else:
-        text = visible(_SHORT.repr(value))
+        text = sanitize(_SHORT.repr(value))
     return _cut(text, LONGEST)
 
 
-def visible(text: object, most: int = LONGEST) -> str:
+def sanitize(text: object, most: int = LONGEST) -> str:
     """Text on one line of at most so many characters, control characters as escapes."""
     return _cut("".join(map(_escape, str(text)[: most + 1])), most)
 
@@ -49,7 +49,7 @@ def printable(text: object) -> str:
     return "".join(sign if sign in "\n\t" else _escape(sign) for sign in str(text))
 
 
-def times(value: float, digits: int = 2) -> str:
+def as_factor(value: float, digits: int = 2) -> str:
     """Factor without a power of ten; no figure where it is absurd."""
     if not value < _MOST_TIMES:
         return "more than a million"

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.messages import visible
+from granular.shared.messages import sanitize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def line_look(index: int) -> dict[str, Any]:
 
 def plain_label(words: object) -> str:
     """User's words for a figure: short, and never a formula to be set."""
-    return visible(words, _LONGEST_LABEL).replace("$", r"\$")
+    return sanitize(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
 def plain_numbers(axis: Axis) -> None:

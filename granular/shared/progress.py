@@ -27,13 +27,13 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
 
 
 @contextmanager
-def stages(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
+def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
     """Return a function that shows the words for each stage of some work in a line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 
 
-def say(words: str) -> None:
+def print_above_bar(words: str) -> None:
     """Line on standard error, above a bar that may stand there."""
     _tqdm().write(words, file=sys.stderr)
 

@@ -1,6 +1,6 @@
 """Stops from outside: Ctrl-C, and SIGTERM where a command takes it for one.
 
-A library leaves SIGTERM to the program that uses it; the command line takes it by `taking_sigterm`.
+A library leaves SIGTERM to the program that uses it; the command line takes it by `handle_sigterm`.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _compiles() -> bool:
 
 
 @contextlib.contextmanager
-def taking_sigterm() -> Iterator[None]:
+def handle_sigterm() -> Iterator[None]:
     """Let SIGTERM raise `Terminated`, and let no stop be lost.
 
     Python drops what is raised in a destructor, or in a callback of the garbage collector: such a

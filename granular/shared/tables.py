@@ -12,7 +12,7 @@ _SIGNS = {
 }  # fmt: skip
 
 
-def in_columns(rows: Sequence[Sequence[str]]) -> str:
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
     """Rows of equally many texts, in columns that are as wide as their widest."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = (
@@ -22,16 +22,16 @@ def in_columns(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def latex_words(text: object) -> str:
+def latex_inline_text(text: object) -> str:
     """Text inside of a formula."""
     return r"\text{" + "".join(_SIGNS.get(sign, sign) for sign in printable(text)) + "}"
 
 
 def latex_array(rows: Sequence[Sequence[object]], header: Sequence[object] = ()) -> str:
     """Rows of texts as a displayed array, flush left, with a line below the header."""
-    lines = [" & ".join(map(latex_words, row)) + r" \\" for row in rows]
+    lines = [" & ".join(map(latex_inline_text, row)) + r" \\" for row in rows]
     if header:
-        lines = [" & ".join(map(latex_words, header)) + r" \\ \hline", *lines]
+        lines = [" & ".join(map(latex_inline_text, header)) + r" \\ \hline", *lines]
     body = "\n".join(lines)
     columns = "l" * max(map(len, rows), default=1)
     return f"$$\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}$$"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import visible
+from granular.shared.messages import sanitize
 
 LONGEST_FILE = 2**20
 """Bytes: a file that is longer is a mistake."""
@@ -35,7 +35,7 @@ class UserFile(NamedTuple):
         return f"imported_{Path(self.path).stem}"
 
 
-def read_user_file(path: str | Path) -> UserFile:
+def run_user_file(path: str | Path) -> UserFile:
     """File, after it was run once.
 
     Parameters
@@ -50,16 +50,16 @@ def read_user_file(path: str | Path) -> UserFile:
     """
     file = UserFile(str(path), read_text(Path(path), LONGEST_FILE))
     try:
-        contents(file)
+        user_definitions(file)
     except (Exception, SystemExit) as error:  # a file that ends the process is no success
         raise InputError(
-            f"{visible(path)} cannot be imported: {type(error).__name__}: {error}; correct it"
+            f"{sanitize(path)} cannot be imported: {type(error).__name__}: {error}; correct it"
         ) from None
     return file
 
 
 @functools.lru_cache
-def contents(file: UserFile) -> dict[str, Any]:
+def user_definitions(file: UserFile) -> dict[str, Any]:
     """Definitions in the file, by their names; it is run once in a process."""
     module = ModuleType(file.module)
     module.__file__ = file.path

@@ -8,8 +8,8 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from granular.methods.named import method_of, method_setting
-from granular.run.options import checked_step
+from granular.methods.named import method_setting, resolve_method
+from granular.run.options import validated_step
 from granular.run.simulation import custom_sources
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -114,8 +114,8 @@ def _case(
 ) -> Case:
     own = {name: value for name, value in changes.items() if name in settings}
     settings = settings | own
-    checked_step(settings["dt"])
-    method = method_of(settings["method"])
+    validated_step(settings["dt"])
+    method = resolve_method(settings["method"])
     settings["method"] = method_setting(method)
     if "method" in own:
         changes = changes | {"method": method.name}

@@ -8,13 +8,13 @@ from types import FunctionType
 from typing import Any
 
 from granular.observables.catalogue import per_frame
-from granular.observables.frame import observable_mark
+from granular.observables.frame import observable_metadata
 from granular.run.trajectory import Trajectory
 from granular.run.variables import scalar_variables
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.registry import load_entry_point
-from granular.shared.user_file import UserFile, contents
+from granular.shared.user_file import UserFile, user_definitions
 from granular.studies.cases import Measure, known_as, measure_name
 
 GROUP = "granular.measures"
@@ -93,8 +93,8 @@ class CustomMeasure:
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """Return the function's figures of a run."""
-        result = contents(self.file)[self.name]
-        if (marked := observable_mark(result)) is not None:
+        result = user_definitions(self.file)[self.name]
+        if (marked := observable_metadata(result)) is not None:
             last = per_frame(run, result)[-1]
             if "label" not in last.dims:
                 return {marked.name: last.values.tolist()}
@@ -118,6 +118,6 @@ def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
 def _functions(file: UserFile) -> dict[str, FunctionType]:
     return {
         name: content
-        for name, content in contents(file).items()
+        for name, content in user_definitions(file).items()
         if isinstance(content, FunctionType) and content.__module__ == file.module
     }

@@ -42,10 +42,10 @@ from granular.studies.workers import (
     PROGRAM,
     Outcome,
     Workers,
-    compute,
-    failure,
+    case_executor,
+    compute_case,
+    failed_outcome,
     outcomes_in,
-    workshop,
 )
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def sweep(
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
     with (
-        workshop(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
+        case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
         _Bar(title, len(every), reused, progress) as bar,
     ):
         for case, outcome in _outcomes(waiting, measure, directory, keep_runs, pool):
@@ -237,7 +237,7 @@ def _outcomes(
         deaths += 1
         if deaths >= ATTEMPTS and len(batch) == 1:
             del waiting[batch[0].key]
-            yield batch[0], failure(f"the worker died, {ATTEMPTS} times", MACHINE)
+            yield batch[0], failed_outcome(f"the worker died, {ATTEMPTS} times", MACHINE)
             deaths, alone = 0, 0
         elif deaths >= ATTEMPTS - 1:
             alone = 2 * (os.cpu_count() or 1)
@@ -260,7 +260,7 @@ def _compute(
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
             for case, wait in cases:
-                futures[pool.submit(compute, case, measure, directory, keep_runs, wait)] = case
+                futures[pool.submit(compute_case, case, measure, directory, keep_runs, wait)] = case
         for future in concurrent.futures.as_completed(futures):
             outcome = _outcome_of(future)
             if outcome is not None:
@@ -296,7 +296,7 @@ def _outcome_of(future: Future[Outcome]) -> Outcome | None:
     except Exception as error:
         if type(error).__name__ == "KilledWorker":  # of Dask, which is imported only by its users
             return None
-        return failure(f"{type(error).__name__}: {error}", PROGRAM)
+        return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
 
 
 class _Bar:

@@ -84,7 +84,7 @@ def end_with_parent(parent: int) -> None:
 
 
 @contextlib.contextmanager
-def workshop(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
+def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
     """Executor for cases: one that is given, or processes that end with the work.
 
     On Ctrl-C and errors they end immediately. An executor that is given is left open for its owner.
@@ -123,7 +123,7 @@ def outcomes_in(directory: Path) -> ResultCache:
     return ResultCache(directory / "cases")
 
 
-def compute(
+def compute_case(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> Outcome:
     """Outcome of a case; one that was done before is read.
@@ -138,17 +138,17 @@ def compute(
         make_directory(cache.directory)
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
-                return failure("another sweep computes it", ELSEWHERE)
+                return failed_outcome("another sweep computes it", ELSEWHERE)
             return _run_and_store(
                 cache, case, measure, directory / "runs" / case.key if keep_runs else None
             )
     except OF_THE_MACHINE as error:
-        return failure(f"{type(error).__name__}: {error}", MACHINE)
+        return failed_outcome(f"{type(error).__name__}: {error}", MACHINE)
     except Exception as error:
-        return failure(f"{type(error).__name__}: {error}", PROGRAM)
+        return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
 
 
-def failure(error: str, cause: str) -> Outcome:
+def failed_outcome(error: str, cause: str) -> Outcome:
     """Outcome that is not kept."""
     return {"figures": {}, "error": error, "cause": cause}
 
@@ -192,7 +192,7 @@ RETRIES = 2
 
 
 @contextlib.contextmanager
-def executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
+def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
     """Executor of a Dask cluster or of MPI's ranks; None where neither is asked for.
 
     Raises

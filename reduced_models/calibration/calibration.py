@@ -21,13 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.methods import method_of
+from granular.methods import resolve_method
 from granular.run.options import halve_step
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from granular.studies.workers import workshop
+from granular.studies.workers import case_executor
 from reduced_models.calibration.gauss_newton import MOST_MOVES, SearchEnd, gauss_newton_search
 from reduced_models.calibration.result import CalibratedValue, Calibration, Match
 from reduced_models.calibration.simulations import (
@@ -36,8 +36,8 @@ from reduced_models.calibration.simulations import (
     Parameter,
     SceneSimulator,
     SimulatedPoint,
-    features,
-    parameter,
+    record_features,
+    scene_parameter,
 )
 from reduced_models.fitting.options import check_options
 from reduced_models.fitting.uncertainty import open_directions
@@ -128,13 +128,13 @@ def calibrate(
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give at least one, each once")
     _check_scene(scene)
-    varied = tuple(parameter(scene, key) for key in parameters)
+    varied = tuple(scene_parameter(scene, key) for key in parameters)
     check_run_options(RunOptions({}, dt, method, None, progress))
     force = record.force is not None
-    wanted = features(record, law, force=force)
+    wanted = record_features(record, law, force=force)
     target = make_directory(out)
     first = scene.arrangement.seed
-    with workshop(executor) as pool:
+    with case_executor(executor) as pool:
         simulator = SceneSimulator(
             scene=scene,
             parameters=varied,
@@ -199,7 +199,7 @@ def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.n
     point = finer.points([centre.position])[0]
     if point.failure:
         return None, 1
-    growth = 2.0 ** method_of(simulator.settings["method"]).order
+    growth = 2.0 ** resolve_method(simulator.settings["method"]).order
     return np.asarray(growth / (growth - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 

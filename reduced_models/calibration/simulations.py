@@ -53,7 +53,7 @@ class Features(NamedTuple):
     notes: tuple[str, ...]
 
 
-def features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> Features:
+def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool = False) -> Features:
     """Figures of a record.
 
     Parameters
@@ -133,7 +133,7 @@ class Parameter(NamedTuple):
     unit: str
 
 
-def parameter(scene: Scene, key: str) -> Parameter:
+def scene_parameter(scene: Scene, key: str) -> Parameter:
     """Return the number of a scene that can be varied by its logarithm.
 
     Raises
@@ -226,8 +226,8 @@ class SceneSimulator:
     def changes(self, position: np.ndarray) -> dict[str, float]:
         """Scene's changes at a position (p,)."""
         return {
-            parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
-            for parameter, log in zip(self.parameters, position, strict=True)
+            scene_parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
+            for scene_parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:
@@ -252,7 +252,7 @@ class SceneSimulator:
                     raise InputError(outcome["error"])
                 record = PistonRecord.from_columns(outcome["figures"]).from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
-                figures = features(record, self.law, force=self.force)
+                figures = record_features(record, self.law, force=self.force)
             except InputError as error:
                 where = ", ".join(
                     f"{key} = {value:.5g}" for key, value in self.changes(position).items()

@@ -8,7 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, keywords, option, refuse, require
+from granular.commands.console import (
+    command,
+    option,
+    pick_options,
+    print_result,
+    refuse_options,
+    require_options,
+)
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -16,9 +23,9 @@ from granular.commands.options import (
     OUTPUT,
     SCENE,
     WORKERS,
-    in_unit,
-    scene_of,
-    time_step,
+    parse_time_step,
+    quantity_reader,
+    scene_from_options,
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
@@ -81,12 +88,12 @@ def calibrate(options: Any) -> None:
     with _interrupted(options.out):
         result = calibrate_scene(
             record,
-            scene_of(options),
+            scene_from_options(options),
             **chosen,
-            dt=time_step(options.dt),
+            dt=parse_time_step(options.dt),
             checks=not options.no_checks,
             progress=not options.quiet,
-            **keywords(options, "seeds", "law", "method", "out"),
+            **pick_options(options, "seeds", "law", "method", "out"),
         )
     show_result(result, options)
 
@@ -94,19 +101,19 @@ def calibrate(options: Any) -> None:
 @command(
     "design", "choose mass, grains and drag for a wanted frequency and damping",
     option(
-        "--frequency", type=in_unit("Hz"), metavar="F",
+        "--frequency", type=quantity_reader("Hz"), metavar="F",
         help="of the undamped small swing about rest [Hz]",
     ),
     option(
-        "--damping", type=in_unit("1"), metavar="R", help="damping ratio, as 0.04 or '4 %%'"
+        "--damping", type=quantity_reader("1"), metavar="R", help="damping ratio, as 0.04 or '4 %%'"
     ),
     option("--grains", type=int, metavar="N", help="number of grains; chosen if not given"),
     option(
-        "--mass", type=in_unit("kg"), metavar="M",
+        "--mass", type=quantity_reader("kg"), metavar="M",
         help="mass of the piston [kg]; chosen if not given",
     ),
     option(
-        "--small-share", type=in_unit("1"), default=0.0, metavar="S",
+        "--small-share", type=quantity_reader("1"), default=0.0, metavar="S",
         help="fraction of grains of 0.6 D (0)",
     ),
     option(
@@ -139,12 +146,12 @@ def design(options: Any) -> None:
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}; give 1 or more")
     if options.maps:
-        refuse(options, "--maps", "frequency", "damping", "grains", "mass", "study")
-        require(options, out="-o/--out")
+        refuse_options(options, "--maps", "frequency", "damping", "grains", "mass", "study")
+        require_options(options, out="-o/--out")
         _map_dampers(options)
     else:
-        require(options, frequency="--frequency", damping="--damping")
-        refuse(options, "a design, only with --maps", "simulate", "points")
+        require_options(options, frequency="--frequency", damping="--damping")
+        refuse_options(options, "a design, only with --maps", "simulate", "points")
         _design_damper(options)
 
 
@@ -161,7 +168,7 @@ def _design_damper(options: Any) -> None:
             maps=maps,
             out=make_directory(options.out),
             progress=not options.quiet,
-            **keywords(options, "grains", "mass", "small_share", "workers"),
+            **pick_options(options, "grains", "mass", "small_share", "workers"),
         )
     show_result(result, options)
 
@@ -184,14 +191,14 @@ def _map_dampers(options: Any) -> None:
         for name in ("rest_height", "frequency", "damping_ratio")
     ]
     text = "\n".join([*lines, f"report: {options.out}/report.html"])
-    emit({"dampers": len(maps.dampers), "errors": errors}, text, options.json)
+    print_result({"dampers": len(maps.dampers), "errors": errors}, text, options.json)
 
 
 def _packaged_maps(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.maps import damper_maps
     from reduced_models.records.sources import show_path
 
-    refuse(options, "the package's own maps, only with --simulate", "points")
+    refuse_options(options, "the package's own maps, only with --simulate", "points")
     if (target / "cases").is_dir():
         raise InputError(
             f"{show_path(target)} holds a study of its own; add --simulate, or give another -o"
@@ -226,20 +233,25 @@ def _interrupted(out: str | None) -> Iterator[None]:
 
 
 @command(
-    "fall", "predict a whole fall from the scene alone",
-    SCENE, CHANGES,
+    "fall",
+    "predict a whole fall from the scene alone",
+    SCENE,
+    CHANGES,
     option(
-        "--height", type=in_unit("m"), metavar="H", help="of the start [m]; the scene's without"
+        "--height",
+        type=quantity_reader("m"),
+        metavar="H",
+        help="of the start [m]; the scene's without",
     ),
     OUTPUT,
     examples="""\
 examples:
   %(prog)s damper --height '144 mm'
   %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
-)  # fmt: skip
+)
 def fall(options: Any) -> None:
     """Tell what a fall does, from the scene alone."""
     from reduced_models.falls.whole_fall import whole_fall
 
-    predicted = whole_fall(scene_of(options), options.height)
-    emit(predicted._asdict(), str(predicted), options.json)
+    predicted = whole_fall(scene_from_options(options), options.height)
+    print_result(predicted._asdict(), str(predicted), options.json)

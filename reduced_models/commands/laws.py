@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, keywords, option, refuse, require
+from granular.commands.console import (
+    command,
+    option,
+    pick_options,
+    print_result,
+    refuse_options,
+    require_options,
+)
 from granular.commands.options import (
     CHANGES,
     DT,
@@ -15,9 +22,9 @@ from granular.commands.options import (
     METHOD,
     OUTPUT,
     THREADS,
-    in_unit,
     parse_changes,
-    time_step,
+    parse_time_step,
+    quantity_reader,
 )
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
@@ -46,7 +53,7 @@ INPUT = option(
     help="column of the records that drives the motion: all laws have it as their input",
 )  # fmt: skip
 TEST_FRACTION = option(
-    "--test-fraction", type=in_unit("1"), default=0.3, metavar="S",
+    "--test-fraction", type=quantity_reader("1"), default=0.3, metavar="S",
     help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
 )  # fmt: skip
 STARTS = option(
@@ -96,10 +103,10 @@ def identify(options: Any) -> None:
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=parse_changes(options.changes),
-        dt=time_step(options.dt),
+        dt=parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
-        **keywords(options, "drive", "method", "threads", "starts"),
+        **pick_options(options, "drive", "method", "threads", "starts"),
     )
     show_result(result, options)
 
@@ -139,20 +146,20 @@ def fit(options: Any) -> None:
     from reduced_models.laws.catalogue import LAWS
 
     if options.laws:
-        emit(LAWS.words(), repr(LAWS), options.json)
+        print_result(LAWS.words(), repr(LAWS), options.json)
         return
-    require(options, sources="SOURCE")
+    require_options(options, sources="SOURCE")
     models = fit_law(
         records_from(options.sources, options),
         options.law,
         bounds=bounds_from(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
-        **keywords(options, "own", "test_fraction", "starts", "intervals", "drift"),
+        **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))
     if options.out is not None:
         models[0].save(options.out)
         text += f"\nmodel: {options.out}"
-    emit({"models": [model.to_plain() for model in models]}, text, options.json)
+    print_result({"models": [model.to_plain() for model in models]}, text, options.json)
 
 
 def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
@@ -225,7 +232,7 @@ def _bound(words: str, missing: float, unit: str) -> float:
         help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without",
     ),
     option(
-        "--effort", type=in_unit("1"), default=1.0, metavar="X",
+        "--effort", type=quantity_reader("1"), default=1.0, metavar="X",
         help="times the usual length of a symbolic regression",
     ),
     option("--seed", type=int, default=0, help="of random searches"),
@@ -242,7 +249,7 @@ def discover(options: Any) -> None:
     from reduced_models.discovery import discovery
     from reduced_models.discovery.libraries import AUTO
 
-    require(options, sources="SOURCE")
+    require_options(options, sources="SOURCE")
     records = records_from(options.sources, options)
     result = discovery.discover(
         records[0] if len(records) == 1 else records,
@@ -250,7 +257,7 @@ def discover(options: Any) -> None:
         input=options.drive,
         map="auto" if options.map is None else _height_map(options.map),
         progress=not options.quiet,
-        **keywords(
+        **pick_options(
             options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"
         ),
     )
@@ -265,7 +272,7 @@ def discover(options: Any) -> None:
         "method_asked_for": options.method,
         "model": None if model is None else model.to_plain(),
     }
-    emit(plain, text, options.json)
+    print_result(plain, text, options.json)
     if options.out is not None and model is None:
         raise InputError(
             f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}"
@@ -307,11 +314,11 @@ examples:
 def compare(options: Any) -> None:
     """Compare laws on the records of some sources, or the bed's law with a response."""
     if options.response is None:
-        require(options, sources="SOURCE")
+        require_options(options, sources="SOURCE")
         _compare_laws(options)
     else:
         written = {"sources": "SOURCE", "laws": "--law", "test_records": "--test-records"}
-        refuse(options, "--response", "out", **written)
+        refuse_options(options, "--response", "out", **written)
         _compare_response(options)
 
 
@@ -336,7 +343,7 @@ def _compare_laws(options: Any) -> None:
         table.best.save(target / "model.json")
         write_text(target / "equations.txt", table.best.text)
         text += f"\nreport: {target}/report.html"
-    emit(table.to_plain(), text, options.json)
+    print_result(table.to_plain(), text, options.json)
 
 
 def _compare_response(options: Any) -> None:
@@ -356,7 +363,7 @@ def _compare_response(options: Any) -> None:
     ]  # fmt: skip
     lines = [response.table, why] if law is None else [law.table]
     lines += [f"warning: under {peak.force:g} N {peak.outside}" for peak in peaks if peak.outside]
-    emit(
+    print_result(
         {"peaks": rows, "missing": why or None, "report": str(path)},
         "\n".join([*lines, f"written to {path}"]),
         options.json,

@@ -6,7 +6,7 @@ import math
 import warnings
 from typing import Any
 
-from granular.commands.console import command, emit, option
+from granular.commands.console import command, option, print_result
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
@@ -59,7 +59,7 @@ def simulate(options: Any) -> None:
     if options.out is not None:
         motion.to_csv(options.out)
         text += f"\nmotion: {options.out}"
-    emit({"samples": len(motion), "end": last, "note": note}, text, options.json)
+    print_result({"samples": len(motion), "end": last, "note": note}, text, options.json)
 
 
 @command(
@@ -81,4 +81,4 @@ def export_model(options: Any) -> None:
     from reduced_models.models.model import load_model
 
     what = load_model(options.model).export(options.out)
-    emit({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
+    print_result({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import command, emit, group, option
+from granular.commands.console import command, option, option_group, print_result
 from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
 SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
 
-READING = group(
+READING = option_group(
     option(
         "--columns", default="", metavar="ROLE=NAME,...",
         help="which column is time, height, velocity, force: by name, or by number from 1",
@@ -104,7 +104,7 @@ def show_result(result: Any, options: Any) -> None:
     text = str(result)
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
-    emit(result.to_plain(), text, options.json)
+    print_result(result.to_plain(), text, options.json)
 
 
 @command(
@@ -136,9 +136,9 @@ def look(options: Any) -> None:
     said, path = reading_from(options), Path(options.file)
     seen = look_at(path, said)
     if options.plot is not None:
-        from granular.render import save
+        from granular.render import save_picture
 
-        save(plot_look(seen), options.plot, overwrite=True)
+        save_picture(plot_look(seen), options.plot, overwrite=True)
     if options.write is not None:
         if is_description(path):
             path, described = read_description(path)
@@ -149,4 +149,4 @@ def look(options: Any) -> None:
     text = str(seen)
     if options.write is not None:
         text += f"\nwritten to {options.write}"
-    emit(seen.to_plain() | {"description": options.write}, text, options.json)
+    print_result(seen.to_plain() | {"description": options.write}, text, options.json)

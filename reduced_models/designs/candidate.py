@@ -117,7 +117,7 @@ class Candidate(NamedTuple):
         return 2.0 * (_scale(plain) - low) / (high - low) - 1.0
 
 
-def candidate_at(coordinates: np.ndarray) -> Candidate:
+def damper_at(coordinates: np.ndarray) -> Candidate:
     """Damper at a place (4,) of the box; the number of grains is rounded."""
     low, high = _scale(LOWEST), _scale(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)

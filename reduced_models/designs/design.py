@@ -21,9 +21,9 @@ from reduced_models.designs.candidate import Candidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
 from reduced_models.designs.proposal import (
     DesignTarget,
-    candidate_targets,
-    proposal,
+    damper_for_target,
     propose_design,
+    targets_by_grain_count,
 )
 from reduced_models.designs.result import Check, Design, Round
 from reduced_models.designs.study import check_figures
@@ -118,12 +118,12 @@ def design(
         chosen, target
     )  # refuses what the maps do not hold, before anything is simulated
     rounds: list[Round] = []
-    targets = candidate_targets(target)
+    targets = targets_by_grain_count(target)
     for target_ in targets:
         aim = (frequency, damping)
         first = len(rounds)
         for _ in range(CORRECTIONS):
-            candidate = proposal(chosen, target_, aim)
+            candidate = damper_for_target(chosen, target_, aim)
             if candidate is None or len(rounds) == MOST:
                 break
             try:

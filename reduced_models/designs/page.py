@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.html import Page, number
+from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
 from reduced_models.designs.candidate import (
@@ -15,7 +15,7 @@ from reduced_models.designs.candidate import (
     LOWEST,
     NAMES,
     Candidate,
-    candidate_at,
+    damper_at,
 )
 from reduced_models.designs.maps import DamperMaps
 
@@ -79,14 +79,14 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
             ("height of rest", _percent(maps.surfaces["rest_height"].error)),
             ("frequency of the undamped small swing", _percent(maps.surfaces["frequency"].error)),
             ("damping ratio", _percent(maps.surfaces["damping_ratio"].error)),
-            ("k2 h/k1 of the law", number(maps.surfaces["quadratic"].error, 2)),
-            ("k3 h²/k1 of the law", number(maps.surfaces["cubic"].error, 2)),
+            ("k2 h/k1 of the law", format_number(maps.surfaces["quadratic"].error, 2)),
+            ("k3 h²/k1 of the law", format_number(maps.surfaces["cubic"].error, 2)),
         ],
     )
     page.table(
         ("coordinate", "from", "to"),
         [
-            (name, number(low), number(high))
+            (name, format_number(low), format_number(high))
             for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
         ],
     )
@@ -107,7 +107,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
     page.table(
         ("grains", "mass [kg]", "drag [kg/s]", "h [D]", "f [Hz]", "damping ratio", "lam [1/s]",
          "k1 [1/s²]", "k2 [1/(m s²)]", "k3 [1/(m² s²)]"),
-        [_law_row(maps, candidate_at(np.array([mass, grains, drag, -1.0])))
+        [_law_row(maps, damper_at(np.array([mass, grains, drag, -1.0])))
          for grains in (-1.0, 0.0, 1.0) for mass in (-0.6, 0.6) for drag in (-0.6, 0.4)],
     )  # fmt: skip
     page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
@@ -124,7 +124,7 @@ def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
         candidate.mass, candidate.drag, said.rest_height / DIAMETER, said.frequency,
         said.damping_ratio, said.lam, said.k1, said.k2, said.k3,
     )  # fmt: skip
-    return (str(candidate.grains), *(number(value, 3) for value in values))
+    return (str(candidate.grains), *(format_number(value, 3) for value in values))
 
 
 def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
@@ -207,4 +207,4 @@ def add_legend(drawing: Figure) -> None:
 
 def _exact(coordinates: np.ndarray, count: int) -> Candidate:
     """Damper at a place, with the number of grains of the picture."""
-    return candidate_at(coordinates)._replace(grains=count)
+    return damper_at(coordinates)._replace(grains=count)

@@ -16,7 +16,7 @@ from reduced_models.designs.candidate import (
     HIGHEST,
     LOWEST,
     Candidate,
-    candidate_at,
+    damper_at,
 )
 from reduced_models.designs.maps import DamperMaps
 
@@ -111,7 +111,8 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     target.check()
     aim = (target.frequency, target.damping)
     dampers = (
-        proposal(maps, candidate_target, aim) for candidate_target in candidate_targets(target)
+        damper_for_target(maps, candidate_target, aim)
+        for candidate_target in targets_by_grain_count(target)
     )
     first = next((damper for damper in dampers if damper is not None), None)
     if first is None:
@@ -119,14 +120,16 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     return first
 
 
-def candidate_targets(target: DesignTarget) -> list[DesignTarget]:
+def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
     """Target with each number of grains that may be tried; as it is where that is settled."""
     if target.grains is not None or target.mass is not None:
         return [target]
     return [target._replace(grains=count) for count in COUNTS]
 
 
-def proposal(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -> Candidate | None:
+def damper_for_target(
+    maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]
+) -> Candidate | None:
     """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
@@ -188,7 +191,7 @@ def _solve(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -
         return None
     point = positions(*solution.x)
     assert point is not None
-    return candidate_at(point)
+    return damper_at(point)
 
 
 def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
@@ -196,7 +199,7 @@ def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
     pairs = np.array(
         [
             [maps.at(name, index) for name in ("frequency", "damping_ratio")]
-            for narrow in [*candidate_targets(target)[::4], candidate_targets(target)[-1]]
+            for narrow in [*targets_by_grain_count(target)[::4], targets_by_grain_count(target)[-1]]
             for item in _GRID
             for other in _GRID
             if (index := _coordinates_for(narrow)(item, other)) is not None

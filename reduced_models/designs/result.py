@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.scene.scene import Scene
 from granular.shared.files import write_json
-from granular.shared.html import Page, number
+from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
 from reduced_models.designs.candidate import ASPECT, DIAMETER, Candidate
@@ -240,29 +240,57 @@ class Design:
         page.table(
             ("", "wanted", "maps", *(f"random start {check.seed}" for check in self.checks)),
             [
-                ("frequency of the undamped swing [Hz]", number(target.frequency),
-                 number(self.promise.frequency), *(number(c.frequency) for c in self.checks)),
-                ("damping ratio", number(target.damping), number(self.promise.damping_ratio),
-                 *(number(c.damping_ratio) for c in self.checks)),
-                ("height of rest [D]", "", number(self.promise.rest_height / DIAMETER),
-                 *(number(c.rest_height / DIAMETER) for c in self.checks)),
-                ("least gap at rest, over contact", "", "",
-                 *(number(c.rest_gap) for c in self.checks)),
-                ("error of the energy ledger", "", "", *(number(c.ledger, 2) for c in self.checks)),
+                (
+                    "frequency of the undamped swing [Hz]",
+                    format_number(target.frequency),
+                    format_number(self.promise.frequency),
+                    *(format_number(c.frequency) for c in self.checks),
+                ),
+                (
+                    "damping ratio",
+                    format_number(target.damping),
+                    format_number(self.promise.damping_ratio),
+                    *(format_number(c.damping_ratio) for c in self.checks),
+                ),
+                (
+                    "height of rest [D]",
+                    "",
+                    format_number(self.promise.rest_height / DIAMETER),
+                    *(format_number(c.rest_height / DIAMETER) for c in self.checks),
+                ),
+                (
+                    "least gap at rest, over contact",
+                    "",
+                    "",
+                    *(format_number(c.rest_gap) for c in self.checks),
+                ),
+                (
+                    "error of the energy ledger",
+                    "",
+                    "",
+                    *(format_number(c.ledger, 2) for c in self.checks),
+                ),
             ],
-        )  # fmt: skip
+        )
         page.table(
             ("number", "value", "unit"),
             [
-                ("mass of the piston", number(chosen.mass), "kg"),
-                ("grains of 6 mm" if not chosen.small_share else "grains of 6 and 3.6 mm",
-                 str(chosen.grains), ""),
-                ("fraction of small grains", number(chosen.small_share), ""),
-                ("width of the cell", number(self.scene.cell.width), "m"),
-                ("drag of a large grain", number(chosen.drag), "kg/s"),
-                ("viscosity of the liquid, by Stokes's law", number(chosen.viscosity, 3), "Pa s"),
+                ("mass of the piston", format_number(chosen.mass), "kg"),
+                (
+                    "grains of 6 mm" if not chosen.small_share else "grains of 6 and 3.6 mm",
+                    str(chosen.grains),
+                    "",
+                ),
+                ("fraction of small grains", format_number(chosen.small_share), ""),
+                ("width of the cell", format_number(self.scene.cell.width), "m"),
+                ("drag of a large grain", format_number(chosen.drag), "kg/s"),
+                (
+                    "viscosity of the liquid, by Stokes's law",
+                    format_number(chosen.viscosity, 3),
+                    "Pa s",
+                ),
             ],
-        )  # fmt: skip
+        )
         page.figure(
             self.plot(maps),
             "Left: frequency, damping ratio and height of rest over mass and drag; dots are "

@@ -20,7 +20,7 @@ from granular.scene.beds import damper
 from granular.shared.errors import InputError
 from granular.studies.cases import known_as
 from granular.studies.sweep import sweep
-from reduced_models.designs.candidate import Candidate, candidate_at
+from reduced_models.designs.candidate import Candidate, damper_at
 
 if TYPE_CHECKING:
     import pandas
@@ -43,7 +43,7 @@ def design_points(count: int = POINTS) -> list[Candidate]:
     inside = 2.0 * qmc.Sobol(4, scramble=True, seed=1).random(count) - 1.0
     # Small beds first: they say soonest whether something is wrong.
     positions = sorted(np.vstack([corners, inside]), key=lambda coordinates: coordinates[1])
-    return [candidate_at(coordinates) for coordinates in positions]
+    return [damper_at(coordinates) for coordinates in positions]
 
 
 def run_study(

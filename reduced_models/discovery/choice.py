@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.messages import times
+from granular.shared.messages import as_factor
 from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.selection import Judge, score_terms, unit_columns
+from reduced_models.discovery.selection import Judge, normalise_columns, score_terms
 from reduced_models.discovery.structures import make_candidate
-from reduced_models.discovery.terms import AnyTerm, in_order, sum_text
+from reduced_models.discovery.terms import AnyTerm, sort_terms, sum_text
 
 _POOR = 2.0
 _STRONG = 6.0
@@ -105,7 +105,7 @@ def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
         return []
     # The coefficients of a sum are named in the order of its terms.
     intervals = [candidate.model.intervals[f"c{k}"] for k in range(len(candidate.terms))]
-    terms = zip(in_order(candidate.terms), intervals, strict=True)
+    terms = zip(sort_terms(candidate.terms), intervals, strict=True)
     return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 
@@ -140,7 +140,7 @@ def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[fl
     ]
 
 
-def notes_on(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
+def candidate_notes(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
     notes = []
     left = best.error
     if best.models:
@@ -152,8 +152,8 @@ def notes_on(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
         )
     if left > _POOR:
         notes.append(
-            f"the chosen equation leaves {times(left)} times what the record's noise would: the "
-            "law is not among those searched, so read it as a summary of this record"
+            f"the chosen equation leaves {as_factor(left)} times what the record's noise would: "
+            "the law is not among those searched, so read it as a summary of this record"
         )
     if best.model is None and best.note:
         notes.append(f"the chosen equation was not polished: {best.note}")
@@ -197,13 +197,13 @@ class Evidence(NamedTuple):
         )
 
 
-def evidence(
+def weigh_evidence(
     chosen: CandidateEquation, candidates: Sequence[CandidateEquation], judge: Judge, seed: int
 ) -> Evidence | None:
     """Weigh a chosen sum of terms against other candidates; None where it is no such sum."""
     if chosen.terms is None or not chosen.terms:
         return None
-    own = in_order(chosen.terms)
+    own = sort_terms(chosen.terms)
     total = score_terms(judge, own).criterion
     costs = {
         term.text: (score_terms(judge, rest).criterion if rest else _empty(judge)) - total
@@ -212,7 +212,7 @@ def evidence(
     }
     structures = [tuple(own)]
     for candidate in candidates:
-        terms = None if candidate.terms is None else tuple(in_order(candidate.terms))
+        terms = None if candidate.terms is None else tuple(sort_terms(candidate.terms))
         if terms and terms not in structures:
             structures.append(terms)
     fractions = _selection_fractions(judge, structures, seed)
@@ -238,9 +238,9 @@ def _selection_fractions(
     judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int
 ) -> np.ndarray:
     """Fraction of the resamples of the white integrals in which each structure is best."""
-    union = in_order({term for terms in structures for term in terms})
+    union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
-    columns, _ = unit_columns(judge.whitening @ judge.weak.matrix(union))
+    columns, _ = normalise_columns(judge.whitening @ judge.weak.matrix(union))
     target = judge.whitening @ judge.weak.target
     chosen = [np.array([index[term] for term in terms]) for terms in structures]
     random = np.random.default_rng(seed)

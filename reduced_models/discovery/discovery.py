@@ -9,30 +9,30 @@ from typing import Literal
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from granular.shared.progress import stages
-from reduced_models.discovery.choice import evidence, notes_on, polish_front
+from granular.shared.progress import stage_reporter
+from reduced_models.discovery.choice import candidate_notes, polish_front, weigh_evidence
 from reduced_models.discovery.libraries import (
     AUTO,
     MEMORY,
     PHYSICAL,
     Proposal,
     custom_terms,
-    fault,
     library_terms,
     program_functions,
     propose_library,
+    term_fault,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
 from reduced_models.discovery.polishing import NAME, polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.discovery.structures import Search, structures
+from reduced_models.discovery.structures import Search, propose_structures
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import (
     WeakForm,
-    choose_map,
+    choose_height_map,
     estimate_motion,
-    force_form,
+    force_weak_form,
     weak_form,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -157,7 +157,7 @@ def discover(
     search = None
     if method != "sindy":
         search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)
-    with stages("discover", wanted=progress) as now:
+    with stage_reporter("discover", wanted=progress) as now:
         if target == "height":
             from reduced_models.discovery.height import height_equations
 
@@ -170,7 +170,7 @@ def discover(
             now("hidden states")
             height_map, library_note = HeightMap(), ""
             motions = [estimate_motion(record, height_map, derivative) for record in records]
-            weak = force_form(records, motions) if target == "force" else weak_form(*motions)
+            weak = force_weak_form(records, motions) if target == "force" else weak_form(*motions)
             proposed = structures_with_memory(weak, search, terms, sparse)
         else:
             now("libraries")
@@ -178,7 +178,7 @@ def discover(
                 records, library, terms, known, derivative, input, map, degree
             )
             now("sparse sums of terms" if search is None else "symbolic regression")
-            proposed = structures(
+            proposed = propose_structures(
                 weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
             )
         words = _words(method, form, ensemble, target if remembers else "")
@@ -195,11 +195,11 @@ def discover(
         )
         now("done")
     judge = proposed.judge
-    sure = None if remembers else evidence(front[chosen], proposed.candidates, judge, seed)
+    sure = None if remembers else weigh_evidence(front[chosen], proposed.candidates, judge, seed)
     notes = (
         library_note,
         *proposed.notes,
-        *notes_on(front[chosen], judge),
+        *candidate_notes(front[chosen], judge),
         "" if sure is None else sure.note,
         _NO_OPERON if lacking else "",
     )
@@ -255,7 +255,7 @@ def _height_map(
     usual = _is_only(library, AUTO) or _is_only(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
         return HeightMap()
-    return choose_map(records, wanted)
+    return choose_height_map(records, wanted)
 
 
 def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
@@ -355,7 +355,7 @@ def _texts(texts: str | Sequence[str]) -> Sequence[str]:
 def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            wrong = fault(motion, term)
+            wrong = term_fault(motion, term)
             if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(

@@ -96,7 +96,7 @@ def elliptic_mappings() -> dict[str, Callable[[Any, Any], Any]]:
 
 def require_julia() -> None:
     """Raise `InputError`, with the commands that cure it, unless PySR can run."""
-    lack = missing()
+    lack = missing_requirements()
     if lack is not None:
         raise InputError(
             f"method 'pysr' needs Julia 1.10 or newer, and {lack}; install it with: "
@@ -104,7 +104,7 @@ def require_julia() -> None:
         )
 
 
-def regressor() -> Any:
+def regressor_class() -> Any:
     """Class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
 
     Julia takes the signal over otherwise, and ends the process. Without its signals it may have
@@ -129,7 +129,7 @@ def regressor() -> Any:
     return PySRRegressor
 
 
-def settings(
+def regressor_settings(
     functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
     """Keywords of ``pysr.PySRRegressor`` for a repeatable search."""
@@ -172,10 +172,10 @@ def pysr_expressions(
     require_julia()
     samples = scale_samples(inputs, target)
     with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
-        search = regressor()(
+        search = regressor_class()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
             output_directory=folder,
-            **settings(functions, elliptic, effort, seed),
+            **regressor_settings(functions, elliptic, effort, seed),
         )
         search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
         if getattr(search, "interrupted_", False):
@@ -193,7 +193,7 @@ _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
-def missing() -> str | None:
+def missing_requirements() -> str | None:
     """Return what PySR lacks here; None where it can run. Never downloads anything."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"

@@ -12,19 +12,24 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.selection import all_subsets, in_one_unit, score_subsets, unit_columns
+from reduced_models.discovery.selection import (
+    all_subsets,
+    common_unit_judges,
+    normalise_columns,
+    score_subsets,
+)
 from reduced_models.discovery.terms import (
     AnyTerm,
-    in_order,
-    library,
+    physical_library,
     read_terms,
+    sort_terms,
     split_terms,
     sum_text,
 )
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
-    choose_map,
+    choose_height_map,
     estimate_motion,
     weak_form,
 )
@@ -32,7 +37,7 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
 PHYSICAL = "physical"
-"""The library without another name: see `reduced_models.discovery.terms.library`."""
+"""The library without another name: see `reduced_models.discovery.terms.physical_library`."""
 
 MEMORY = "memory"
 """The library with hidden states, which is judged by itself: `reduced_models.discovery.memory`."""
@@ -97,7 +102,7 @@ def library_terms(
                 f"or {MEMORY}, and own terms by terms="
             )
         if name == PHYSICAL:
-            terms |= dict.fromkeys(library(degree, column is not None))
+            terms |= dict.fromkeys(physical_library(degree, column is not None))
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; name its column with input=")
         else:
@@ -105,7 +110,7 @@ def library_terms(
     terms |= dict.fromkeys(custom_terms(texts, column))
     if not terms:
         raise InputError("there are no terms to choose from; give library= or terms=")
-    return tuple(in_order(terms))
+    return tuple(sort_terms(terms))
 
 
 def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
@@ -154,7 +159,7 @@ _ZOOMS = 12
 _GRID = np.linspace(-1.0, 1.0, 33)
 
 
-def fault(motion: SmoothedMotion, term: AnyTerm) -> str:
+def term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
     """Return the fault of a term along a motion in words; empty where it has none."""
     drive = motion.drive
     for z in (motion.z, motion.smooth):
@@ -264,7 +269,7 @@ def propose_library(
     Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
     about it, or where the map is given; negative powers where the height stays above zero.
     """
-    usual_map = choose_map(records, wanted)
+    usual_map = choose_height_map(records, wanted)
     plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
     weak = weak_form(
         *(estimate_motion(record, usual_map, derivative, column) for record in records)
@@ -290,7 +295,7 @@ def propose_library(
         ):
             continue
         terms = library_terms(name, (), 3, column)
-        if not any(fault(motion, term) for motion in weak_form_here.motions for term in terms):
+        if not any(term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
             proposals.append(Proposal(name, terms, height_map_here, weak_form_here, ""))
     return _chosen(proposals)
 
@@ -303,9 +308,9 @@ def _chosen(proposals: Sequence[Proposal]) -> Proposal:
         )
         for proposal in proposals
     ]
-    judges = in_one_unit([judge for _, judge in scored])
+    judges = common_unit_judges([judge for _, judge in scored])
     sums = [ranked[0] for ranked, _ in scored]
-    terms = [tuple(in_order(item.terms)) for item in sums]
+    terms = [tuple(sort_terms(item.terms)) for item in sums]
     squares = [
         judge.squares(item.misfit, len(item.terms))
         for item, judge in zip(sums, judges, strict=True)
@@ -368,6 +373,6 @@ def held_out_error(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
     held = np.arange(len(target)) % 3 == 2
     if int((~held).sum()) <= len(terms):
         return math.inf
-    columns, _ = unit_columns(matrix)
+    columns, _ = normalise_columns(matrix)
     values = np.linalg.lstsq(columns[~held], target[~held], rcond=1e-10)[0]
     return float(np.sqrt(((target[held] - columns[held] @ values) ** 2).mean()))

@@ -24,9 +24,9 @@ from reduced_models.discovery.selection import (
     Judge,
     ScoredTerms,
     all_subsets,
-    in_one_unit,
+    common_unit_judges,
+    normalise_columns,
     score_subsets,
-    unit_columns,
 )
 from reduced_models.discovery.structures import (
     Search,
@@ -38,7 +38,7 @@ from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import (
     ForceIntegrals,
     WeakForm,
-    without_noise,
+    noise_free_weak_form,
 )
 
 HIDDEN = "w"
@@ -97,8 +97,8 @@ def structures_with_memory(
     known = tuple(dict.fromkeys((*plain, *custom_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
     judged = _judge_states(weak, known)
     if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
-        judged = _judge_states(without_noise(weak), known)
-    judges = in_one_unit([candidate.judge for candidate in judged])
+        judged = _judge_states(noise_free_weak_form(weak), known)
+    judges = common_unit_judges([candidate.judge for candidate in judged])
     judged = [
         candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)
     ]
@@ -149,7 +149,7 @@ class _White:
         squares = []
         for item in _with_state(self.weak, state, scales):
             columns = np.hstack([self.still, self.whitening @ item.matrix(self.driven)])
-            columns, _ = unit_columns(columns)
+            columns, _ = normalise_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
         return int(np.argmin(squares))

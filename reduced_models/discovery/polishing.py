@@ -13,7 +13,13 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import complexity, in_order, split_terms, symbols, term_text
+from reduced_models.discovery.terms import (
+    complexity,
+    sort_terms,
+    split_terms,
+    state_symbols,
+    term_text,
+)
 from reduced_models.fitting.fitting import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -62,7 +68,7 @@ def polish_candidate(
     memory = candidate.memory
     if memory is not None:
         values |= dict(zip(memory.state.scales, memory.scales, strict=True))
-    law = law_of(smooth_sign(template, records, height_map), values, column, name)
+    law = law_from_template(smooth_sign(template, records, height_map), values, column, name)
     if memory is not None:
         law = dataclasses.replace(
             law,
@@ -102,10 +108,10 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
 
     terms = split_terms(expression)
     if terms is not None:
-        names = {f"c{k}": terms[term] for k, term in enumerate(in_order(terms))}
+        names = {f"c{k}": terms[term] for k, term in enumerate(sort_terms(terms))}
         parts = (
             sympy.Symbol(name) * term.expression
-            for name, term in zip(names, in_order(terms), strict=True)
+            for name, term in zip(names, sort_terms(terms), strict=True)
         )
         return sympy.Add(*parts), names
     floats = sorted(expression.atoms(sympy.Float), key=float)
@@ -119,7 +125,7 @@ def smooth_sign(
     """Expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
-    _, v, _ = symbols()
+    _, v, _ = state_symbols()
     fastest = max(float(np.gradient(record.height, record.time).std()) for record in records)
     speed = fastest / abs(height_map.scale)
     # A power of ten, so that records of one kind share compiled code.
@@ -127,7 +133,7 @@ def smooth_sign(
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
 
 
-def law_of(
+def law_from_template(
     template: sympy.Expr, values: dict[str, float], column: str | None = None, name: str = NAME
 ) -> Law:
     """Law z'' = template, whose fit starts near the given values."""
@@ -140,7 +146,7 @@ def law_of(
         }
 
     if column is not None:
-        template = template.xreplace({symbols()[2]: sympy.Symbol(column)})
+        template = template.xreplace({state_symbols()[2]: sympy.Symbol(column)})
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
     return Law(
         name=name,

@@ -79,7 +79,7 @@ class Judge:
         return squares / self.excess + count * samples + 2.0 * choices
 
 
-def in_one_unit(judges: Sequence[Judge]) -> list[Judge]:
+def common_unit_judges(judges: Sequence[Judge]) -> list[Judge]:
     """Return judges that count in one unit of misfit: that of the library which leaves least."""
     excess = min(judge.excess for judge in judges)
     return [dataclasses.replace(judge, excess=excess) for judge in judges]
@@ -96,7 +96,7 @@ def all_subsets(count: int) -> list[np.ndarray]:
     return subsets
 
 
-def by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
+def group_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
     """Given subsets, without repetitions, as arrays (s, k) for each size k."""
     groups: dict[int, set[tuple[int, ...]]] = {}
     for subset in subsets:
@@ -132,7 +132,7 @@ def score_subsets(
     return ranked, judge
 
 
-def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return columns (n, p) of unit length, and the lengths (p,) that they had."""
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return columns / sizes, sizes
@@ -145,7 +145,7 @@ def score_terms(judge: Judge, terms: Sequence[AnyTerm]) -> ScoredTerms:
 
 
 def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
-    columns, target = unit_columns(whitening @ every)[0], whitening @ weak.target
+    columns, target = normalise_columns(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])
     return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
@@ -154,7 +154,7 @@ def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge
 def _rank(
     judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[ScoredTerms]:
-    columns, sizes = unit_columns(judge.whitening @ matrix)
+    columns, sizes = normalise_columns(judge.whitening @ matrix)
     target = judge.whitening @ judge.weak.target
     gram, moment = columns.T @ columns, columns.T @ target
     scores = []
@@ -180,7 +180,9 @@ def _rank(
     return sorted(scores, key=lambda score: score.criterion)
 
 
-def prune(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
+def eliminate_backward(
+    judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]
+) -> list[list[int]]:
     """Backward elimination: a subset, and what is left after the least needed term goes, and so on.
 
     Parameters
@@ -190,7 +192,7 @@ def prune(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) ->
     target : float64 (q,)
     start : sequence of int
     """
-    columns, _ = unit_columns(judge_matrix)
+    columns, _ = normalise_columns(judge_matrix)
     gram, moment = columns.T @ columns, columns.T @ target
     left = list(start)
     path = [list(left)]

@@ -16,20 +16,20 @@ from reduced_models.discovery.selection import (
     Judge,
     ScoredTerms,
     all_subsets,
-    by_size,
-    prune,
+    eliminate_backward,
+    group_by_size,
+    normalise_columns,
     score_subsets,
-    unit_columns,
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
     CustomTerm,
-    columns,
     complexity,
-    in_order,
     join_terms,
+    sort_terms,
     split_terms,
-    symbols,
+    state_symbols,
+    term_columns,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 
@@ -105,7 +105,7 @@ class Structures(NamedTuple):
     memory: Memory | None = None
 
 
-def structures(
+def propose_structures(
     weak: WeakForm,
     terms: Sequence[AnyTerm],
     search: Search | None,
@@ -171,8 +171,13 @@ def _eliminate(
     """Supports, and all that backward elimination makes of them."""
     whitening = weak.whitening((), np.zeros(0))
     matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
-    paths = (path for support in supports if support for path in prune(matrix, target, support))
-    return by_size(paths)
+    paths = (
+        path
+        for support in supports
+        if support
+        for path in eliminate_backward(matrix, target, support)
+    )
+    return group_by_size(paths)
 
 
 def symbolic_candidates(
@@ -187,7 +192,7 @@ def symbolic_candidates(
     """
     expressions = _expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
-    union = in_order({term for _, parts in sums if parts is not None for term in parts})
+    union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
         more = [term for term in union if term not in terms]
         union = [*terms, *more][:_MOST_UNION]
@@ -213,7 +218,7 @@ def _expressions(
 ) -> list[sympy.Expr]:
     import sympy
 
-    _, v, _ = symbols()
+    _, v, _ = state_symbols()
     own = [term for term in terms if isinstance(term, CustomTerm)]
     parts = [_search_samples(motion, len(motions), own) for motion in motions]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -294,7 +299,7 @@ class Regression:
     """
 
     def __init__(self, matrix: np.ndarray, target: np.ndarray) -> None:
-        self.matrix = unit_columns(matrix)[0] * np.sqrt(len(matrix))
+        self.matrix = normalise_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
     def threshold_terms(self, threshold: float) -> Any:
@@ -343,7 +348,7 @@ def _inner_rows(
     count = len(motion.time)
     edge = int(_EDGE * count)
     rows = slice(edge, count - edge, max(1, count * motions // _MOST_ROWS))
-    matrix = columns(terms, motion.smooth, motion.velocity, motion.drive)
+    matrix = term_columns(terms, motion.smooth, motion.velocity, motion.drive)
     return matrix[rows], motion.acceleration[rows]
 
 

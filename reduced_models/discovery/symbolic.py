@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.formulas import FUNCTIONS, FormulaError, Function, names, parse
-from granular.formulas.algebra import expression
+from granular.formulas import FUNCTIONS, FormulaError, Function, parse, variable_names
+from granular.formulas.algebra import sympy_expression
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -136,8 +136,8 @@ class ScaledSamples:
         for text in texts:
             with contextlib.suppress(FormulaError):
                 tree = parse(text, {**FUNCTIONS, **functions})
-                if {item.name for item in names(tree)} <= set(self.names):
-                    expressions.append(self.restore(expression(tree)))
+                if {item.name for item in variable_names(tree)} <= set(self.names):
+                    expressions.append(self.restore(sympy_expression(tree)))
         return expressions
 
 

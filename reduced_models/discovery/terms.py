@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 INPUT = "u"
 
 
-def symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
+def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
     """Real symbols z, v (for z') and u (for the input)."""
     import sympy
 
@@ -44,7 +44,7 @@ class CustomTerm:
     Attributes
     ----------
     expression : Expr
-        In the symbols of `symbols`; exact, without floating-point numbers.
+        In the symbols of `state_symbols`; exact, without floating-point numbers.
     """
 
     expression: sympy.Expr
@@ -57,12 +57,12 @@ class CustomTerm:
     @property
     def driven(self) -> bool:
         """True where it holds the input."""
-        return bool(self.expression.has(symbols()[2]))
+        return bool(self.expression.has(state_symbols()[2]))
 
     @property
     def still(self) -> bool:
         """True for a term of z (and the input) alone."""
-        return not self.expression.has(symbols()[1])
+        return not self.expression.has(state_symbols()[1])
 
     @property
     def moving(self) -> bool:
@@ -79,7 +79,7 @@ class CustomTerm:
         """G'(z), where the term is G'(z) z'; else None."""
         import sympy
 
-        _, v, u = symbols()
+        _, v, u = state_symbols()
         factor = sympy.cancel(self.expression / v)
         return None if self.still or factor.has(v) or factor.has(u) else factor
 
@@ -114,7 +114,7 @@ class CustomTerm:
 
 
 def custom_term(expression: sympy.Expr) -> CustomTerm:
-    """Term of an exact expression in the symbols of `symbols`; max(z, 0) is max(0, z)."""
+    """Term of an exact expression in the symbols of `state_symbols`; max(z, 0) is max(0, z)."""
     return CustomTerm(expression.replace(_is_extreme, _in_order))
 
 
@@ -161,19 +161,19 @@ def _read(text: str, column: str | None) -> sympy.Expr:
 
     if not isinstance(text, str):
         raise InputError(f"the term {quote(text)} is no text; write it as 'sin(z)'")
-    z, v, u = symbols()
+    z, v, u = state_symbols()
     named = {"z": z, "z'": v}
     if column is not None:
         named |= {INPUT: u, column: u}
     term = f"the term {quote(text)}"
     try:
         tree = formulas.parse(text)
-        strange = [name.text for name in formulas.names(tree) if name.text not in named]
+        strange = [name.text for name in formulas.variable_names(tree) if name.text not in named]
         if strange:
             known = "z, z' and the input's column" if column is None else f"z, z', u and {column}"
             more = "; name the input's column with input=" if column is None else ""
             raise InputError(f"{term} names {strange[0]}; terms are of {known}{more}")
-        formula = algebra.expression(tree, named)
+        formula = algebra.sympy_expression(tree, named)
     except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
     exact = formula.xreplace(
@@ -188,14 +188,14 @@ def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
     """Return the derivative by z (0) or z' (1); that of a jump is left out."""
     import sympy
 
-    return sympy.diff(expression, symbols()[index]).replace(
+    return sympy.diff(expression, state_symbols()[index]).replace(
         sympy.DiracDelta, lambda *_: sympy.Integer(0)
     )
 
 
 @functools.lru_cache(maxsize=256)
 def _function(expression: sympy.Expr) -> Callable[..., Any]:
-    return algebra.compile_function(symbols(), expression)
+    return algebra.compile_function(state_symbols(), expression)
 
 
 def _values(
@@ -236,10 +236,10 @@ class Term(NamedTuple):
 
     @property
     def expression(self) -> sympy.Expr:
-        """In the symbols of `symbols`."""
+        """In the symbols of `state_symbols`."""
         import sympy
 
-        z, v, u = symbols()
+        z, v, u = state_symbols()
         if self.odd:
             motion = sympy.sign(v) if self.speed == 0 else v * sympy.Abs(v) ** (self.speed - 1)
         else:
@@ -277,7 +277,7 @@ class Term(NamedTuple):
 AnyTerm = Term | CustomTerm
 
 
-def in_order(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
+def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
     """Sorted, powers before own terms."""
     return sorted(terms, key=_sort_key)
 
@@ -287,7 +287,7 @@ def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
 
 
 @functools.cache
-def library(degree: int, driven: bool = False) -> tuple[Term, ...]:
+def physical_library(degree: int, driven: bool = False) -> tuple[Term, ...]:
     """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z').
 
     Springs, dampings that depend on the height, drag and dry friction; and the input where there
@@ -310,10 +310,10 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     for part in sympy.Add.make_args(sympy.expand(expression)):
         terms = _powers_of(part)
         if terms is None:
-            coefficient, rest = part.as_independent(*symbols(), as_Add=False)
+            coefficient, rest = part.as_independent(*state_symbols(), as_Add=False)
             if not coefficient.is_number or rest.atoms(sympy.Float):
                 return None
-            if rest.free_symbols - set(symbols()):
+            if rest.free_symbols - set(state_symbols()):
                 return None
             terms = {custom_term(rest): float(coefficient)}
         for term, value in terms.items():
@@ -325,7 +325,7 @@ def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """Products of powers in an expression; None where it holds anything else."""
     import sympy
 
-    z, v, u = symbols()
+    z, v, u = state_symbols()
     modulus, sign = sympy.Symbol("modulus"), sympy.Symbol("sign")
     plain = expression.subs({sympy.Abs(v): modulus, sympy.sign(v): sign})
     try:
@@ -364,7 +364,7 @@ def complexity(expression: sympy.Expr) -> int:
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
-def columns(
+def term_columns(
     terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None
 ) -> np.ndarray:
     """Values (n, p) of terms at samples."""

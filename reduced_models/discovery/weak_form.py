@@ -20,11 +20,11 @@ from granular.formulas.algebra import compile_function
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.messages import quote
-from reduced_models.discovery.terms import AnyTerm, symbols
+from reduced_models.discovery.terms import AnyTerm, state_symbols
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod, derivatives
 from reduced_models.records.first_guesses import first_guesses, noise_level
-from reduced_models.records.inputs import column
+from reduced_models.records.inputs import input_column
 
 if TYPE_CHECKING:
     import sympy
@@ -216,7 +216,7 @@ def _integrals(motion: SmoothedMotion) -> Integrals:
 
 def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
-    function = compile_function(symbols(), expression)
+    function = compile_function(state_symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
     with np.errstate(all="ignore"):
         values = function(motion.smooth, motion.velocity, drive)
@@ -243,14 +243,14 @@ def estimate_motion(
         smooth=np.asarray(height_map.to_law(smooth.height)),
         velocity=smooth.velocity / height_map.scale,
         acceleration=smooth.acceleration / height_map.scale,
-        drive=None if drive is None else column(record, drive),
+        drive=None if drive is None else input_column(record, drive),
         noise=max(smooth.record_noise, _FLOOR * swing) / size,
         acceleration_noise=max(smooth.noise.acceleration, _FLOOR * swing) / size,
         period=guess.period,
     )
 
 
-def choose_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
+def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) -> HeightMap:
     """Map that is wanted; "auto" is the height, or the swing about rest in amplitudes."""
     if isinstance(wanted, HeightMap):
         return wanted
@@ -280,7 +280,7 @@ class ForceIntegrals(Integrals):
         return self.bump * (self.deviation / self.motion.noise)
 
 
-def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
+def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]) -> WeakForm:
     """Weak form of the measured forces [N] of some motions.
 
     Of a piston whose motion is prescribed z'' tells nothing, and a force that was measured tells
@@ -309,7 +309,7 @@ def force_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion
     return WeakForm(tuple(parts))
 
 
-def without_noise(weak: WeakForm) -> WeakForm:
+def noise_free_weak_form(weak: WeakForm) -> WeakForm:
     """Weak form of z'' whose errors are white noise of z'', as large as in its estimate.
 
     Where no equation comes near to a record's noise, as of a simulated bed, which has none, the

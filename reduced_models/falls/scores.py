@@ -12,8 +12,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.tables import in_columns
-from reduced_models.fitting.fitting import fit, law_of
+from granular.shared.tables import align_columns
+from reduced_models.fitting.fitting import fit, resolve_law
 from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
@@ -103,7 +103,7 @@ class DropScores:
 
     @property
     def table(self) -> str:
-        return in_columns([self.header, *self.cells()])
+        return align_columns([self.header, *self.cells()])
 
     @property
     def verdict(self) -> str:
@@ -221,7 +221,7 @@ def score_drops(
                 f"{level:g} m; give a fall"
             )
     rows = [
-        _row(law_of(law, record), record, tuple(unseen.values()), level, scene, starts)
+        _row(resolve_law(law, record), record, tuple(unseen.values()), level, scene, starts)
         for law in laws
     ]
     if all(row.model is None for row in rows):

@@ -124,7 +124,7 @@ def predict(scene: Scene) -> PredictedLaw:
     friction = 0.0 if piston is None else piston.friction
     if piston is not None and piston.mass is not None and friction:
         values = bed_parameters(scene.replace(**{"piston.friction": 0.0}))
-        values["friction"] = friction / moving_mass(scene, values)
+        values["friction"] = friction / accelerated_mass(scene, values)
         # A piston that sticks has no small swing.
         return PredictedLaw(
             values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING
@@ -138,7 +138,7 @@ def predict(scene: Scene) -> PredictedLaw:
     return PredictedLaw(values, (piston.height, 0.0), at_rest, {"from": f"the scene {scene.name}"})
 
 
-def moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
+def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     """Mass [kg] that the law's accelerations belong to, by its `bed_parameters`."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None

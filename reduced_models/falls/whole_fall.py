@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import LAW, bed_parameters, moving_mass
-from reduced_models.laws.equation import compiled_field
+from reduced_models.falls.theory import LAW, accelerated_mass, bed_parameters
+from reduced_models.laws.equation import compile_rates
 
 if TYPE_CHECKING:
     from granular.scene.scene import Scene
@@ -111,9 +111,9 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     duration = DURATION * (scene.grains.count / 368) ** 0.25
     times = np.linspace(0.0, duration, SAMPLES)
     z, v, w, affine, excess = _motion(values, start, times)
-    moved = moving_mass(scene, values)
+    moved = accelerated_mass(scene, values)
     numbers = [values[name] for name in LAW.parameters]
-    acceleration = np.asarray(compiled_field(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
+    acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)
     rest = values["rest"]
     outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (start - rest))
@@ -129,7 +129,7 @@ def _motion(values: dict[str, float], start: float, times: np.ndarray) -> np.nda
     from scipy.integrate import odeint
 
     lam, weight, rest, power = (values[name] for name in ("lam", "weight", "rest", "power"))
-    field = compiled_field(LAW.equation, (), "math")
+    field = compile_rates(LAW.equation, (), "math")
     numbers = [values[name] for name in LAW.parameters]
 
     def rates(state: np.ndarray, _: float) -> tuple[float, ...]:

@@ -11,15 +11,15 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quote, times
+from granular.shared.messages import as_factor, quote
 from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,
+    bootstrap_replicates,
     joint_covariance,
     marginal_information,
-    replicates,
 )
-from reduced_models.fitting.diagnostics import autocorrelation_time, diagnostics
+from reduced_models.fitting.diagnostics import autocorrelation_time, residual_structure
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.uncertainty import (
@@ -32,7 +32,7 @@ from reduced_models.fitting.uncertainty import (
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, without_random_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
@@ -79,7 +79,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     residuals = tuple(joint.residuals(theta))
     again = None
     if problem.intervals == "bootstrap":
-        again = replicates(joint, theta, REPLICATES, problem.seed)
+        again = bootstrap_replicates(joint, theta, REPLICATES, problem.seed)
     covariance, independent = joint_covariance(
         joint.linearise(theta),
         [grid.loss for grid in joint.grids],
@@ -236,8 +236,8 @@ def _quality(result: SearchResult, k: int) -> Quality:
     level = problem.noise[k]
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
     fitted = record.height + residuals * grid.unknowns.amplitude
-    left = without_random_walk(residuals * grid.unknowns.amplitude, grid.gain)
-    structure = diagnostics(record.time, left, np.gradient(fitted, record.time), period)
+    left = remove_random_walk(residuals * grid.unknowns.amplitude, grid.gain)
+    structure = residual_structure(record.time, left, np.gradient(fitted, record.time), period)
     is_tested = len(record) - samples >= 2
     error, resting = None, None
     if is_tested:
@@ -331,8 +331,8 @@ def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, .
     if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing:
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
-            f"the residual is {100 * usual / swing:.2g} % of the swing and {times(ratio)} times "
-            f"the record's noise, so {_not_right(quality, record)}"
+            f"the residual is {100 * usual / swing:.2g} % of the swing and {as_factor(ratio)} "
+            f"times the record's noise, so {_not_right(quality, record)}"
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))

@@ -21,16 +21,16 @@ import numpy as np
 
 from reduced_models.fitting.diagnostics import (
     autocorrelation_time,
-    autoregression,
+    fit_autoregression,
     propagate_covariance,
 )
 from reduced_models.least_squares.joint_records import Entries, JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
+    add_random_walk,
     cost_and_weight,
-    sensitivity,
-    with_random_walk,
-    without_random_walk,
+    half_curvature,
+    remove_random_walk,
 )
 
 LEAST_DOF = 2.0
@@ -119,9 +119,9 @@ def joint_covariance(
     parts = zip(linear, losses, noise, entries, alike, strict=True)
     for (left, slopes), loss, known, here, ratio in parts:
         _, weight = cost_and_weight(left, loss.numbers, np)
-        bread[np.ix_(here, here)] += slopes.T @ (sensitivity(left, loss)[:, None] * slopes)
+        bread[np.ix_(here, here)] += slopes.T @ (half_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
-        series = autoregression(pull)
+        series = fit_autoregression(pull)
         level = float((pull**2).mean()) * inflation
         if known is not None:
             level = known**2
@@ -135,7 +135,7 @@ def joint_covariance(
             level *= memory
         variance = max(variance, level)
     result = np.zeros((size, size))
-    result[np.ix_(free, free)] = sandwich(
+    result[np.ix_(free, free)] = sandwich_covariance(
         bread[np.ix_(free, free)], spread[np.ix_(free, free)], variance
     )
     return result, independent
@@ -150,7 +150,7 @@ def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray((levels * counts).sum() / counts.sum() / levels)
 
 
-def sandwich(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
+def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) -> np.ndarray:
     """Covariance (p, p) from the curvature of the loss and the spread of its gradient, both (p, p).
 
     ``variance`` is that of one residual, for directions that the curvature leaves open.
@@ -180,7 +180,9 @@ def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarr
     return np.asarray(normal[np.ix_(entries, entries)] - cross @ inner @ cross.T)
 
 
-def replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
+def bootstrap_replicates(
+    joint: JointRecords, theta: np.ndarray, count: int, seed: int
+) -> np.ndarray:
     """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
@@ -216,13 +218,13 @@ def _resampler(
 
     count = len(residuals)
     if gain > 0.0:
-        left = without_random_walk(residuals, gain)
-        left = left - middle(left, loss)
-        return lambda random: with_random_walk(random.choice(left, count), gain)
-    centred = residuals - middle(residuals, loss)
-    series = autoregression(centred)
+        left = remove_random_walk(residuals, gain)
+        left = left - location_estimate(left, loss)
+        return lambda random: add_random_walk(random.choice(left, count), gain)
+    centred = residuals - location_estimate(residuals, loss)
+    series = fit_autoregression(centred)
     new = series.new(centred)
-    new = new - middle(new, loss)
+    new = new - location_estimate(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0
 
@@ -233,7 +235,7 @@ def _resampler(
     return draw
 
 
-def middle(values: np.ndarray, loss: Loss) -> float:
+def location_estimate(values: np.ndarray, loss: Loss) -> float:
     """Location of the least loss of values, which outliers do not move as they move the mean."""
     result = 0.0
     for _ in range(_ROUNDS):

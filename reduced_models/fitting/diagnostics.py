@@ -24,7 +24,7 @@ _FRACTION = 20  # samples for each weight, at least
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
 
 
-def diagnostics(
+def residual_structure(
     time: np.ndarray, residuals: np.ndarray, velocity: np.ndarray, period: float
 ) -> dict[str, float]:
     """Structure of residuals, as fields of `reduced_models.models.quality.Quality`.
@@ -134,7 +134,7 @@ class Autoregression(NamedTuple):
         return np.asarray(result[len(self.weights) :])
 
 
-def autoregression(residuals: np.ndarray) -> Autoregression:
+def fit_autoregression(residuals: np.ndarray) -> Autoregression:
     """Autoregression of residuals (n,) about zero."""
     count = len(residuals)
     power = float((residuals**2).mean())

@@ -22,34 +22,34 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.assessment import make_models
-from reduced_models.fitting.history import checked_histories, is_history, with_histories
+from reduced_models.fitting.history import checked_histories, fit_with_histories, is_history
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
     Bounds,
     Fixed,
     Initial,
-    check_names,
     check_options,
+    check_parameter_names,
     fixed_values,
     initial_state,
     parameter_bounds,
-    starts_of,
+    parameter_starts,
 )
 from reduced_models.fitting.problem import (
     FitProblem,
     Intervals,
     as_records,
-    sample_weights,
     training_data,
+    weights_and_noise,
 )
-from reduced_models.fitting.refinement import SearchResult, fine_grids, judge
+from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on_verified_grids
 from reduced_models.fitting.search import search_fit
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.residuals import BLOWN_UP, LossName, without_random_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_drive
 
@@ -204,8 +204,8 @@ def fit(
     records = as_records(record)
     check_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
-    chosen = law_of(law, records[0], declared)
-    check_names(chosen, declared)
+    chosen = resolve_law(law, records[0], declared)
+    check_parameter_names(chosen, declared)
     chosen = dataclasses.replace(
         chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive)))
     )
@@ -213,7 +213,7 @@ def fit(
         raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
     shared, value = fixed_values(fix or {}, len(records))
     pairs = parameter_bounds(chosen, bounds or {}, shared, value)
-    given = sample_weights(records, weights, noise)
+    given = weights_and_noise(records, weights, noise)
     problem = FitProblem(
         law=chosen,
         data=tuple(
@@ -223,7 +223,7 @@ def fit(
         map=map,
         own=tuple(dict.fromkeys((*own, *value[0]))),
         bounds=pairs,
-        start=starts_of(chosen, start or {}),
+        start=parameter_starts(chosen, start or {}),
         initial={} if is_history(initial) else initial_state(chosen, initial),
         loss=loss,
         interpolation=input_interpolation or "spline",
@@ -243,16 +243,16 @@ def fit(
     if has_drive(chosen.inputs) and input_interpolation is None and test_fraction > 0.0:
         result = _best_interpolation(result)
     if histories:
-        result = with_histories(result, histories)
+        result = fit_with_histories(result, histories)
     if drift:
         result = _drifting(result)
-    models = make_models(judge(result))
+    models = make_models(solve_on_verified_grids(result))
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
     return models
 
 
-def law_of(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
+def resolve_law(law: str | Law, record: PistonRecord, declared: Sequence[str] = ()) -> Law:
     """Law by its name, its equation, or as it is; ``declared`` names are parameters.
 
     Raises
@@ -329,7 +329,7 @@ def _gain(residuals: np.ndarray) -> float:
     from scipy.optimize import minimize_scalar
 
     def left(log_gain: float) -> float:
-        return float((without_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
+        return float((remove_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
 
     solution = minimize_scalar(left, bounds=(np.log(_LEAST_GAIN), 0.0), method="bounded")
     return float(np.exp(solution.x))

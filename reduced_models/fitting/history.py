@@ -19,12 +19,12 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.options import Initial
 from reduced_models.fitting.refinement import SearchResult
-from reduced_models.fitting.start_values import along
+from reduced_models.fitting.start_values import acceleration_function
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.levenberg_marquardt import Bounds
 from reduced_models.records.derivatives import local_cubics
-from reduced_models.records.inputs import TIME, column, column_names, interpolate_inputs
+from reduced_models.records.inputs import TIME, column_names, input_column, interpolate_inputs
 
 _NODES_A_SWING = 128
 _GAP = 1.5  # samples between a history and its record
@@ -86,7 +86,7 @@ def _join_record(history: PistonRecord, record: PistonRecord) -> PistonRecord:
     return PistonRecord.from_columns(parts | {"time": parts["time"] - begin})
 
 
-def with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
+def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Fit with hidden states held where the records' histories end."""
     problem, joint, theta = result.problem, result.joint, result.trained
     hidden = slice(joint.unknowns.free + 2, None)
@@ -116,6 +116,6 @@ def _at_the_end(
     mapped = history.mapped(shift, scale)
     motion = local_cubics(mapped.time, mapped.height, period, nodes)
     motion = motion[:, motion[3] <= 0.0]
-    columns = [history.time if name == TIME else column(history, name) for name in law.inputs]
+    columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
     drive = interpolate_inputs(history.time, columns, motion[3])
-    return np.asarray(along(law, motion, drive)(np.array(values)[:, None])[1][:, 0])
+    return np.asarray(acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][:, 0])

@@ -129,7 +129,7 @@ def parameter_bounds(
     return result
 
 
-def starts_of(law: Law, start: Mapping[str, float]) -> dict[str, float]:
+def parameter_starts(law: Law, start: Mapping[str, float]) -> dict[str, float]:
     """Start values of parameters, as numbers.
 
     Raises
@@ -177,7 +177,7 @@ def initial_state(law: Law, initial: object) -> dict[str, float]:
     return result
 
 
-def check_names(law: Law, names: Sequence[str]) -> None:
+def check_parameter_names(law: Law, names: Sequence[str]) -> None:
     """Raise `InputError` unless all are parameters of the law."""
     for name in names:
         _check_name(law, name)

@@ -15,12 +15,12 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, MissingError
-from reduced_models.fitting.options import check_names
+from reduced_models.fitting.options import check_parameter_names
 from reduced_models.fitting.problem import as_records
 from reduced_models.jax_setup import jax
 from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import Bounds
-from reduced_models.least_squares.residuals import put_on_grid, residual_function
+from reduced_models.least_squares.residuals import record_on_grid, residual_function
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.models.roll_out import theta_of_model
 from reduced_models.records.first_guesses import first_guesses
@@ -107,7 +107,7 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
-    check_names(models[0].law, own)
+    check_parameter_names(models[0].law, own)
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
     thetas = [theta_of_model(entry, None, unknowns)[1] for entry in models]
@@ -115,7 +115,7 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
     theta = joint_vector(thetas, entries)
     names = unknowns.law.inputs
     grids = tuple(
-        put_on_grid(
+        record_on_grid(
             unknowns, record,
             grid_over(
                 record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution

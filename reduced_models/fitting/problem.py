@@ -152,12 +152,12 @@ def training_data(
     level = noise or 0.0
     if noise is None and loss != "linear":
         level = noise_level(total.height, total.time)
-    look = training if loss == "linear" else without_outliers(training)
+    look = training if loss == "linear" else clip_outliers(training)
     guess = first_guesses(look)
     return TrainingData(total, training, stop, look, guess, given, level, fixed or {})
 
 
-def without_outliers(record: PistonRecord) -> PistonRecord:
+def clip_outliers(record: PistonRecord) -> PistonRecord:
     """Move samples of a record that are far from the median about them to it.
 
     What a fit starts from must not be led by outliers: they are greater than the swing's own
@@ -200,7 +200,7 @@ def as_records(record: Any) -> list[PistonRecord]:
     )
 
 
-def sample_weights(
+def weights_and_noise(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
     """Weights (n,) of each record's residuals, and the noise [m] of one with the weight 1.

@@ -14,10 +14,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reduced_models.fitting.covariance import sandwich
+from reduced_models.fitting.covariance import sandwich_covariance
 from reduced_models.fitting.uncertainty import Interval, intervals_between, named_entries
 from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
+from reduced_models.least_squares.levenberg_marquardt import (
+    Bounds,
+    Normal,
+    Prior,
+    levenberg_marquardt,
+)
 
 FAR = math.log(1e6)
 """An entry of the search vector that may go so far is not bounded by the data."""
@@ -44,7 +49,7 @@ def profile_intervals(
     entries = sorted({int(entry) for here in joint.entries for entry in here[:count]})
     free = np.flatnonzero(~joint.held)
     normal, plain = joint.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
-    plain[free] = np.diag(sandwich(normal, normal, 1.0))
+    plain[free] = np.diag(sandwich_covariance(normal, normal, 1.0))
     variance = np.where(joint.held, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_ends(joint, theta, entries, covariance, variance, quantile)
     return [intervals_between(unknowns, low[here], high[here]) for here in joint.entries]
@@ -185,7 +190,7 @@ def _held(
     free = Prior(np.zeros(start.shape[1]), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
-        start, costs = search(normal, start, free, tolerance, Bounds(low, high))
+        start, costs = levenberg_marquardt(normal, start, free, tolerance, Bounds(low, high))
         _, gradient, matrix = map(np.asarray, normal(start))
         lacking = _descent(gradient, matrix, (start > low) & (start < high))
         if (lacking <= 10.0 * resolved).all():

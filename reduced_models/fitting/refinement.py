@@ -16,19 +16,23 @@ import numpy as np
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.start_values import free_entries, matched_values, with_initial_state
-from reduced_models.laws.solution import Solution, solution
-from reduced_models.laws.symmetry import canonical
+from reduced_models.fitting.start_values import (
+    free_entries,
+    match_accelerations,
+    with_initial_state,
+)
+from reduced_models.laws.solution import Solution, solve_law
+from reduced_models.laws.symmetry import canonical_values
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
-from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement
+from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement_cost
 from reduced_models.least_squares.residuals import (
     BLOWN_UP,
     GriddedRecord,
     cost_and_weight,
-    put_on_grid,
+    record_on_grid,
 )
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import Grid, column, has_drive
+from reduced_models.records.inputs import Grid, has_drive, input_column
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
@@ -55,8 +59,8 @@ class SearchResult:
     joint : JointRecords
         Of the whole records, on fine grids.
     trained, theta : float64 (q,)
-        Search vectors that fit the training stretches, and all of the records; before `judge` the
-        latter is the former.
+        Search vectors that fit the training stretches, and all of the records; before
+        `solve_on_verified_grids` the latter is the former.
     converged : int
         Starts that led to this fit.
     cost : float
@@ -103,7 +107,7 @@ def fine_grids(problem: FitProblem) -> list[Grid]:
     ]
 
 
-def refine(
+def refine_best_start(
     problem: FitProblem, coarse: JointRecords, vectors: tuple[np.ndarray, np.ndarray]
 ) -> SearchResult:
     """Fit on fine grids from the best start of a search, compared with collocation's estimate.
@@ -113,7 +117,7 @@ def refine(
     thetas, costs = vectors
     unknowns = coarse.unknowns
     grids = [
-        put_on_grid(
+        record_on_grid(
             unknowns, data.record, grid, problem.interpolation, data.weights,
             problem.loss_of(data, unknowns.amplitude),
         )
@@ -137,7 +141,7 @@ def refine(
             coarse_cost *= other_cost / cost
             best = joint.refit(other, problem.samples)
             cost, collocation = _cost(problem, joint, best), "better"
-    limit = agreement(np.array([coarse_cost]), count)
+    limit = agreement_cost(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
     return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
 
@@ -149,7 +153,7 @@ def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> n
     theta = theta.copy()
     names, here = unknowns.law.parameters, joint.entries[0]
     values = dict(zip(names, unknowns.physical(theta[here])[0], strict=True))
-    moved = canonical(unknowns.law, values, saved)
+    moved = canonical_values(unknowns.law, values, saved)
     for entry, name, unit in zip(here, names, unknowns.units, strict=False):
         if moved[name] != values[name]:
             theta[entry] = moved[name] / unit
@@ -204,7 +208,7 @@ def _collocation_fit(
     seen = leader.guess.mapped(given.shift, given.scale)
     mapped = leader.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
-    matched = matched_values(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
+    matched = match_accelerations(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
     free = free_entries(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
@@ -239,7 +243,7 @@ def _is_of_one_parabola(
     return all(abs(value - foreseen) <= _PARABOLA * foreseen for value in (risen, slope))
 
 
-def judge(result: SearchResult) -> SearchResult:
+def solve_on_verified_grids(result: SearchResult) -> SearchResult:
     """Fit all of the records, on grids whose solutions agree with the adaptive ones.
 
     Raises
@@ -305,6 +309,6 @@ def _adaptive_solution(grid: GriddedRecord, theta: np.ndarray) -> Solution:
     unknowns, record = grid.unknowns, grid.record
     values, _, scale, z0, v0, hidden = unknowns.physical(theta)
     size = unknowns.amplitude / scale
-    inputs = [column(record, name) for name in unknowns.law.inputs]
+    inputs = [input_column(record, name) for name in unknowns.law.inputs]
     how = grid.interpolation
-    return solution(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)
+    return solve_law(unknowns.law, record.time, z0, v0, values, size, inputs, hidden, how)

@@ -21,13 +21,13 @@ from reduced_models.fitting.refinement import (
     FIRST_SWINGS,
     SearchResult,
     fine_grids,
-    refine,
+    refine_best_start,
 )
 from reduced_models.fitting.start_values import (
+    draw_swing_parameters,
     free_entries,
     scale_unknowns,
     start_vectors,
-    swing_draws,
     swing_unknowns,
     with_initial_state,
 )
@@ -43,8 +43,8 @@ from reduced_models.least_squares.levenberg_marquardt import (
     Bounds,
     Normal,
     Prior,
+    levenberg_marquardt,
     promising_starts,
-    search,
 )
 from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
 from reduced_models.least_squares.samples import grid_over, means_on_grid, samples_on_grid
@@ -70,15 +70,15 @@ def search_fit(problem: FitProblem) -> SearchResult:
     law, wanted = problem.law, problem.map
     if not law.mapped or isinstance(wanted, HeightMap):
         given = wanted if isinstance(wanted, HeightMap) and law.mapped else HeightMap()
-        return refine(problem, *_search(problem, given))
-    mapped = refine(problem, *_search(problem, None))
+        return refine_best_start(problem, *_search(problem, given))
+    mapped = refine_best_start(problem, *_search(problem, None))
     if wanted == "fitted":
         return mapped
     limit = _HOPELESS * mapped.coarse_cost
     joint, vectors = _search(problem, HeightMap(), limit)
     if vectors[1].min() > limit:
         return mapped
-    return min(refine(problem, joint, vectors), mapped, key=_information)
+    return min(refine_best_start(problem, joint, vectors), mapped, key=_information)
 
 
 def _information(result: SearchResult) -> float:
@@ -114,7 +114,7 @@ def _search(
         return joint, _search_over_horizons(problem, joint, limit)
     theta, least = swing
     normal, prior = coarse_normal(problem, joint, math.inf)
-    vectors = search(normal, theta, prior, bounds=bounds)
+    vectors = levenberg_marquardt(normal, theta, prior, bounds=bounds)
     poor = prior.samples * _POOR**2
     if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
         other = _search_over_horizons(problem, joint, limit)
@@ -135,10 +135,12 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
             waiting = None if not costs.any() else promising_starts(costs, prior.samples)
-            theta, costs = search(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
+            theta, costs = levenberg_marquardt(
+                normal, theta, prior, bounds=joint.bounds, waiting=waiting
+            )
         else:
             waiting = None if first else promising_starts(costs, prior.samples)
-            theta, costs = search(
+            theta, costs = levenberg_marquardt(
                 normal, theta, prior, _TOLERANCE, joint.bounds, trials=trials, waiting=waiting
             )
         if rival and costs.min() > limit:
@@ -173,7 +175,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     if form is None or unknowns.map is not None or problem.own or problem.bounds or problem.start:
         return None
     random = np.random.default_rng(problem.seed)
-    draws = swing_draws(form, leader, problem.starts, random)
+    draws = draw_swing_parameters(form, leader, problem.starts, random)
     if draws is None:
         return None
     swinging = swing_unknowns(unknowns, form, draws)
@@ -185,7 +187,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     swing = dataclasses.replace(joint, grids=grids)
     for swings in _horizons(problem, swing):
         normal, prior = coarse_normal(problem, swing, swings)
-        theta, costs = search(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
+        theta, costs = levenberg_marquardt(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
     values = swinging.physical(theta[:, joint.entries[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
     theta[:, : free.shape[1]] = free_entries(unknowns, mapped)

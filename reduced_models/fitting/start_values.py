@@ -20,15 +20,15 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.problem import Pairs, TrainingData
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, Starts, SwingForm
-from reduced_models.laws.symmetry import canonical
-from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, search
+from reduced_models.laws.symmetry import canonical_values
+from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
-from reduced_models.records.inputs import column, interpolate_inputs
+from reduced_models.records.inputs import input_column, interpolate_inputs
 
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
@@ -75,7 +75,7 @@ def start_values(
     return {name: chosen[:, k].copy() for k, name in enumerate(law.parameters)}
 
 
-def matched_values(
+def match_accelerations(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,
@@ -118,7 +118,7 @@ def _random_draws(
     draws = size * np.exp(random.uniform(-1.5, 1.5, shape))
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
-    values = canonical(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
+    values = canonical_values(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
     values |= {name: np.full(count, value) for name, value in _held(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
@@ -134,8 +134,10 @@ def _match_pairs(
     from scipy.optimize import least_squares
 
     z, v, a, nodes = local_cubics(record.time, record.height, guess.period, _NODES)
-    drive = interpolate_inputs(record.time, [column(record, name) for name in law.inputs], nodes)
-    field = compiled_field(law.equation, law.inputs, "numpy")
+    drive = interpolate_inputs(
+        record.time, [input_column(record, name) for name in law.inputs], nodes
+    )
+    field = compile_rates(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
@@ -168,7 +170,7 @@ def _match_pairs(
     good = np.array([values for cost, values in results if cost <= _GOOD * results[0][0] + 1e-12])
     # Draws that mean the same end at either sign and turns apart: which of them rounding puts first
     # must not tell where a search starts, nor bounds cut off the sign that it starts from.
-    home = canonical(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
+    home = canonical_values(law, dict(zip(law.parameters, good.T, strict=True)), bounds=bounds)
     return np.stack([home[name] for name in law.parameters], axis=1)
 
 
@@ -185,8 +187,10 @@ def _hidden_starts(
     nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
     motion = local_cubics(record.time, record.height, guess.period, nodes)
     acceleration, times = motion[2:]
-    drive = interpolate_inputs(record.time, [column(record, name) for name in law.inputs], times)
-    carried = along(law, motion, drive)
+    drive = interpolate_inputs(
+        record.time, [input_column(record, name) for name in law.inputs], times
+    )
+    carried = acceleration_function(law, motion, drive)
     scale = max(float(np.abs(acceleration).max()), 1e-300)
     target = acceleration[:, None]
 
@@ -200,7 +204,7 @@ def _hidden_starts(
         drawn = np.vstack([best, draw(_HIDDEN_DRAWS)])
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED]]
-    output, cost = search(
+    output, cost = levenberg_marquardt(
         _normal(best, misfits), np.zeros_like(best),
         Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,
     )  # fmt: skip
@@ -210,7 +214,7 @@ def _hidden_starts(
     return np.asarray(values[good])
 
 
-def along(
+def acceleration_function(
     law: Law, motion: np.ndarray, drive: np.ndarray
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters (p, m): accelerations (n, m), last hidden states (h, m).
@@ -218,7 +222,7 @@ def along(
     Hidden states go from zero along the motion (4, n) that `smoothed` gives, by Heun's method;
     ``drive`` (n, inputs) holds the inputs.
     """
-    field = compiled_field(law.equation, law.inputs, "numpy")
+    field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 
     def carried(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -331,7 +335,7 @@ def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndar
     return np.stack(result, axis=1)
 
 
-def swing_draws(
+def draw_swing_parameters(
     form: SwingForm, data: TrainingData, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
     """Random parameters (count,) of a swing form; None where it does not hold for the record."""

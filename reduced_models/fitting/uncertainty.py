@@ -12,7 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reduced_models.fitting.covariance import Information, marginal_information
-from reduced_models.laws.linearization import JUMPS, NoSwing, cycles, rates_of, small_swing
+from reduced_models.laws.linearization import (
+    JUMPS,
+    NoSwing,
+    harmonic_cycles,
+    law_rates,
+    small_swing,
+)
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Direction
@@ -259,8 +265,8 @@ def _seen_damping(
     law = unknowns.law
     values, shift, scale, *_ = unknowns.physical(thetas)
     amplitude = sizes[:, None]
-    result = cycles(
-        rates_of(law, values), len(law.hidden), amplitude / np.abs(scale),
+    result = harmonic_cycles(
+        law_rates(law, values), len(law.hidden), amplitude / np.abs(scale),
         (figures[0] - shift) / scale, 2.0 * math.pi / figures[1],
     )  # fmt: skip
     wide, narrow = result.resistance(amplitude)

@@ -11,22 +11,22 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import quote, times
+from granular.shared.messages import as_factor, quote
 from reduced_models.discovery.selection import score_subsets
-from reduced_models.discovery.terms import Term, library
+from reduced_models.discovery.terms import Term, physical_library
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
-    choose_map,
+    choose_height_map,
     estimate_motion,
     weak_form,
 )
 from reduced_models.laws.catalogue import LAWS, law_named
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.inputs import column, column_names
+from reduced_models.records.inputs import column_names, input_column
 
 CANDIDATES = (
     "linear", "van-der-pol-like", "polynomial-spring", "power-law-spring", "quadratic-drag",
@@ -55,8 +55,8 @@ class Candidates(NamedTuple):
         """Those that cannot win, in words."""
         least = max(self.screening.least, 1.0)
         return tuple(
-            f"{name} was not fitted: at a glance it leaves {times(misfit / least)} times what the "
-            f"best law leaves (limit {HOPELESS:g}); --law {name} fits it all the same"
+            f"{name} was not fitted: at a glance it leaves {as_factor(misfit / least)} times what "
+            f"the best law leaves (limit {HOPELESS:g}); --law {name} fits it all the same"
             for name, misfit in self.screening.misfits.items()
             if name not in {law.name for law in self.laws}
         )
@@ -73,7 +73,7 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return Candidates(tuple(driven_law(law, record, drive) for law in laws), Screening({}, 1.0))
-    screening = screen(record, laws)
+    screening = screen_laws(record, laws)
     saved = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
     return Candidates(saved, screening)
 
@@ -94,7 +94,7 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
         raise InputError(
             f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u"
         )
-    size = float(np.abs(column(record, drive)).max())
+    size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
         raise InputError(f"the column {quote(drive)} is zero everywhere; it drives nothing")
     own, gain = law_named(law.name).start, "gain"
@@ -126,7 +126,7 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
         name
         for name in column_names(record)
         if name not in named
-        and math.isfinite(spread := float(np.ptp(column(record, name))))
+        and math.isfinite(spread := float(np.ptp(input_column(record, name))))
         and spread > 0.0
     )
 
@@ -174,7 +174,7 @@ class Screening:
         return max(self.library, 1.0) < CLEARLY_LESS * self.least and math.isfinite(self.least)
 
 
-def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
+def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     """Fit laws without hidden states and inputs to the weak form; of others it says nothing.
 
     The equation of motion is integrated against smooth bumps, which leaves sums over the samples
@@ -185,10 +185,12 @@ def screen(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     """
     try:
         guess = first_guesses(record)
-        height_map = choose_map([record], "auto")
+        height_map = choose_height_map([record], "auto")
         weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.
-        _, judge = score_subsets(weak, library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
+        _, judge = score_subsets(
+            weak, physical_library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
+        )
     except (GranularError, np.linalg.LinAlgError):
         return Screening({}, math.inf)
     misfits = {}
@@ -220,7 +222,7 @@ def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: Hei
         z, v, size, plain = motion.z, motion.velocity, 1.0, law.swing_form.law
         inner = guess.mapped(height_map.shift, height_map.scale)
         starts = law.swing_form.start(motion.time, motion.smooth, inner, random, _STARTS)
-    field = compiled_field(plain.equation, (), "numpy")
+    field = compile_rates(plain.equation, (), "numpy")
 
     def rate(values: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):

@@ -114,7 +114,7 @@ def further_runs(
     lift : bool
         Whether another lift is run.
     """
-    step, seeds = step_check(run), seed_checks(run)
+    step, seeds = scene_with_other_step(run), scenes_with_other_seeds(run)
     swings = [step.check, *seeds]
     lifts = [other] if lift and (other := held_out_lift(run.scene)) is not None else []
     fall = None if period is None else first_fall(run, period)
@@ -186,7 +186,7 @@ def _refit(
     return {name: values[name] for name in model.at_rest.intervals} if model.at_rest else {}
 
 
-def step_check(run: Trajectory) -> StepCheck:
+def scene_with_other_step(run: Trajectory) -> StepCheck:
     """Scene of a run with twice its time step, or half of it where twice is too coarse.
 
     A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
@@ -204,7 +204,7 @@ def step_check(run: Trajectory) -> StepCheck:
     return StepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
 
 
-def seed_checks(run: Trajectory) -> list[RunCheck]:
+def scenes_with_other_seeds(run: Trajectory) -> list[RunCheck]:
     """Scene of a run from other random starts, all else alike."""
     first = run.scene.arrangement.seed + 1
     return [

@@ -16,16 +16,16 @@ from typing import Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import times
-from reduced_models.fitting.fitting import fit, law_of
+from granular.shared.messages import as_factor
+from reduced_models.fitting.fitting import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import as_records
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     Comparison,
     Row,
-    percent,
-    pool,
+    as_percent,
+    root_mean_square,
     tie_limit,
 )
 from reduced_models.laws.height_map import HeightMap
@@ -105,7 +105,7 @@ def compare(
     return _rank(rows, sound)
 
 
-def compare_on(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
+def compare_on_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
@@ -123,7 +123,7 @@ def _further(row: Row, test_records: Sequence[PistonRecord]) -> Row:
         except InputError:
             judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
     errors = [*row.stretches, *(candidate.relative for candidate in judged)]
-    return dataclasses.replace(row, records=tuple(judged), error=pool(errors))
+    return dataclasses.replace(row, records=tuple(judged), error=root_mean_square(errors))
 
 
 class _Entry(NamedTuple):
@@ -144,7 +144,7 @@ def law_name(law: str | Law | ReducedModel) -> str:
 
 def _entry(law: Any, record: PistonRecord) -> _Entry:
     if isinstance(law, str | Law):
-        return _Entry(law_of(law, record), None)
+        return _Entry(resolve_law(law, record), None)
     model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
     if model.law.start is not None:
         return _Entry(model.law, model.map)
@@ -179,14 +179,18 @@ def _row(
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     errors = [*stretches, *(candidate.relative for candidate in judged)]
-    error = pool(errors) if errors else pool([model.quality.relative for model in models])
+    error = (
+        root_mean_square(errors)
+        if errors
+        else root_mean_square([model.quality.relative for model in models])
+    )
     return Row(law.name, models, count, stretches, judged, error)
 
 
 def _rank(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     correlation = min(_correlation(row) for row in sound)
     scored = [_score(row, correlation) for row in sound]
-    noise = pool([_noise(model) for model in scored[0].models])
+    noise = root_mean_square([_noise(model) for model in scored[0].models])
     least = min(row.error for row in scored)
     limit = tie_limit(least, noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
@@ -239,21 +243,21 @@ def _at_rest(row: Row) -> float:
         if model.quality.test_error_at_rest is not None
     ]
     errors += [record.at_rest for record in row.records]
-    return pool(errors) if errors else 1.0
+    return root_mean_square(errors) if errors else 1.0
 
 
 def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     best = alike[0]
     words = (
-        f"{best.name} is first: it predicts the held-out data to {percent(best.error)} of the rms "
-        f"swing (baseline, a piston at rest: {percent(at_rest)})"
+        f"{best.name} is first: it predicts the held-out data to {as_percent(best.error)} of the "
+        f"rms swing (baseline, a piston at rest: {as_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so these data do not judge the laws"
     for row in alike[1:]:
         gain = row.deviance - best.deviance
         if abs(gain) < CLEAR:
-            words += f"; the data cannot tell {row.name} from it ({percent(row.error)})"
+            words += f"; the data cannot tell {row.name} from it ({as_percent(row.error)})"
             if row.parameters > best.parameters:
                 words += f", which has {row.parameters - best.parameters} more parameters"
         elif gain > 0.0:
@@ -265,5 +269,7 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
         if math.isinf(row.error):
             words += f"; {row.name} diverges"
         else:
-            words += f"; {row.name} is {times(row.error / max(best.error, 1e-300), 3)} times worse"
+            words += (
+                f"; {row.name} is {as_factor(row.error / max(best.error, 1e-300), 3)} times worse"
+            )
     return words + "."

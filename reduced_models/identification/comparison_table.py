@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from granular.shared.html import number
+from granular.shared.html import format_number
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.roll_out import RollOut
 
@@ -159,8 +159,8 @@ class Comparison:
                 empty = [""] * (len(self.header) - 2)
                 lines.append((row.name, row.failure, *empty))
                 continue
-            stretch = percent(pool(row.stretches)) if row.stretches else "-"
-            records = [percent(record.relative) for record in row.records]
+            stretch = as_percent(root_mean_square(row.stretches)) if row.stretches else "-"
+            records = [as_percent(record.relative) for record in row.records]
             lines.append(
                 (row.name, str(row.parameters), stretch, *records, f"{row.aic - aic:+.1f}",
                  f"{row.bic - bic:+.1f}", str(row.blow_ups))
@@ -226,7 +226,7 @@ class Comparison:
         rows = [
             {
                 "law": row.name, "parameters": row.parameters, "error": row.error,
-                "test error": pool(row.stretches) if row.stretches else math.nan,
+                "test error": root_mean_square(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }
@@ -281,7 +281,7 @@ def tie_limit(least: float, noise: float) -> float:
     return max((1.0 + TIE) * least, NOISE_TIE * noise)
 
 
-def best_text(best: Row) -> str:
+def best_error_text(best: Row) -> str:
     """Return the error of the first law of a record in a sentence."""
     if math.isinf(best.error):
         return "No law predicts what it has not seen."
@@ -291,11 +291,11 @@ def best_text(best: Row) -> str:
     )
 
 
-def pool(errors: Sequence[float]) -> float:
+def root_mean_square(errors: Sequence[float]) -> float:
     """Root mean square."""
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
-def percent(fraction: float) -> str:
+def as_percent(fraction: float) -> str:
     """Error as people read it."""
-    return "diverges" if math.isinf(fraction) else f"{number(100.0 * fraction, 3)} %"
+    return "diverges" if math.isinf(fraction) else f"{format_number(100.0 * fraction, 3)} %"

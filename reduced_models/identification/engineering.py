@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import GranularError
-from granular.shared.html import number
+from granular.shared.html import format_number
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.response import HarmonicCycle
@@ -49,7 +49,7 @@ class Quantity(NamedTuple):
     @property
     def digits(self) -> int:
         """Decimals that the interval is worth: its half-width has two of them."""
-        return decimals(self.value, self.low, self.high)
+        return decimal_places(self.value, self.low, self.high)
 
     @property
     def text(self) -> str:
@@ -64,7 +64,7 @@ class Quantity(NamedTuple):
         return format_interval(self.low, self.high, self.digits)
 
 
-def decimals(value: float, low: float, high: float) -> int:
+def decimal_places(value: float, low: float, high: float) -> int:
     """Decimals of a number that has an interval; negative ones are zeros before the point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
@@ -129,7 +129,9 @@ def engineering_units(angle: bool, mass: float | None) -> Units:
     return Units("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
-def engineering(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
+def engineering_quantities(
+    model: ReducedModel, angle: bool, mass: float | None
+) -> tuple[Quantity, ...]:
     """Figures of the swing about rest; none where the law has no level of rest.
 
     A damping ratio that the record's own peaks contradict gives way to theirs, and what follows
@@ -268,7 +270,7 @@ class Figure:
         Confidence interval of the fit.
     step_error : float or None
         Estimated error of the simulation's time step, from a run with another step and the same fit
-        of the same law; see `reduced_models.identification.checks.step_check`.
+        of the same law; see `reduced_models.identification.checks.scene_with_other_step`.
     seed_spread : float or None
         Standard deviation over random starts of the bed.
     """
@@ -302,7 +304,11 @@ def propagate_error(quantity: Quantity, figures: Mapping[str, Figure], which: st
         return ""
     if quantity.name == "level of rest":
         rest = figures["height"]
-        return number(abs(quantity.value * known["height"] / rest.value), 2) if rest.value else ""
+        return (
+            format_number(abs(quantity.value * known["height"] / rest.value), 2)
+            if rest.value
+            else ""
+        )
     period = known["period"] / figures["period"].value
     ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
     if quantity.symbol in _BY_RATIO:
@@ -311,7 +317,7 @@ def propagate_error(quantity: Quantity, figures: Mapping[str, Figure], which: st
         relative = 2.0 * period
     else:
         relative = math.hypot(period, ratio) if quantity.name == "damping" else period
-    return number(abs(quantity.value) * relative, 2)
+    return format_number(abs(quantity.value) * relative, 2)
 
 
 def swing_text(

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checks import check_figures, further_runs
-from reduced_models.identification.comparison import compare, compare_on, law_name
+from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import rest_figures
 from reduced_models.identification.residual_tests import residual_tests
@@ -159,7 +159,7 @@ def identify(
         mass=mass,
         left_out=left_out,
         residuals={model.law.name: residual_tests(model, record) for model in models},
-        advice=advice(comparison, models, record, run, discovery),
+        advice=suggest_next_steps(comparison, models, record, run, discovery),
     )
     doubts = [f"fit of {best.law.name}: {note}" for note in best.notes]
     for note in (*result.notes, *doubts):
@@ -214,8 +214,8 @@ def _notes(
     ]
     if run is None:
         notes += [
-            f"the column {visible(name)} was not used; as a drive of all laws: --input "
-            f"{visible(name)}"
+            f"the column {sanitize(name)} was not used; as a drive of all laws: --input "
+            f"{sanitize(name)}"
             for name in unused_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
@@ -233,7 +233,7 @@ def _check_by_runs(
     checks = further_runs(run, period, executor, progress, lift=len(result.models) > 1)
     comparison, model, figures = result.comparison, result.shown, result.figures
     if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
-        comparison = compare_on(comparison, [checks.lift])
+        comparison = compare_on_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = rest_figures(model)
@@ -265,7 +265,7 @@ class _Stopwatch:
         self._last = now
 
 
-def advice(
+def suggest_next_steps(
     comparison: Comparison, models: Sequence[ReducedModel], record: PistonRecord,
     run: Trajectory | None, discovery: str | None,
 ) -> tuple[str, ...]:  # fmt: skip

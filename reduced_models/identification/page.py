@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.shared.html import Page, number
-from granular.shared.messages import times
+from granular.shared.html import Page, format_number
+from granular.shared.messages import as_factor
 from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
 from granular.shared.version import versions
 from reduced_models.falls.scores import DropScores
@@ -20,16 +20,16 @@ from reduced_models.identification.engineering import (
     Figure,
     Quantity,
     cycles_at_amplitudes,
-    decimals,
+    decimal_places,
     engineering_units,
     format_fixed,
     format_interval,
     propagate_error,
     swing_words,
 )
-from reduced_models.identification.pictures import downsampled
+from reduced_models.identification.pictures import downsample
 from reduced_models.identification.residual_tests import ResidualTests
-from reduced_models.laws.printing import mathml, mathml_of_rate, rounded_expression, symbol
+from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import ReducedModel
 
 __all__ = ["comparison_page"]
@@ -55,18 +55,18 @@ def comparison_page(table: Comparison) -> Page:
     for row in table.rows:
         for model in row.models[:1]:
             add_model(page, model, " (first)" if row is table.rows[0] else "")
-    page.footer(made_text())
+    page.footer(provenance_text())
     return page
 
 
-def made_text() -> str:
+def provenance_text() -> str:
     """Add the date, and the versions of the libraries that made the fits."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     programs = versions(("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib"))
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in programs.items())
 
 
-def sentence(words: str) -> str:
+def capitalise(words: str) -> str:
     """Return words with a capital in front."""
     return words[:1].upper() + words[1:]
 
@@ -106,22 +106,31 @@ def add_engineering(
             "shows: another step lets the bed pack differently."
         )
     if averaging:
-        page.text(f"{sentence(averaging)}.")
+        page.text(f"{capitalise(averaging)}.")
     cycles = cycles_at_amplitudes(model, heights)
     if len(cycles) < 2:
         return
     units = engineering_units(model.angle, mass)
     page.text("How they change with amplitude, in harmonic cycles about rest:")
     page.table(
-        (f"amplitude [{units.length}]", "frequency [Hz]", "damping ratio [%]",
-         f"stiffness [{units.stiffness}]", f"damping [{units.damping}]"),
+        (
+            f"amplitude [{units.length}]",
+            "frequency [Hz]",
+            "damping ratio [%]",
+            f"stiffness [{units.stiffness}]",
+            f"damping [{units.damping}]",
+        ),
         [
-            (number(units.scale * figure.amplitude, 3),
-             number(figure.frequency / (2.0 * math.pi), 5), number(100.0 * figure.damping_ratio, 4),
-             number(units.inertia * figure.stiffness, 5), number(units.inertia * figure.damping, 4))
+            (
+                format_number(units.scale * figure.amplitude, 3),
+                format_number(figure.frequency / (2.0 * math.pi), 5),
+                format_number(100.0 * figure.damping_ratio, 4),
+                format_number(units.inertia * figure.stiffness, 5),
+                format_number(units.inertia * figure.damping, 4),
+            )
             for figure in cycles
         ],
-    )  # fmt: skip
+    )
 
 
 def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
@@ -167,11 +176,16 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
     unit, scale = ("°", 180.0 / math.pi) if angle else ("µm", 1e6)
     rows = [
         (
-            name, test.verdict, f"{number(scale * test.rms, 3)} {unit}", times(test.swing),
-            times(test.double), _probability(test.whiteness), _probability(test.signs),
+            name,
+            test.verdict,
+            f"{format_number(scale * test.rms, 3)} {unit}",
+            as_factor(test.swing),
+            as_factor(test.double),
+            _probability(test.whiteness),
+            _probability(test.signs),
         )
         for name, test in tests.items()
-    ]  # fmt: skip
+    ]
     page.section("What the laws leave over")
     page.table(("law", "so it is", "rms", "at f", "at 2f", "white", "signs"), rows)
     page.text(
@@ -184,7 +198,7 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
 
 
 def _probability(value: float) -> str:
-    return "< 0.001" if value < 1e-3 else number(value, 2)
+    return "< 0.001" if value < 1e-3 else format_number(value, 2)
 
 
 def add_model(page: Page, model: ReducedModel, remark: str) -> None:
@@ -203,7 +217,7 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
     )
     # Open directions have the signs of their parameters as formulas have them.
     powers = [
-        {symbol(name): power for name, power in product.powers.items()}
+        {parameter_symbol(name): power for name, power in product.powers.items()}
         for product in model.undetermined
     ]
     open_directions = [
@@ -211,14 +225,14 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
         for product, named in zip(model.undetermined, powers, strict=True)
     ]
     for note in (*open_directions, *model.notes):
-        page.note(f"{sentence(note)}.")
+        page.note(f"{capitalise(note)}.")
     page.text(_quality_text(model))
 
 
 def add_equations(page: Page, model: ReducedModel) -> None:
     """Add a law with symbols and with its numbers, and those of its hidden states."""
     symbols = {
-        name: rounded_expression(rate, model.printed_digits)
+        name: round_expression(rate, model.printed_digits)
         for name, rate in model.law.sympy_hidden().items()
     }
     for equation, rates in (
@@ -229,7 +243,9 @@ def add_equations(page: Page, model: ReducedModel) -> None:
         for name, rate in rates.items():
             page.equation(mathml_of_rate(name, rate))
     if model.law.hidden:
-        starts = (f"{name} = {number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
+        starts = (
+            f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden
+        )
         page.text(f"At the start {', '.join(starts)}.")
 
 
@@ -264,10 +280,12 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         low, high = model.intervals[name]
         size = math.floor(math.log10(abs(value))) if value else 0
         # As many digits as the interval is worth, and no fewer than the equation has.
-        digits = max(decimals(value, low, high), model.printed_digits - 1 - size)
+        digits = max(decimal_places(value, low, high), model.printed_digits - 1 - size)
         # One that is much wider than the value is called open.
         interval = "open" if high - low > 20.0 * abs(value) else format_interval(low, high, digits)
-        rows.append((symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
+        rows.append(
+            (parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval)
+        )
     return rows
 
 
@@ -286,15 +304,13 @@ def add_falls(page: Page, falls: DropScores) -> None:
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
-        axes.plot(
-            *downsampled(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated"
-        )
+        axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
         sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
         for k, row in enumerate(sound[:_MOST_LINES]):
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
             axes.plot(
-                *downsampled(time, 1e3 * motion.height), linewidth=1.2,
+                *downsample(time, 1e3 * motion.height), linewidth=1.2,
                 label=plain_label(row.name), **line_look(k),
             )  # fmt: skip
         axes.set_xlabel("time [s]")

@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.observables.plots import draw_bed
 from granular.run.record import PistonRecord
-from granular.shared.html import Page, number
+from granular.shared.html import Page, format_number
 from granular.shared.plotting import (
     COLOURS,
     GREY,
@@ -40,7 +40,7 @@ _ENERGIES = {
 }
 
 
-def downsampled(*columns: np.ndarray) -> list[np.ndarray]:
+def downsample(*columns: np.ndarray) -> list[np.ndarray]:
     """Return columns with as many of their samples as can be seen."""
     every = max(1, len(columns[0]) // _MOST_POINTS)
     return [column[::every] for column in columns]
@@ -84,11 +84,11 @@ def _add_curves(
         (top, bottom),
     ):
         top.plot(
-            *downsampled(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label
+            *downsample(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label
         )
         for name, values, look in curves:
             count = len(values)
-            t, line, missed = downsampled(
+            t, line, missed = downsample(
                 time[:count],
                 shown.scale * values,
                 difference.scale * (record.height[:count] - values),
@@ -156,9 +156,7 @@ def add_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
             (record.height, speed, "record", {"color": GREY, "linewidth": 3}),
             (motion.height, motion.velocity, plain_label(best.law.name), {"linewidth": 1.0}),
         ):
-            axes.plot(
-                *downsampled(shown.scale * height, shown.scale * velocity), label=name, **look
-            )
+            axes.plot(*downsample(shown.scale * height, shown.scale * velocity), label=name, **look)
         axes.set_xlabel(shown.label)
         axes.set_ylabel(f"velocity [{shown.unit}/s]")
         axes.legend(loc="upper right")
@@ -177,7 +175,11 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
     page.table(
         ("law", "error [% of the rms swing]", "times the best"),
         [
-            (name, number(100.0 * score.relative, 3), number(score.relative / max(best, 1e-300), 3))
+            (
+                name,
+                format_number(100.0 * score.relative, 3),
+                format_number(score.relative / max(best, 1e-300), 3),
+            )
             if math.isfinite(score.relative)
             else (name, "diverges", "")
             for score, name in ranked
@@ -226,12 +228,12 @@ def _add_bed(page: Page, run: Trajectory) -> None:
 
 
 def _stage_row(stage: StageResult) -> Sequence[str]:
-    start, end = number(stage.start), number(stage.end)
-    return stage.name, start, end, stage.reason, number(1e3 * stage.height, 6)
+    start, end = format_number(stage.start), format_number(stage.end)
+    return stage.name, start, end, stage.reason, format_number(1e3 * stage.height, 6)
 
 
 def _add_ledger(page: Page, run: Trajectory) -> None:
-    from granular.scene.dryness import doubtful
+    from granular.scene.dryness import degraded_residual_limit
 
     page.section("Energy ledger")
     data = run.dataset
@@ -249,11 +251,11 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
     ):
         for k, (key, value) in enumerate(parts.items()):
             shown = value - value[0] if key in ("weight_energy", "piston_energy") else value
-            t, energy = downsampled(time, 1e3 * shown)
+            t, energy = downsample(time, 1e3 * shown)
             top.plot(t, energy, label=_ENERGIES[key], linestyle=STYLES[k % len(STYLES)])
         top.set_ylabel("energy [mJ]")
         top.legend(ncols=2, loc="upper right")
-        bottom.plot(*downsampled(time, 1e6 * residual), color=COLOURS[0])
+        bottom.plot(*downsample(time, 1e6 * residual), color=COLOURS[0])
         bottom.set_ylabel("residual [µJ]")
         bottom.set_xlabel("time [s]")
         page.figure(
@@ -262,7 +264,7 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
         )
     worst = run.settings()["ledger_residual"]
     words = f"The ledger closes to {worst:.1e} of the energy turned over."
-    (page.note if worst > doubtful(run.scene) else page.text)(words)
+    (page.note if worst > degraded_residual_limit(run.scene) else page.text)(words)
 
 
 def _add_settings(page: Page, run: Trajectory) -> None:
@@ -276,9 +278,9 @@ def _add_settings(page: Page, run: Trajectory) -> None:
             ("steps", settings["steps"]),
             (
                 "greatest step times highest frequency (stable below 2)",
-                number(settings["step_times_highest_frequency"], 3),
+                format_number(settings["step_times_highest_frequency"], 3),
             ),
-            ("seconds of the run", number(settings["seconds"], 3)),
+            ("seconds of the run", format_number(settings["seconds"], 3)),
         ],
     )
     page.preformat(run.scene.to_toml())

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from granular.run.record import PistonRecord
 from granular.shared.files import make_directory, write_text
 from granular.shared.html import Page
-from granular.shared.messages import times
+from granular.shared.messages import as_factor
 from reduced_models.falls.scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
-from reduced_models.identification.comparison_table import Comparison, best_text
+from reduced_models.identification.comparison_table import Comparison, best_error_text
 from reduced_models.identification.elliptic import (
     Averaging,
     average_elliptically,
@@ -28,7 +28,7 @@ from reduced_models.identification.engineering import (
     Quantity,
     amplitude_text,
     cycles_at_amplitudes,
-    engineering,
+    engineering_quantities,
     engineering_units,
     swing_text,
     swing_words,
@@ -126,7 +126,7 @@ class Identification:
     @property
     def engineering(self) -> tuple[Quantity, ...]:
         """Rest, frequency, damping, stiffness of the swing about rest, with intervals."""
-        return engineering(self.shown, self.record.angle, self.mass)
+        return engineering_quantities(self.shown, self.record.angle, self.mass)
 
     @property
     def verdict(self) -> str:
@@ -155,7 +155,7 @@ class Identification:
         swing = swing_text(self.engineering, self.figures, angle, self.mass)
         cycles = cycles_at_amplitudes(self.shown, self.record.height)
         units = engineering_units(angle, self.mass)
-        words = f"{swing} {best_text(best)}{amplitude_text(cycles, units)}"
+        words = f"{swing} {best_error_text(best)}{amplitude_text(cycles, units)}"
         return words if self.falls is None else f"{self.falls.verdict} {words}"
 
     def to_plain(self) -> dict[str, Any]:
@@ -222,11 +222,11 @@ class Identification:
         page.section("Which law")
         page.text(self.verdict)
         for note in (*self.advice, *self.notes):
-            page.note(f"{blocks.sentence(note)}.")
+            page.note(f"{blocks.capitalise(note)}.")
         blocks.add_comparison(page, self.comparison)
         if self.left_out:
             page.text("Laws that cannot win were not fitted:")
-            page.listing([f"{blocks.sentence(words)}." for words in self.left_out])
+            page.listing([f"{blocks.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
             pictures.add_lift(page, self.lift, self.comparison)
         blocks.add_residuals(page, self.residuals, self.record.angle)
@@ -238,7 +238,7 @@ class Identification:
             pictures.add_run(page, self.run)
         page.section("What it took")
         page.table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
-        page.footer(blocks.made_text())
+        page.footer(blocks.provenance_text())
         return page
 
     def save(self, out: str | Path) -> None:
@@ -282,7 +282,7 @@ def lift_verdict(table: Comparison) -> str:
     )
     if others:
         worse = [
-            f"{other} is {times(score.relative / max(best.relative, 1e-300))} times worse"
+            f"{other} is {as_factor(score.relative / max(best.relative, 1e-300))} times worse"
             if math.isfinite(score.relative)
             else f"{other} diverges"
             for score, other in others

@@ -71,11 +71,11 @@ class Trees(NamedTuple):
     @property
     def names(self) -> tuple[str, ...]:
         """Names as they are written, without primes, each once."""
-        return tuple(dict.fromkeys(symbol.name for symbol in formulas.names(*self.all)))
+        return tuple(dict.fromkeys(symbol.name for symbol in formulas.variable_names(*self.all)))
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
+def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     """Take an equation of motion apart.
 
     Raises
@@ -97,7 +97,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     a, v, z = (sympy.Symbol(name) for name in ("z_second", "z_first", "z"))
     symbols = {"z": z, "z'": v, "z''": a}
     try:
-        left, right, *rates = (algebra.expression(tree, symbols) for tree in trees.all)
+        left, right, *rates = (algebra.sympy_expression(tree, symbols) for tree in trees.all)
         difference = sympy.expand(left - right)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
@@ -108,7 +108,7 @@ def parse(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     acceleration = -rest / factor
     try:
         for value in (acceleration, *rates):
-            algebra.check_numbers(value)
+            algebra.check_finite_numbers(value)
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be computed with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
@@ -147,7 +147,7 @@ def parse_law_formulas(equation: str) -> Trees:
     if len(trees.hidden) < len(hidden):
         raise InputError(f"{law} has two equations for one hidden state; write one")
     for position, tree in enumerate(trees.all):
-        for item in formulas.names(tree):
+        for item in formulas.variable_names(tree):
             if item.primes > (2 if position < 2 else 1) or (item.primes and item.name != "z"):
                 raise InputError(
                     f"{law} has a prime that does not follow {coordinate}, {item.text}; write "
@@ -161,7 +161,9 @@ def parse_law_formulas(equation: str) -> Trees:
 
 def _coordinate(law: str, *trees: formulas.Node) -> str:
     """Name that has two primes; z where there is none."""
-    result = tuple(dict.fromkeys(item.name for item in formulas.names(*trees) if item.primes == 2))
+    result = tuple(
+        dict.fromkeys(item.name for item in formulas.variable_names(*trees) if item.primes == 2)
+    )
     if not result or result == ("z",):
         return "z"
     if len(result) > 1:
@@ -169,7 +171,7 @@ def _coordinate(law: str, *trees: formulas.Node) -> str:
             f"{law} has two coordinates, {' and '.join(result[:2])}; a law has one: write the "
             "other as a column of the record, or as a hidden state"
         )
-    if "z" in (item.name for item in formulas.names(*trees)):
+    if "z" in (item.name for item in formulas.variable_names(*trees)):
         raise InputError(
             f"{law} names z next to its coordinate {result[0]}; take another name for z"
         )
@@ -201,17 +203,17 @@ def _hidden(law: str, text: str) -> tuple[str, formulas.Node]:
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compiled_field(
+def compile_rates(
     equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
 ) -> Callable[..., Any]:
     """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
-    parsed = parse(equation, inputs)
+    parsed = parse_equation(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]
     return algebra.compile_function(parsed.arguments, rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
+def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
     """Return the derivatives of z'' and of the hidden states' rates, as a function.
 
     An array (1 + hidden, 2 + hidden): by z, z' and the hidden states. All of it is NaN where one
@@ -219,7 +221,7 @@ def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[.
     """
     import sympy
 
-    parsed = parse(equation, inputs)
+    parsed = parse_equation(equation, inputs)
     # Of real numbers, or the derivative of a modulus would be one of complex numbers.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.arguments}
     rates = [rate.xreplace(real) for rate in (parsed.acceleration, *parsed.hidden.values())]
@@ -230,7 +232,7 @@ def compiled_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[.
 def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
-    """Return the derivatives of rates as a function of real symbols; see `compiled_jacobian`."""
+    """Return the derivatives of rates as a function of real symbols; see `compile_jacobian`."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:

@@ -11,7 +11,7 @@ import numpy as np
 from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.laws.equation import TIME_WORD, Parsed, parse, parse_law_formulas
+from reduced_models.laws.equation import TIME_WORD, Parsed, parse_equation, parse_law_formulas
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Law:
     @property
     def parsed(self) -> Parsed:
         """The equation taken apart."""
-        return parse(self.equation, self.inputs)
+        return parse_equation(self.equation, self.inputs)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -197,7 +197,7 @@ def law_from_text(
     """
     trees = parse_law_formulas(equation)
     law = f"the law {quote(equation)}"
-    for name in formulas.constants(*trees.all):
+    for name in formulas.constant_names(*trees.all):
         if name in columns:
             raise InputError(
                 f"{law} names {name}, a number, and the record has a column of that name; rename "

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.equation import compiled_field, compiled_jacobian, jacobian_function
+from reduced_models.laws.equation import compile_jacobian, compile_rates, jacobian_function
 from reduced_models.laws.law import Law
 
 if TYPE_CHECKING:
@@ -77,8 +77,8 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
     that open, as hysteresis does. The reason where there is no stable level of rest, or no swing.
     """
     inputs = (0.0,) * len(law.inputs)
-    rates = compiled_field(law.equation, law.inputs, "numpy")
-    slopes = compiled_jacobian(law.equation, law.inputs)
+    rates = compile_rates(law.equation, law.inputs, "numpy")
+    slopes = compile_jacobian(law.equation, law.inputs)
     return _found_or_jump(
         lambda state: np.array(rates(*state, *inputs, *values), dtype=float),
         lambda state: slopes(*state, *inputs, *values),
@@ -215,13 +215,13 @@ class Cycles(NamedTuple):
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
-def rates_of(law: Law, values: Sequence[Any]) -> Rates:
+def law_rates(law: Law, values: Sequence[Any]) -> Rates:
     """Rates of a law with values of its parameters, numbers or arrays; inputs are at zero."""
-    field, still = compiled_field(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
+    field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
-def rates_of_equation(equation: sympy.Eq) -> Rates:
+def equation_rates(equation: sympy.Eq) -> Rates:
     """Rate of an equation in z(t) with numbers for all parameters."""
     from granular.formulas.algebra import compile_function
 
@@ -229,7 +229,7 @@ def rates_of_equation(equation: sympy.Eq) -> Rates:
     return compile_function(state, [rate])
 
 
-def cycles(
+def harmonic_cycles(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> Cycles:
     """Cycles of given amplitudes (n,), from guesses of their centres and frequencies.
@@ -244,7 +244,7 @@ def cycles(
         )
     )
     for _ in range(_MOST_ROUNDS):
-        moved, stiffness, damping = centre_swing(rates, hidden, amplitude, centre, omega)
+        moved, stiffness, damping = centre_cycles(rates, hidden, amplitude, centre, omega)
         swings = stiffness > 0.0
         faster = np.sqrt(np.where(swings, stiffness, omega**2)) if free else omega
         changed = np.maximum(abs(moved - centre) / amplitude, abs(faster / omega - 1.0))
@@ -254,20 +254,20 @@ def cycles(
     return Cycles(centre, omega, stiffness, damping)
 
 
-def centre_swing(
+def centre_cycles(
     rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres moved by a Newton step to no mean force; stiffness and damping before the step."""
     step = _STEP * amplitude
     positions = np.stack([centre, centre + step])
-    mean, stiffness, damping = harmonics(rates, hidden, amplitude, positions, omega)
+    mean, stiffness, damping = harmonic_coefficients(rates, hidden, amplitude, positions, omega)
     with np.errstate(all="ignore"):
         change = mean[0] * step / (mean[1] - mean[0])
     change = np.clip(np.nan_to_num(change), -_FARTHEST * amplitude, _FARTHEST * amplitude)
     return centre - change, stiffness[0], damping[0]
 
 
-def harmonics(
+def harmonic_coefficients(
     rates: Rates, hidden: int, amplitude: np.ndarray, centre: np.ndarray, omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean force, stiffness [1/s^2] and damping [1/s] of cycles; the shapes are broadcast."""

@@ -23,7 +23,7 @@ _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
 
-def symbol(name: str) -> str:
+def parameter_symbol(name: str) -> str:
     """Parameter's name as formulas have it: Greek letters, and a number behind it as an index."""
     match = _NAME.fullmatch(name)
     if match is None:
@@ -31,25 +31,27 @@ def symbol(name: str) -> str:
     return _GREEK.get(match[1], match[1]) + match[2].translate(_SUBSCRIPTS)
 
 
-def rounded(value: float, digits: int) -> float:
+def round_significant(value: float, digits: int) -> float:
     """Return the number cut to so many significant digits."""
     return float(f"{value:.{digits}g}")
 
 
-def rounded_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
+def round_equation(equation: sympy.Eq, digits: int) -> sympy.Eq:
     """Equation with all its numbers, unchanged in the end, cut to so many digits."""
     import sympy
 
-    sides = (rounded_expression(side, digits) for side in (equation.lhs, equation.rhs))
+    sides = (round_expression(side, digits) for side in (equation.lhs, equation.rhs))
     return sympy.Eq(*sides, evaluate=False)
 
 
-def rounded_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
-    """Round one side as `rounded_equation` does."""
+def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
+    """Round one side as `round_equation` does."""
     import sympy
 
     result = expression.atoms(sympy.Float)
-    return expression.xreplace({item: sympy.Float(rounded(float(item), digits)) for item in result})
+    return expression.xreplace(
+        {item: sympy.Float(round_significant(float(item), digits)) for item in result}
+    )
 
 
 def _terms(side: Any) -> list[Any]:

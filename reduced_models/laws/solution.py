@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from granular.shared.errors import RecordError
 from reduced_models.jax_setup import jax
-from reduced_models.laws.equation import PROGRAMS, compiled_field
+from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import Interpolation, piecewise_cubics
 
@@ -97,7 +97,7 @@ CHUNK = 64
 """Grid steps that are solved together; every grid has an integer of such chunks."""
 
 
-def on_grid(
+def solve_on_grid(
     field: Callable[..., Sequence[Value]],
     start: Sequence[jax.Array],
     values: Sequence[Value],
@@ -155,7 +155,7 @@ def _moved(
     return state
 
 
-def between(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
+def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
     """Quintic Hermite values of z, a fraction of a step behind grid points."""
     s = fraction
     s3 = s * s * s
@@ -192,7 +192,7 @@ class Solution:
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
-    rates = compiled_field(equation)
+    rates = compile_rates(equation)
 
     def field(t: object, state: States, parameters: Parameters) -> States:
         # Hidden states, whose own size is 1 or so, are carried in amplitudes, for one tolerance.
@@ -234,7 +234,7 @@ def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]
     return jax.jit(solve)
 
 
-def solution(
+def solve_law(
     law: Law,
     times: np.ndarray,
     z0: float,
@@ -277,7 +277,7 @@ _MOST_DRIVEN = 2**22
 
 @functools.lru_cache(maxsize=PROGRAMS)
 def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
-    rates = compiled_field(equation, inputs)
+    rates = compile_rates(equation, inputs)
     solver = diffrax.Dopri8()
 
     def field(s: Any, state: Any, piece: Any) -> States:

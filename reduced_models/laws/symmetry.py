@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.equation import COMPILED, compiled_field
+from reduced_models.laws.equation import COMPILED, compile_rates
 from reduced_models.laws.law import Law
 
 _POINTS = 12
@@ -47,7 +47,7 @@ def symmetries(law: Law) -> Symmetries:
 def _symmetries(
     equation: str, inputs: tuple[str, ...], parameters: tuple[str, ...], hidden: int
 ) -> Symmetries:
-    field = compiled_field(equation, inputs, "numpy")
+    field = compile_rates(equation, inputs, "numpy")
     random = np.random.default_rng(0)
     state = random.uniform(0.3, 1.2, (2 + hidden + len(inputs), _POINTS))
     values = random.uniform(0.3, 1.2, (len(parameters), _POINTS))
@@ -84,7 +84,7 @@ def _symmetries(
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
 
 
-def canonical(
+def canonical_values(
     law: Law,
     values: Mapping[str, np.ndarray],
     collection: Collection[str] = (),

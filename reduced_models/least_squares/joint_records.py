@@ -7,7 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
+from reduced_models.least_squares.levenberg_marquardt import (
+    Bounds,
+    Normal,
+    Prior,
+    levenberg_marquardt,
+)
 from reduced_models.least_squares.residuals import GriddedRecord
 from reduced_models.least_squares.unknowns import Unknowns
 
@@ -121,7 +126,7 @@ class JointRecords:
         self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11
     ) -> np.ndarray:
         """Fit the first samples of each record, from a search vector (q,) near the fit."""
-        theta, _ = search(
+        theta, _ = levenberg_marquardt(
             self.normal(counts), theta[None], self.prior(float(sum(counts))), tolerance,
             self.bounds, damping=_NEAR, patience=_PATIENCE,
         )  # fmt: skip

@@ -67,7 +67,7 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Search vectors (s, p) with their costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 
-def search(
+def levenberg_marquardt(
     normal: Normal,
     start: np.ndarray,
     prior: Prior,
@@ -144,11 +144,11 @@ def search(
 
 def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
-    agreeing = resting & (cost <= agreement(cost, samples))
+    agreeing = resting & (cost <= agreement_cost(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
 
-def agreement(cost: np.ndarray, samples: float) -> float:
+def agreement_cost(cost: np.ndarray, samples: float) -> float:
     """Cost up to which starts have led to the best fit."""
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 

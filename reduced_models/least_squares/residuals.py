@@ -16,11 +16,11 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.jax_setup import jax
-from reduced_models.laws.equation import PROGRAMS, compiled_field
-from reduced_models.laws.solution import between, on_grid
+from reduced_models.laws.equation import PROGRAMS, compile_rates
+from reduced_models.laws.solution import hermite_interpolate, solve_on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
-from reduced_models.least_squares.unknowns import Unknowns, physical
+from reduced_models.least_squares.unknowns import Unknowns, physical_values
 from reduced_models.records.inputs import Grid, Interpolation
 
 jnp = jax.numpy
@@ -67,7 +67,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
 
 
-def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
+def half_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     """Half the second derivative (n,) of what residuals cost."""
     if loss.name == "linear":
         return np.ones_like(residuals)
@@ -76,7 +76,7 @@ def sensitivity(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     return np.asarray((1.0 + (residuals / loss.scale) ** 2) ** -1.5)
 
 
-def without_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
+def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
     from scipy.signal import lfilter
 
@@ -85,8 +85,8 @@ def without_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
-def with_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
-    """Residuals (n,) of which `without_random_walk` leaves these."""
+def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
+    """Residuals (n,) of which `remove_random_walk` leaves these."""
     from scipy.signal import lfilter
 
     if gain == 0.0:
@@ -126,14 +126,16 @@ def _compiled(
     logarithmic: tuple[bool, ...],
     fits_map: bool,
 ) -> Callable[..., Any]:
-    field = compiled_field(equation, inputs)
+    field = compile_rates(equation, inputs)
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
         step, point, fraction, height, weight, drive, chunks = samples
-        values, shift, scale, z0, v0, hidden = physical(vectors, scales, logarithmic, fits_map, jnp)
-        grid = on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
-        z = between(*grid, step, point, fraction[:, None])
+        values, shift, scale, z0, v0, hidden = physical_values(
+            vectors, scales, logarithmic, fits_map, jnp
+        )
+        grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
+        z = hermite_interpolate(*grid, step, point, fraction[:, None])
         result = (shift + scale * z - height[:, None]) / scales[1]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
@@ -222,7 +224,7 @@ class GriddedRecord:
         linear = residual_function(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
         value = np.asarray(left)[:count], np.asarray(slopes).T[:count]
-        return without_random_walk(value[0], self.gain), without_random_walk(value[1], self.gain)
+        return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
     def normal(self, count: int | None = None) -> Normal:
         """Return the normal equations of the first ``count`` samples, or of all.
@@ -262,7 +264,7 @@ class GriddedRecord:
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
 
-def put_on_grid(
+def record_on_grid(
     unknowns: Unknowns,
     record: PistonRecord,
     grid: Grid,

@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, whole_chunks
-from reduced_models.records.derivatives import is_even
+from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
     STAGE_TIMES,
     Grid,
@@ -70,7 +70,7 @@ def grid_over(
     """
     duration = float(record.time[-1])
     wanted = grid_steps(duration, period, per_period)
-    if not (has_drive(names) and is_even(record.time)):
+    if not (has_drive(names) and is_evenly_sampled(record.time)):
         return Grid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
     fraction = wanted / (len(record) - 1)
@@ -86,7 +86,7 @@ def samples_on_grid(
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
-    size = padded_size(count)
+    size = padded_sample_count(count)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, fraction
     heights[:count], weight[:count] = record.height, 1.0
@@ -135,7 +135,7 @@ def _padded_drive(
     return drive
 
 
-def padded_size(count: int) -> int:
+def padded_sample_count(count: int) -> int:
     """Length of the arrays for samples: few values, so that records share compiled code."""
     size = 256
     while size < count:

@@ -71,7 +71,7 @@ class Unknowns:
 
     def physical(self, theta: np.ndarray) -> Any:
         """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
-        return physical(theta, self.scales, self.logarithmic, self.map is None, np)
+        return physical_values(theta, self.scales, self.logarithmic, self.map is None, np)
 
 
 def theta_bounds(
@@ -104,7 +104,7 @@ def theta_bounds(
     return edges[0], edges[1]
 
 
-def physical(
+def physical_values(
     theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any
 ) -> Any:
     """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""

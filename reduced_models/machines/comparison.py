@@ -11,8 +11,8 @@ import numpy as np
 from granular.response.page import PageComparison, response_page
 from granular.response.response import Response
 from granular.shared.errors import InputError
-from granular.shared.html import Page, number
-from granular.shared.tables import in_columns
+from granular.shared.html import Page, format_number
+from granular.shared.tables import align_columns
 from reduced_models.machines.response import OutsideRangeWarning, predicted_response
 
 POINTS = 201
@@ -72,7 +72,7 @@ class ResponseComparison:
     @property
     def table(self) -> str:
         """The peaks in columns."""
-        return in_columns([_HEAD, *_cells(self.peaks)])
+        return align_columns([_HEAD, *_cells(self.peaks)])
 
 
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
@@ -152,8 +152,8 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
 
 def _cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
-        (f"{peak.force:g}", number(1e3 * peak.simulated, 3),
-         number(1e3 * peak.law, 3), f"{100.0 * peak.error:+.0f}",
-         number(1e3 * peak.linear, 3), f"{100.0 * peak.linear_error:+.0f}")
+        (f"{peak.force:g}", format_number(1e3 * peak.simulated, 3),
+         format_number(1e3 * peak.law, 3), f"{100.0 * peak.error:+.0f}",
+         format_number(1e3 * peak.linear, 3), f"{100.0 * peak.linear_error:+.0f}")
         for peak in peaks
     ]  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host import Host
-from granular.response.linear_system import hanging_mass, linear_response, tuned_mass
+from granular.response.linear_system import hanging_mass_stiffness, linear_response, tuned_mass
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -115,7 +115,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     alone_host = Host(bodies=host.bodies, excitation=excitation)
     dense = own * np.linspace(0.6, 1.4, 801)
     alone = float(np.abs(linear_response(alone_host, dense)[:, -1]).max())
-    tuned = hanging_mass(dense, mass, *tuned_mass(host, mass))
+    tuned = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))
     ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
     stroke = float(response.stroke[int(response.displacement.argmax())])
     diameters = stroke / best.grains.species[0].diameter

@@ -29,7 +29,7 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.theory import POWER, bed_parameters, moving_mass
+from reduced_models.falls.theory import POWER, accelerated_mass, bed_parameters
 from reduced_models.laws.annealing_bed import (
     HARDENING,
     MODULUS,
@@ -120,7 +120,7 @@ class CoupledSystem(NamedTuple):
             damping=body.damping,
             piston=piston.mass,
             bed=float(grains.sum()),
-            moving=moving_mass(still, parameters),
+            moving=accelerated_mass(still, parameters),
             drag=drag * float((grains / grains[0]).sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
@@ -176,7 +176,7 @@ def _rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None
 
 
 @entry
-def rates_of(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
+def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
     _rates(law, force, state, rates)
 

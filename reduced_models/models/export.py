@@ -16,7 +16,7 @@ import numpy as np
 from granular.formulas import MAX_CHARACTERS
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.fmu import write_fmu
 from reduced_models.models.source_code import c_source, matlab_source, modelica_source
@@ -125,7 +125,7 @@ def _safe_names(names: Sequence[str]) -> dict[str, str]:
 
 def _quotable(words: str) -> str:
     """Text that can stand in a docstring, whatever it holds."""
-    return visible(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
+    return sanitize(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 
 
 def equations_text(model: FittedLaw) -> str:
@@ -173,7 +173,7 @@ def write_code(model: FittedLaw, path: Path) -> str:
         return "an FMU (FMI 2.0, co-simulation)"
     if path.suffix not in SOURCES:
         known = ", ".join([*SOURCES, ".fmu"])
-        raise InputError(f"{visible(path)} ends in {quote(path.suffix)}; give one of {known}")
+        raise InputError(f"{sanitize(path)} ends in {quote(path.suffix)}; give one of {known}")
     named = path.suffix in (".m", ".mo")
     if named and (_NAME.fullmatch(path.stem) is None or path.stem in _WORDS):
         raise InputError(

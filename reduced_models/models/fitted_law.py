@@ -19,15 +19,15 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoSwing,
-    cycles,
-    rates_of,
-    rates_of_equation,
+    equation_rates,
+    harmonic_cycles,
+    law_rates,
     small_swing,
     swing_of_equation,
 )
-from reduced_models.laws.printing import latex, rounded, rounded_equation, rounded_expression
+from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
 from reduced_models.records.envelope import PeakDamping
-from reduced_models.records.inputs import TIME, Interpolation, column
+from reduced_models.records.inputs import TIME, Interpolation, input_column
 
 if TYPE_CHECKING:
     import sympy
@@ -233,21 +233,21 @@ class FittedLaw:
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         z = self.map.to_law(rest.height)
-        values = [rounded(self.parameters[name], digits) for name in law.parameters]
+        values = [round_significant(self.parameters[name], digits) for name in law.parameters]
         shift, scale = (
-            rounded(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
+            round_significant(value, max(digits, 5)) for value in (self.map.shift, self.map.scale)
         )
-        swings = [(small_swing(law, values, z), rates_of(law, values))]
+        swings = [(small_swing(law, values, z), law_rates(law, values))]
         if not law.hidden:  # whose equations stand next to this one
-            equation = rounded_equation(self.fitted_equation, digits)
-            swings.append((swing_of_equation(equation, z), rates_of_equation(equation)))
+            equation = round_equation(self.fitted_equation, digits)
+            swings.append((swing_of_equation(equation, z), equation_rates(equation)))
         for swing, rates in swings:
             if isinstance(swing, NoSwing):
                 return False
             ratio = swing.damping_ratio
             if rest.equivalent is not None:
                 size, omega = rest.equivalent.amplitude / abs(scale), 2.0 * math.pi / swing.period
-                result = cycles(rates, len(law.hidden), size, swing.z, omega)
+                result = harmonic_cycles(rates, len(law.hidden), size, swing.z, omega)
                 ratio = float(result.damping_ratio[0])
             printed = (shift + scale * swing.z, swing.period, ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):
@@ -260,13 +260,13 @@ class FittedLaw:
     @property
     def printed_equation(self) -> sympy.Eq:
         """The law in z(t), with the fitted numbers to `printed_digits`."""
-        return rounded_equation(self.fitted_equation, self.printed_digits)
+        return round_equation(self.fitted_equation, self.printed_digits)
 
     @property
     def printed_hidden(self) -> dict[str, sympy.Expr]:
         """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
         rates = self.law.sympy_hidden(self.parameters)
-        return {name: rounded_expression(rate, self.printed_digits) for name, rate in rates.items()}
+        return {name: round_expression(rate, self.printed_digits) for name, rate in rates.items()}
 
     def simulate(
         self,
@@ -297,7 +297,7 @@ class FittedLaw:
             If the times do not increase, an input is missing, the solution diverges, or it is too
             stiff to follow.
         """
-        from reduced_models.laws.solution import solution
+        from reduced_models.laws.solution import solve_law
 
         times = np.asarray(t, dtype=np.float64)
         if times.ndim != 1 or len(times) < 2 or not (np.diff(times) > 0.0).all():
@@ -327,7 +327,7 @@ class FittedLaw:
         # Another start forgets the record's history.
         same = z0 is None and v0 is None
         hidden = [self.hidden.get(name, 0.0) if same else 0.0 for name in self.law.hidden]
-        result = solution(
+        result = solve_law(
             self.law, times, z_start, start[1] / scale, values, size, drive, hidden,
             self.input_interpolation,
         )  # fmt: skip
@@ -344,7 +344,7 @@ class FittedLaw:
         InputError
             As `simulate`; also if the record lacks an input.
         """
-        inputs = {name: column(record, name) for name in self.law.inputs}
+        inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
-from granular.shared.messages import visible
+from granular.shared.messages import sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
@@ -21,7 +21,7 @@ from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLa
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import (
     FORMAT,
-    checked,
+    check_plain_model,
     law_from_plain,
     quality_from_plain,
     read_model,
@@ -104,7 +104,7 @@ class ReducedModel(FittedLaw):
     @property
     def correlation(self) -> np.ndarray:
         """Correlations (p, p) of what the covariance is of."""
-        return prediction.correlation(self.covariance)
+        return prediction.correlation_matrix(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
         """Heights (n,) of a record, that the model was fitted to, less those of the model [m].
@@ -196,17 +196,17 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            As `follow`, or `decay` without a record.
+            As `follow`, or `free_decay` without a record.
         """
         from granular.shared.plotting import axes_or_new, new_axes
 
         if record is None:
-            return prediction.plot(self, self._farthest_decay(), None, axes_or_new(ax))
+            return prediction.plot_model(self, self._farthest_decay(), None, axes_or_new(ax))
         motion = self.follow(record)
         if ax is None:
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
-            prediction.plot_left_over(motion, record, below)
-        return prediction.plot(self, motion, record, ax)
+            prediction.plot_residuals(motion, record, below)
+        return prediction.plot_model(self, motion, record, ax)
 
     def _farthest_decay(self) -> PistonRecord:
         if self.at_rest is None:
@@ -272,7 +272,7 @@ class ReducedModel(FittedLaw):
         PistonRecord
             Motion from the release on.
         """
-        return response.decay(self, amplitude, periods)
+        return response.free_decay(self, amplitude, periods)
 
     def cycle(self, amplitude: float, frequency: float | None = None) -> response.HarmonicCycle:
         """Equivalent stiffness and damping, and energy dissipated, in a cycle; see `response`.
@@ -289,7 +289,7 @@ class ReducedModel(FittedLaw):
         response.HarmonicCycle
             Stiffness, damping and energy of a cycle.
         """
-        return response.cycle(self, amplitude, frequency)
+        return response.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
@@ -481,7 +481,7 @@ class ReducedModel(FittedLaw):
         InputError
             If the data are not those of a model.
         """
-        data = checked(plain)
+        data = check_plain_model(plain)
         at_rest = data["at_rest"]
         return cls(
             law=law_from_plain(data),
@@ -535,4 +535,4 @@ def load_model(path: str | Path) -> ReducedModel:
     try:
         return ReducedModel.from_plain(plain)
     except InputError as error:
-        raise InputError(f"{visible(path)}: {error}") from None
+        raise InputError(f"{sanitize(path)}: {error}") from None

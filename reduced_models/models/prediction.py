@@ -42,7 +42,7 @@ class Band(NamedTuple):
     confidence: float
 
 
-def correlation(covariance: np.ndarray) -> np.ndarray:
+def correlation_matrix(covariance: np.ndarray) -> np.ndarray:
     """Correlations (p, p); zero for entries that do not vary."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
@@ -71,8 +71,8 @@ def prediction(
     here = model.simulate(times, inputs=inputs).height
     size = max(float(np.ptp(here)), 1e-300)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    strengths, directions = np.linalg.eigh(correlation(covariance))
-    values = np.array([value_of(model, name) for name in names])
+    strengths, directions = np.linalg.eigh(correlation_matrix(covariance))
+    values = np.array([parameter_value(model, name) for name in names])
 
     def motion(step: np.ndarray) -> np.ndarray:
         """With what was fitted moved so far; not a number where that has no solution."""
@@ -114,7 +114,7 @@ def _change(
     return np.zeros_like(here)
 
 
-def value_of(model: FittedLaw, name: str) -> float:
+def parameter_value(model: FittedLaw, name: str) -> float:
     """Value of a parameter, of the map, or of the start, by its name."""
     known = {
         **model.parameters, "shift": model.map.shift, "scale": model.map.scale,
@@ -123,7 +123,9 @@ def value_of(model: FittedLaw, name: str) -> float:
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes) -> Axes:
+def plot_model(
+    model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes
+) -> Axes:
     """Model's motion, over a record where one is given."""
     from granular.shared.plotting import COLOURS, GREY, plain_label
 
@@ -139,7 +141,7 @@ def plot(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax
     return ax
 
 
-def plot_left_over(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
+def plot_residuals(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
     """Plot the residuals of a record from a motion."""
     from granular.shared.plotting import COLOURS
 

@@ -15,7 +15,13 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.laws.law import Law
-from reduced_models.laws.linearization import Rates, centre_swing, cycles, harmonics, rates_of
+from reduced_models.laws.linearization import (
+    Rates,
+    centre_cycles,
+    harmonic_coefficients,
+    harmonic_cycles,
+    law_rates,
+)
 from reduced_models.models.fitted_law import FittedLaw
 
 _AMPLITUDES = 240
@@ -67,7 +73,7 @@ class SteadyAmplitudes(NamedTuple):
     high: np.ndarray
 
 
-def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
+def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
     """Motion of a piston released so far above its level of rest [m], over so many periods.
 
     Raises
@@ -81,7 +87,9 @@ def decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRe
     return model.simulate(time, height + amplitude, 0.0, still)
 
 
-def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
+def harmonic_cycle(
+    model: FittedLaw, amplitude: float, frequency: float | None = None
+) -> HarmonicCycle:
     """Harmonic cycle of a model.
 
     Parameters
@@ -100,7 +108,7 @@ def cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) ->
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     height, period = _rest(model)
-    result = cycles(
+    result = harmonic_cycles(
         _rates(model),
         len(model.law.hidden),
         amplitude / abs(model.map.scale),
@@ -154,10 +162,12 @@ def frequency_response(
     rates, hidden, size = _rates(model), len(model.law.hidden), amplitude / abs(model.map.scale)
     centre = np.full_like(amplitude, model.map.to_law(height))
     for _ in range(4):
-        centre, *_ = centre_swing(
+        centre, *_ = centre_cycles(
             rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period)
         )
-    _, stiffness, damping = harmonics(rates, hidden, size[:, None], centre[:, None], omega[None, :])
+    _, stiffness, damping = harmonic_coefficients(
+        rates, hidden, size[:, None], centre[:, None], omega[None, :]
+    )
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
@@ -221,7 +231,7 @@ def _rest(model: FittedLaw) -> tuple[float, float]:
 
 
 def _rates(model: FittedLaw) -> Rates:
-    return rates_of(model.law, [model.parameters[name] for name in model.law.parameters])
+    return law_rates(model.law, [model.parameters[name] for name in model.law.parameters])
 
 
 def _crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:

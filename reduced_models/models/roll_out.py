@@ -9,8 +9,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, search
-from reduced_models.least_squares.residuals import BLOWN_UP, put_on_grid
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
+from reduced_models.least_squares.residuals import BLOWN_UP, record_on_grid
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
@@ -85,13 +85,13 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         guess.velocity / unknowns.speed,
     )
     steps = grid_over(total, law.inputs, guess.period, _STEPS * law.resolution)
-    grid = put_on_grid(unknowns, total, steps, model.input_interpolation)
+    grid = record_on_grid(unknowns, total, steps, model.input_interpolation)
     held = np.ones(len(theta), dtype=bool)
     held[unknowns.free : unknowns.free + 2] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     first = max(4, int(np.searchsorted(total.time, START_PERIODS * guess.period)))
     prior = Prior(unknowns.prior, float(first))
-    theta = search(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
+    theta = levenberg_marquardt(grid.normal(first), theta[None], prior, 1e-9, bounds)[0][0]
     residuals = grid.residuals(theta)
     lost = ~(np.abs(residuals) < BLOWN_UP)
     height = total.height + guess.amplitude * residuals

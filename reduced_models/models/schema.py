@@ -17,7 +17,7 @@ from granular.formulas import MAX_CHARACTERS
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.quality import Quality
@@ -37,7 +37,7 @@ Check = Callable[[str, Any], Any]
 
 def _wrong(where: str, value: object, wanted: str) -> InputError:
     return InputError(
-        f"the data are not those of a reduced model: {visible(where)} is {quote(value)}; {wanted} "
+        f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} "
         "is wanted"
     )
 
@@ -142,12 +142,12 @@ def _shape(known: Mapping[str, Check]) -> Check:
             if key not in known:
                 raise InputError(
                     "the data are not those of a reduced model: "
-                    f"{visible(where)}: {unknown(str(key), tuple(known), 'key')}"
+                    f"{sanitize(where)}: {unknown(str(key), tuple(known), 'key')}"
                 )
         for key in known:
             if key not in value:
                 raise InputError(
-                    f"the data are not those of a reduced model: {visible(where)}: {key!r} is "
+                    f"the data are not those of a reduced model: {sanitize(where)}: {key!r} is "
                     "missing; give the file that was saved"
                 )
         return {key: known[key](f"{where}.{key}", item) for key, item in value.items()}
@@ -236,7 +236,7 @@ _MODEL = _shape(
 )
 
 
-def checked(data: object) -> dict[str, Any]:
+def check_plain_model(data: object) -> dict[str, Any]:
     """Plain data of a model, if they are such; pairs with infinite ends for null.
 
     Raises
@@ -275,9 +275,9 @@ def read_model(path: Path) -> dict[str, Any]:
     try:
         plain = json.loads(text, parse_constant=_refuse, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{visible(path)}: cannot be read as a model: {error}") from None
+        raise InputError(f"{sanitize(path)}: cannot be read as a model: {error}") from None
     if not isinstance(plain, dict):
-        raise InputError(f"{visible(path)}: holds no model; give the model.json that was saved")
+        raise InputError(f"{sanitize(path)}: holds no model; give the model.json that was saved")
     return plain
 
 
@@ -308,7 +308,7 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
         raise InputError(
             "the data are not those of a reduced model: the equation has the parameters "
             f"{', '.join(own.parameters) or 'none'}, and values are given of "
-            f"{', '.join(map(visible, plain['parameters'])) or 'none'}; correct one of them"
+            f"{', '.join(map(sanitize, plain['parameters'])) or 'none'}; correct one of them"
         )
     packaged = LAWS.get(own.name)
     return packaged if packaged is not None and packaged.equation == own.equation else own

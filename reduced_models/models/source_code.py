@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from granular.formulas import MAX_CHARACTERS
-from granular.shared.messages import visible
+from granular.shared.messages import sanitize
 from reduced_models.models.fitted_law import FittedLaw
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def export_parts(model: FittedLaw) -> ExportParts:
         values=tuple(float(model.parameters[name]) for name in law.parameters),
         initial=(*map(float, model.initial), *(model.hidden.get(name, 0.0) for name in law.hidden)),
         step=period / (STEPS * law.resolution),
-        comments=tuple(map(comment, words)),
+        comments=tuple(map(comment_text, words)),
     )
 
 
@@ -119,9 +119,9 @@ def _ascii_name(character: str) -> str:
     return unicodedata.name(character, "x").split()[-1].lower()
 
 
-def comment(words: str) -> str:
+def comment_text(words: str) -> str:
     """Text that can stand in a comment of any language, whatever it holds."""
-    plain = visible(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
+    plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash would go on with a comment on the next line, and so would "??/" in C.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
 
@@ -324,7 +324,7 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
     names = zip(model.law.parameters, parts.parameters, parts.values, strict=True)
     return _MODELICA.format(
         name=name,
-        title=comment(model.law.name).replace('"', "'"),
+        title=comment_text(model.law.name).replace('"', "'"),
         comments="\n".join(f"  // {words}" for words in parts.comments),
         parameters="\n".join(
             f'  parameter Real {safe}(unit = "{_unit(model.unit_of(own))}") = {value!r};'

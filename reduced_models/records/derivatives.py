@@ -136,7 +136,7 @@ def _left_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
 def _local_polynomials(
     time: np.ndarray, height: np.ndarray, sigma: float
 ) -> tuple[Smoother, float]:
-    even = is_even(time)
+    even = is_evenly_sampled(time)
     fits = _even_polynomials if even else _uneven_polynomials
     longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
     chosen = _LEAST_WINDOW
@@ -156,7 +156,7 @@ def _local_polynomials(
     return functools.partial(fits, time=time, window=chosen), chosen * step
 
 
-def is_even(time: np.ndarray) -> bool:
+def is_evenly_sampled(time: np.ndarray) -> bool:
     """Return whether times are evenly spaced, to a thousandth of a step."""
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())

@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
-from reduced_models.records.derivatives import is_even
+from reduced_models.records.derivatives import is_evenly_sampled
 
 STAGE_TIMES = (0.0, 1 / 3, 2 / 3, 1 / 3, 5 / 6, 1 / 6, 1.0)
 """Nodes of the stages of a step of the grid's Runge-Kutta method, in steps."""
@@ -47,7 +47,7 @@ class Grid(NamedTuple):
         return Grid(0.5 * self.step, 2 * self.steps)
 
 
-def column(record: PistonRecord, name: str) -> np.ndarray:
+def input_column(record: PistonRecord, name: str) -> np.ndarray:
     """Column (n,) of a record that an input names.
 
     Raises
@@ -82,7 +82,7 @@ def drive_on_grid(
 ) -> np.ndarray:
     """Return inputs (steps + 1, stages, inputs) of a record that starts at time 0, on a grid."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
-    columns = [column(record, name) for name in names]
+    columns = [input_column(record, name) for name in names]
     if how == "previous" and columns:
         # All of a step lies in the interval of its middle.
         middle = grid.step * (np.arange(grid.steps + 1) + 0.5)
@@ -101,7 +101,9 @@ def interpolate_inputs(
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack([_between(time, column, inside, how) for column in columns], axis=-1)
+    return np.stack(
+        [_between(time, input_column, inside, how) for input_column in columns], axis=-1
+    )
 
 
 class PiecewiseCubics(NamedTuple):
@@ -148,7 +150,7 @@ def _between(
     if how == "previous":
         index = np.searchsorted(time, times, side="right") - 1
         return np.asarray(values[np.clip(index, 0, len(time) - 1)])
-    if how == "band-limited" and is_even(time) and len(time) > _TAPS:
+    if how == "band-limited" and is_evenly_sampled(time) and len(time) > _TAPS:
         return _band_limited(time, values, times)
     from scipy.interpolate import CubicSpline
 

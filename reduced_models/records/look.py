@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.formats import interpret_file
+from granular.readers.formats import interpret_record_file
 from granular.readers.interpretation import Interpretation
 from granular.readers.options import ReadOptions
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
-from granular.shared.messages import visible
+from granular.shared.messages import sanitize
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.motion import find_motion
-from reduced_models.records.sources import has_times
+from reduced_models.records.sources import states_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,13 +88,13 @@ class Look:
         low, high = record.height.min(), record.height.max()
         lines = [f"read as {self.meaning.form}"]
         for role, name in self.meaning.source.items():
-            lines.append(f"  {role:9} from {visible(name) or 'a column without a name'} "
+            lines.append(f"  {role:9} from {sanitize(name) or 'a column without a name'} "
                          f"[{self.meaning.units[role]}]")  # fmt: skip
         if record.extra:
-            lines.append(f"  further   {', '.join(map(visible, sorted(record.extra)))}")
+            lines.append(f"  further   {', '.join(map(sanitize, sorted(record.extra)))}")
         if self.meaning.left_out:
             lines.append(
-                f"  left out  {', '.join(map(visible, self.meaning.left_out))}: no numbers"
+                f"  left out  {', '.join(map(sanitize, self.meaning.left_out))}: no numbers"
             )
         start, stop = record.time[0], record.time[-1]
         lines += [
@@ -104,7 +104,7 @@ class Look:
             + (f"; the sensor rounds to {self.level:.2g} {unit}" if self.level else ""),
             f"the motion is above its noise until {self.useful:.4g} s",
         ]
-        lines += [f"note: {visible(note)}" for note in self.meaning.notes]
+        lines += [f"note: {sanitize(note)}" for note in self.meaning.notes]
         return "\n".join([*lines, "", *_draw_motion(record)])
 
 
@@ -123,12 +123,12 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
         If it holds no record; the message says what to do.
     """
     path, options = Path(path), options or ReadOptions()
-    meaning = interpret_file(path, options)
+    meaning = interpret_record_file(path, options)
     try:
         record = PistonRecord.from_interpretation(meaning)
     except RecordError as error:
-        raise RecordError(f"{visible(path)}: {error}") from None
-    if not has_times(path, options):
+        raise RecordError(f"{sanitize(path)}: {error}") from None
+    if not states_interval(path, options):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RecordWarning)
             record = find_motion(record)

@@ -70,16 +70,16 @@ def from_release(record: PistonRecord) -> PistonRecord:
     start = release(record)
     if start == 0:
         return record
-    warnings.warn(words(record, start), RecordWarning, stacklevel=2)
-    return tail_from(record, start)
+    warnings.warn(cut_notice(record, start), RecordWarning, stacklevel=2)
+    return record_after(record, start)
 
 
-def tail_from(record: PistonRecord, start: int) -> PistonRecord:
+def record_after(record: PistonRecord, start: int) -> PistonRecord:
     """Record from a sample on."""
     return record.between(float(record.time[start]), math.inf)
 
 
-def words(record: PistonRecord, start: int) -> str:
+def cut_notice(record: PistonRecord, start: int) -> str:
     """Line on a record that is cut at a sample."""
     return (
         f"the record stands still until {record.time[start]:.4g} s and is cut there, at the "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granular.readers.options import ReadOptions, is_description, read_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
-from granular.shared.messages import quote, visible
+from granular.shared.messages import quote, sanitize
 from reduced_models.records.motion import find_motion
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def make_directory(out: str | Path | None) -> Path | None:
 
 def show_path(path: Path, most: int = 80) -> str:
     """Path for a message, cut where it is long."""
-    return visible(path, most)
+    return sanitize(path, most)
 
 
 def read_record(
@@ -122,10 +122,10 @@ def read_record(
         Of what was guessed or done, the cut among it.
     """
     record = PistonRecord.from_file(path, units, **said)
-    return record if has_times(Path(path), ReadOptions(**said)) else find_motion(record)
+    return record if states_interval(Path(path), ReadOptions(**said)) else find_motion(record)
 
 
-def has_times(path: Path, options: ReadOptions) -> bool:
+def states_interval(path: Path, options: ReadOptions) -> bool:
     """Return whether the user states which part of a file is the record."""
     if is_description(path):
         options = read_description(path)[1].merge(options)
@@ -175,11 +175,11 @@ def check_run_options(options: RunOptions) -> None:
     """Raise `InputError` unless method and time step are such."""
     if (options.method, options.dt) == (METHOD, STEP):
         return
-    from granular.methods import method_of
-    from granular.run.options import checked_step
+    from granular.methods import resolve_method
+    from granular.run.options import validated_step
 
-    method_of(options.method)
-    checked_step(options.dt)
+    resolve_method(options.method)
+    validated_step(options.dt)
 
 
 def _refuse_run_options(options: RunOptions) -> None:

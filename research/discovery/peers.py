@@ -20,7 +20,7 @@ import numpy as np
 from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
 from reduced_models.discovery.libraries import library_terms
-from reduced_models.discovery.terms import AnyTerm, join_terms, symbols
+from reduced_models.discovery.terms import AnyTerm, join_terms, state_symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 
@@ -158,7 +158,7 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     return sympy.Add(
         *(
             sympy.Float(value)
-            * sympy.prod(one ** int(n) for one, n in zip(symbols(), each, strict=False))
+            * sympy.prod(one ** int(n) for one, n in zip(state_symbols(), each, strict=False))
             for value, each in zip(row, powers, strict=True)
             if value
         )
@@ -196,11 +196,11 @@ def pyoperon_law(
         **settings, n_threads=1, random_state=seed + 1, uncertainty=[error]
     ).fit(samples, a)
     text = search.get_model_string(search.model_, 12, list(inputs))
-    _, slope, _ = symbols()
-    named_symbols = {one.name: one for one in symbols()} | {
+    _, slope, _ = state_symbols()
+    named_symbols = {one.name: one for one in state_symbols()} | {
         "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
     }  # fmt: skip
-    return algebra.expression(parse(text, multiplied=False), named_symbols)
+    return algebra.sympy_expression(parse(text, multiplied=False), named_symbols)
 
 
 def _roughness(values: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from granular.formulas import algebra
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.terms import read_terms, split_terms, symbols
+from reduced_models.discovery.terms import read_terms, split_terms, state_symbols
 
 if TYPE_CHECKING:
     import sympy
@@ -187,7 +187,7 @@ def solved(
     import sympy
     from scipy.integrate import solve_ivp
 
-    z, v, u = symbols()
+    z, v, u = state_symbols()
     smooth = law.replace(sympy.sign, lambda inner: sympy.tanh(STEEPNESS * inner))
     field = algebra.compile_function((z, v, u), smooth)
     calls = 0

@@ -11,7 +11,7 @@ from research.discovery.judging import USABLE
 from research.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
 from research.discovery.results import Rate, Results
 from research.discovery.systems import SYSTEMS
-from validation.table import TextTable, table
+from validation.table import TextTable, text_table
 
 SHOWN_NOISE = 0.01
 """The level of which every system is shown."""
@@ -60,7 +60,7 @@ def rates_table(found: Results) -> TextTable:
                 NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
                 ", ".join("—" if one.seconds is None else f"{one.seconds:.2g}" for one in rates),
             ])  # fmt: skip
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 def systems_table(found: Results) -> TextTable:
@@ -77,7 +77,7 @@ def systems_table(found: Results) -> TextTable:
         ]
         for one in SYSTEMS
     ]
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 def rate_words(rate: Rate) -> str:

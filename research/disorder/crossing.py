@@ -10,7 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from granular.observables.plasticity import inner, slip_of_frames, swept_area, uniaxial
+from granular.observables.plasticity import (
+    interior_grains,
+    plastic_distortion,
+    swept_area,
+    uniaxial_strain,
+)
 from granular.observables.voronoi import voronoi_cells
 
 ROWS = {184: 9, 368: 12}
@@ -23,7 +28,7 @@ _POISSON, _CORE = 1.0 / 3.0, 0.09
 
 @lru_cache(maxsize=4)
 def seen_share(count: int) -> tuple[float, float]:
-    """Fraction of the inner plastic strain that `slip_of_frames` adds up to: moves, and all of it.
+    """Fraction of the inner plastic strain in `plastic_distortion`: moves, and all of it.
 
     The mean over dislocations that glide from below the lattice to above it, in both directions at
     60 degrees to its rows, at three places of it.
@@ -77,10 +82,10 @@ def _share(lattice: np.ndarray, rows: int, sign: float, aside: float) -> tuple[f
             for way in ways
         ]
     )
-    slip = slip_of_frames(frames)
+    slip = plastic_distortion(frames)
     cells = voronoi_cells(frames[0])
-    known = inner(cells)
+    known = interior_grains(cells)
     height = np.ptp(lattice[known, 1]) + np.sqrt(0.75)
     whole = swept_area(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
-    full = uniaxial(whole[None])[0]
-    return uniaxial(slip.moves)[-1] / full, uniaxial(slip.total)[-1] / full
+    full = uniaxial_strain(whole[None])[0]
+    return uniaxial_strain(slip.moves)[-1] / full, uniaxial_strain(slip.total)[-1] / full

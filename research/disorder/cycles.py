@@ -10,10 +10,10 @@ import numpy as np
 
 from granular.observables.plasticity import (
     Slip,
-    area_change,
+    areal_strain,
     elastic_strain,
-    slip_of_frames,
-    uniaxial,
+    plastic_distortion,
+    uniaxial_strain,
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
@@ -147,24 +147,24 @@ def cycle_row(case: tuple[int, int]) -> Row:
     frame_times = run.dataset["frame_time"].values
     first = int(np.searchsorted(frame_times, COOL - 0.5 * FRAMES))
     frames = run.dataset["position"].values[first:]
-    slip = slip_of_frames(frames)
+    slip = plastic_distortion(frames)
     shown = np.arange(0, len(frames), SHOWN)
     at = np.searchsorted(time, frame_times[first + shown] - 0.5 * FRAMES)
     driven = np.log(height[at] / height[at[0]])
     series = {
         "time": frame_times[first + shown] - frame_times[first],
         "driven": driven,
-        "plastic": driven - uniaxial(elastic_strain(frames[shown])),
+        "plastic": driven - uniaxial_strain(elastic_strain(frames[shown])),
         "law": plastic_by_law(height[at], stress[at]),
         **_carried(slip, shown),
     }
     plain = {name: np.round(values, 5).tolist() for name, values in series.items()}
     return {
         "grains": count, "seed": seed, "conserved": slip.conserved, "tracks": len(slip.tracks),
-        "climb": round(float(area_change(slip.total)[-1]), 5), **plain,
+        "climb": round(float(areal_strain(slip.total)[-1]), 5), **plain,
     }  # fmt: skip
 
 
 def _carried(slip: Slip, shown: np.ndarray) -> dict[str, np.ndarray]:
     parts = {"moves": slip.moves, "events": slip.events, "rim": slip.rim}
-    return {name: uniaxial(values)[shown] for name, values in parts.items()}
+    return {name: uniaxial_strain(values)[shown] for name, values in parts.items()}

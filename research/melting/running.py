@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from granular.shared.files import make_directory
 from granular.shared.result_cache import ResultCache, digest
-from granular.studies.workers import workshop
+from granular.studies.workers import case_executor
 from research.melting.scenes import STEP, layer
 
 
@@ -65,7 +65,7 @@ def run_plan(
 
     make_directory(directory)
     with (
-        workshop(None, workers) as pool,
+        case_executor(None, workers) as pool,
         progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
     ):
         waiting = {pool.submit(run_layer, plan, one, directory): one for one in plan.gammas}

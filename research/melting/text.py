@@ -78,12 +78,12 @@ def _gamma(one: Interval | float) -> str:
 
 def text(results: Results) -> str:
     """A table for the console."""
-    from validation.table import table
+    from validation.table import text_table
 
     if not results.layers:
         return "no results are committed; run it with --quick or --full"
     grains = results.layers[0]["grains"]
-    return f"{table(_HEAD, rows_of(results)).text()}\n{grains} grains\n{sentences(results)}"
+    return f"{text_table(_HEAD, rows_of(results)).text()}\n{grains} grains\n{sentences(results)}"
 
 
 def markdown(results: Results) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.scene.dryness import is_coarse
+from granular.scene.dryness import has_coarse_friction
 from granular.shared.result_cache import ResultCache
 from research.campaign import Plain, made_now
 from research.published.calculations import kept
@@ -105,7 +105,7 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "protocol": series.protocol,
         "words": series.words,
         "step": series.step if isinstance(series.step, str) else f"{series.step:g} s",
-        "coarse": is_coarse(scene),
+        "coarse": has_coarse_friction(scene),
         "seeds": list(series.seeds),
     }
     starts = _starts(series, directory, former)

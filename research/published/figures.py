@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.observables import (
     area_fraction_profile,
-    axial_order,
+    axial_order_parameter,
     compressive_forces,
     dip_test,
     hexagon_regularity,
@@ -159,7 +159,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     pressed = compressive_forces(scene, positions, record["full_height"])
     test = dip_test(pressed[inside])
     median = float(np.median(pressed[inside]))
-    directions = axial_order(integer[inside])
+    directions = axial_order_parameter(integer[inside])
     relative = pressed.copy()
     made: Figures = {
         "dip": test.dip,
@@ -168,7 +168,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
             np.where(inside, sizes, np.nan), owner
         ))),
         "polar_order": directions.polar,
-        "axial_order": directions.axial,
+        "axial_order_parameter": directions.axial,
         "axial_p": directions.axial_p,
         "modes": np.histogram(pressed[inside] / pressed[inside].max(), 25, (0.0, 1.0))[0],
     }  # fmt: skip

@@ -21,7 +21,7 @@ from research.published.plan import (
 )
 from research.published.results import Results, counted
 from research.published.statements import counted_statements
-from validation.published import keys
+from validation.published import published_keys
 
 WIDTH = 110
 PAGES: Mapping[str, str] = {
@@ -48,8 +48,9 @@ def _summary(results: Results) -> str:
     rows, made = judged(results), results.made
     number = counts(rows)
     left = f"{number['not run']} are not run yet" if number["not run"] else "none is left to run"
+    printed = sum(1 for _ in published_keys())
     return _wrapped(
-        f"- Of {sum(1 for _ in keys())} numbers that de Paula (2025) prints, judged as {len(rows)} "
+        f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
         f"entries, {number[AGREES]} agree, "
         f"{number[DIFFERS]} differ and {left}; the others hold by construction or cannot be "
         "compared "
@@ -61,8 +62,9 @@ def _counts(results: Results) -> str:
     rows = judged(results)
     series = counted(results)
     made = results.made
+    printed = sum(1 for _ in published_keys())
     sentences = [
-        f"Of {len(rows)} entries, of {sum(1 for _ in keys())} published numbers: {said(rows)}.",
+        f"Of {len(rows)} entries, of {printed} published numbers: {said(rows)}.",
         f"Of {sum(counted_statements(results).values())} statements: "
         f"{describe_fields(counted_statements(results))}.",
         f"{series['whole']} of {series['planned']} series are run whole, {series['begun']} begun, "

@@ -194,7 +194,7 @@ def summary(results: Results) -> dict[str, Any]:
 
 def text(found: dict[str, Any]) -> str:
     """The entries as a table for the console, and how many agree."""
-    from validation.table import table
+    from validation.table import text_table
 
     shown = found.get("quick", found)
     rows = [
@@ -207,7 +207,7 @@ def text(found: dict[str, Any]) -> str:
     numbers = ", ".join(f"{count} {name}" for name, count in both.items())
     series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())
     shape = ("what", "published", "ours", "protocol", "verdict")
-    return f"{table(shape, rows).text()}\n{numbers}\nseries: {series}"
+    return f"{text_table(shape, rows).text()}\n{numbers}\nseries: {series}"
 
 
 def _number(value: float | None, unit: str) -> str:

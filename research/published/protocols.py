@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from validation.published import duration
+from validation.published import compression_duration
 
 STEP = "auto*1.5"
 """Time step of the beds. Friction holds them at rest where the forces balance, whatever the step:
@@ -35,7 +35,7 @@ class Protocol(NamedTuple):
         """Length of the relaxation of a bed of equal grains, in units of T."""
         if self.settling is None:
             return 5.0
-        return self.settling / duration(count, speed)
+        return self.settling / compression_duration(count, speed)
 
     def words(self, mixture: bool) -> str:
         """The protocol in words."""

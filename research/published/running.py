@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.run.options import checked_step
+from granular.run.options import validated_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache
@@ -154,7 +154,7 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
         total_duration = stage.total_duration(height)
         seconds += total_duration if total_duration is not None else 10.0
         height = stage.final_height() or height
-    asked = checked_step(step)
+    asked = validated_step(step)
     length = asked.seconds or asked.factor * _AUTOMATIC_STEP
     return scene.grains.count**2 * seconds / length
 

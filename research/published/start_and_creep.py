@@ -14,7 +14,7 @@ from typing import Any
 
 from research.published.protocols import ACCELERATED, HASTE, PUBLISHED, QUICK, Protocol
 from research.published.series import Series, mono
-from validation.published import duration
+from validation.published import compression_duration
 
 GRID = 1.15
 """Height of the first grid, over the piston's height at the compression's start: the one number
@@ -58,7 +58,7 @@ def both_causes(
     ``step`` and ``threshold`` are multiples of de Paula's; the step is longer by `HASTE` in the
     accelerated cycle.
     """
-    period = duration(count, PUBLISHED.speed)
+    period = compression_duration(count, PUBLISHED.speed)
     haste = HASTE if protocol is ACCELERATED else 1.0
     return mono(
         f"direct {count}, {words}", count, protocol, seeds=seeds,

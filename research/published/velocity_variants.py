@@ -20,7 +20,7 @@ from granular.schema.scales import Scales
 from research.published.protocols import PUBLISHED
 from research.published.series import mono
 from research.published.start_and_creep import GRID, grid_of_height, regularised
-from validation.published import duration
+from validation.published import compression_duration
 
 TILT = 0.0126585
 """N_i = K sum_j r_ij^-3 of 6 mm grains [D, eq. 2.15]."""
@@ -154,7 +154,7 @@ def late_cycle(count: int, seed: int) -> tuple[float, float]:
 
     With [D, eq. 2.17] of the step before, through a cycle that is `LATE_HASTE` times faster.
     """
-    period = duration(count, PUBLISHED.speed)
+    period = compression_duration(count, PUBLISHED.speed)
     bed = mono(
         "", count, PUBLISHED, speed=LATE_HASTE * PUBLISHED.speed,
         effects__friction=regularised(period), **grid_of_height(count, GRID),

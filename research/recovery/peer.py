@@ -15,11 +15,11 @@ from granular.shared.result_cache import digest
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.fitting.problem import training_data
 from reduced_models.fitting.start_values import scale_unknowns, start_vectors
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.unknowns import Unknowns
-from reduced_models.records.inputs import TIME, column
+from reduced_models.records.inputs import TIME, input_column
 
 MOST_CALLS = 1500
 """Calls of a law for each sample of a record, after which least squares from a start is stopped.
@@ -146,9 +146,9 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
     record, unknowns = given.record, given.unknowns
     time, height = record.time, record.height
     law = unknowns.law
-    field = compiled_field(law.equation, law.inputs, "numpy")
+    field = compile_rates(law.equation, law.inputs, "numpy")
     drives = [
-        (lambda t: t) if name == TIME else CubicSpline(time, column(record, name))
+        (lambda t: t) if name == TIME else CubicSpline(time, input_column(record, name))
         for name in law.inputs
     ]
 

@@ -27,7 +27,7 @@ from research.recovery.systems import (
     law_of_system,
     made_record,
 )
-from validation.runner import KEY_LENGTH, machine
+from validation.runner import KEY_LENGTH, machine_info
 
 _QUICK = (0.01,)
 _PEER_STARTS = 3
@@ -133,7 +133,7 @@ def _fitted(case: Case) -> dict[str, Any]:
 def _key(case: Case) -> str:
     content = {
         "case": case, "system": SYSTEMS[case.system]._asdict(), "sources": _sources(),
-        "on": machine(),
+        "on": machine_info(),
     }  # fmt: skip
     return f"fit-{digest(content, KEY_LENGTH)}"
 

@@ -20,9 +20,9 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import read_text
-from granular.shared.messages import visible
-from reduced_models.records.inputs import column
-from validation.table import table
+from granular.shared.messages import sanitize
+from reduced_models.records.inputs import input_column
+from validation.table import text_table
 
 SAMPLING = 1e7 / 2**14
 """[Hz]"""
@@ -66,7 +66,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
         seconds = time.perf_counter() - begun
         errors = {}
         for part, record in tests.items():
-            inputs = {"force": column(record, "force")}
+            inputs = {"force": input_column(record, "force")}
             start, speed = (
                 float(record.height[0]),
                 float(np.gradient(record.height, record.time)[0]),
@@ -100,20 +100,20 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     for name in ("v1", "v2"):
         if name not in names:
             raise InputError(
-                f"{visible(path)}: no column {name!r}; give the benchmark's file SNLS80mV.csv"
+                f"{sanitize(path)}: no column {name!r}; give the benchmark's file SNLS80mV.csv"
             )
         place = names.index(name)
         try:
             columns.append(np.array([float(row[place]) for row in rows if row]))
         except (ValueError, IndexError):
             raise InputError(
-                f"{visible(path)}: column {name!r} holds something that is not a number; give the "
+                f"{sanitize(path)}: column {name!r} holds something that is not a number; give the "
                 "benchmark's file SNLS80mV.csv as it is"
             ) from None
     force, height = columns
     if len(force) < ARROW + 2 * _TEST:
         raise InputError(
-            f"{visible(path)}: {len(force)} samples; the benchmark's record has 131,072: give all"
+            f"{sanitize(path)}: {len(force)} samples; the benchmark's record has 131,072: give all"
         )
     return force, height
 
@@ -129,4 +129,4 @@ def silverbox_text(found: dict[str, Any]) -> str:
         for row in found["rows"]
     ]  # fmt: skip
     header = ("law", *(f"{part} [mV]" for part in parts), "input between samples", "s")
-    return table(header, rows).text()
+    return text_table(header, rows).text()

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
@@ -111,9 +111,9 @@ SYSTEMS = (
 
 def law_of_system(system: System) -> Law:
     """Its law."""
-    from reduced_models.fitting.fitting import law_of
+    from reduced_models.fitting.fitting import resolve_law
 
-    return law_of(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
+    return resolve_law(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
 
 
 @functools.cache
@@ -124,7 +124,7 @@ def clean_motion(system: int) -> PistonRecord:
     one = SYSTEMS[system]
     time = np.linspace(0.0, one.duration, one.samples)
     law = law_of_system(one)
-    field = compiled_field(law.equation, law.inputs, "numpy")
+    field = compile_rates(law.equation, law.inputs, "numpy")
     values = [one.true[name] for name in law.parameters]
 
     def rates(t: float, state: np.ndarray) -> list[float]:

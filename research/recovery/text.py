@@ -8,7 +8,7 @@ from typing import Any
 from research.campaign import markdown_of
 from research.recovery.peer import MOST_CALLS
 from research.recovery.systems import REACHED
-from validation.table import TextTable, table
+from validation.table import TextTable, text_table
 
 _HEADER = (
     "system", "reached", "worst residual/noise", "starts that agree", "CPU s", "SciPy reached",
@@ -41,7 +41,7 @@ def _table(found: Mapping[str, Any]) -> TextTable:
         )
         for row in found["rows"]
     ]  # fmt: skip
-    return table(_HEADER, rows)
+    return text_table(_HEADER, rows)
 
 
 def _totals(found: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.engine.loop import advance
+from granular.engine.loop import advance_ticks
 from granular.engine.new_state import new_state
 from granular.methods import METHODS
 from granular.scene.system import natural_system
@@ -28,11 +28,11 @@ def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def spy(*arguments: Any) -> Any:
         asked.append(tuple(map(numba.typeof, arguments)))
-        return advance(*arguments)
+        return advance_ticks(*arguments)
 
     monkeypatch.setattr("granular.run.run.advance", spy)
     simulate(scene, 1e-6, 1e-4, progress=False)
-    place = advance._cache._entry(asked[0], advance.overloads[asked[0]].library.codegen)
+    place = advance_ticks._cache._entry(asked[0], advance_ticks.overloads[asked[0]].library.codegen)
     body = read_sealed(*place)
     assert body is not None
     _, (library, *_) = pickle.loads(body)

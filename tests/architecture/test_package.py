@@ -13,7 +13,13 @@ from typing import Any
 import pytest
 
 from granular import __version__
-from granular.shared.errors import NEEDED_BY, InputError, MissingError, missing, with_advice
+from granular.shared.errors import (
+    NEEDED_BY,
+    InputError,
+    MissingError,
+    advise_on_missing_module,
+    missing_module_message,
+)
 
 ROOT = Path(__file__).parents[2]
 PROJECT_FILE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -135,17 +141,19 @@ def test_simulations_need_nothing_of_the_fits() -> None:
 
 def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
     error = ModuleNotFoundError("No module named 'tea'", name="tea")
-    assert missing(error) is None
+    assert missing_module_message(error) is None
 
     def attribute(name: str) -> Any:
         raise error
 
     with pytest.raises(ModuleNotFoundError, match="tea"):
-        with_advice(attribute)("leaves")
+        advise_on_missing_module(attribute)("leaves")
 
 
 def test_what_is_missing_is_bad_input_and_an_import_error() -> None:
-    found = missing(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
+    found = missing_module_message(
+        ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy")
+    )
     assert isinstance(found, MissingError)
     assert isinstance(found, InputError)
     assert isinstance(found, ImportError)

@@ -15,7 +15,7 @@ from trials import Outcome, Random, a_minute, random_of, refused, tell, wanted
 
 from granular.formulas import FUNCTIONS
 from granular.shared.errors import InputError
-from reduced_models.laws.equation import compiled_field, compiled_jacobian
+from reduced_models.laws.equation import compile_jacobian, compile_rates
 from reduced_models.laws.law import law_from_text
 
 NAMES = ("z", "z'", "z''", "k", "c", "omega", "λ", "lambda", "w", "rest", "x0", "numpy", "pi", "e")
@@ -88,8 +88,8 @@ def outcome(text: str) -> Outcome:
         return refused(error)
     state = np.full(2 + len(law.hidden) + len(law.parameters), 0.7)
     with np.errstate(all="ignore"):
-        found = compiled_field(text, (), "numpy")(*state)
-        compiled_jacobian(text)(*state.tolist())
+        found = compile_rates(text, (), "numpy")(*state)
+        compile_jacobian(text)(*state.tolist())
     assert len(found) == 1 + len(law.hidden)
     assert all(np.isrealobj(np.asarray(each, dtype=float)) for each in found)
     return "read", ""

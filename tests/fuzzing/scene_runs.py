@@ -21,12 +21,12 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
     import tomllib
 
     from granular import Scene, simulate
-    from granular.run.summary import run_text, scene_figures, scene_text
+    from granular.run.summary import derived_scene_values, run_text, scene_text
 
     scene = Scene.from_plain(case.plain)
     assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene, "TOML gives another scene"
     assert scene_text(scene)
-    json.dumps(scene_figures(scene))
+    json.dumps(derived_scene_values(scene))
     with silent_overflow():
         run = simulate(scene, progress=False, **case.arguments)
     assert run_text(run)
@@ -37,7 +37,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
 
 
 def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
-    from granular.scene.dryness import doubtful
+    from granular.scene.dryness import degraded_residual_limit
 
     assert run.complete
     bad = not_finite(run)
@@ -50,7 +50,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-15), "ends elsewhere"
     words = " ".join(str(one.message) for one in said)
     off = run.settings()["ledger_residual"]
-    if off > doubtful(run.scene):
+    if off > degraded_residual_limit(run.scene):
         assert "energy ledger is off" in words, f"off by {off:g} without a warning"
 
 

@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from granular import Scene
-from granular.run.trajectory import Trajectory, finished
+from granular.run.trajectory import Trajectory, make_trajectory
 
 FRAMES, COUNT = 90, 7
 
@@ -61,6 +61,6 @@ def run(mixture: Scene) -> Trajectory:
          "height": 0.02, "spread": 0.0},
     ]  # fmt: skip
     outcome = {"stages": stages, "complete": True, "figures": {}}
-    return finished(
+    return make_trajectory(
         mixture.replace(**{"piston.height": height}), data, {"method": "none"}, outcome, None
     )

@@ -13,9 +13,9 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
 from granular.custom import import_user_code
-from granular.effects.registry import effects
+from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
-from granular.engine.outflow import grain_constants, take_out
+from granular.engine.outflow import constants_per_grain, remove_outflow
 from granular.methods import METHODS
 from granular.scene.system import natural_system
 from tests.commands.shown import files
@@ -139,8 +139,8 @@ OWN_WALLS = {
     "left": {"law": "soft", "k": "4 N/m"},
     "top": {"energy": "a*(l/w)**3", "a": "20 uJ", "l": "6 mm"},
 }
-NAMES = sorted(effects())
-EXAMPLES: dict[str, Any] = {name: one.example for name, one in effects().items()}
+NAMES = sorted(all_effects())
+EXAMPLES: dict[str, Any] = {name: one.example for name, one in all_effects().items()}
 EXAMPLES["own walls"] = OWN_WALLS
 EXAMPLES["leaf_spring"] = {"k": "1 N/m", "height": "2 cm"}
 EXAMPLES["oil"] = {"drag": "0.2 kg/s"}
@@ -199,7 +199,7 @@ def test_pairs_alone_keep_the_momentum() -> None:
 @pytest.mark.parametrize("reach", ["2 D", "6 D"])
 def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
     law = {"energy": "a*exp(-r/l)", "a": "10 uJ", "l": "6 mm", "reach": reach}
-    scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
+    scene = load_scene("bed").replace(all_effects={"pair_law": [law]}, piston="none")
     start = scene.initial_motion()[0]
     r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
     wanted = float(1e-5 * np.exp(-r[r < 0.006 * int(reach[0])] / 0.006).sum())
@@ -241,13 +241,13 @@ def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
     positions = scene.initial_motion()[0] / system.scales.length
     method = METHODS["stormer-verlet"]
     state = new_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
-    before = [values.copy() for values in grain_constants(system.constants)]
+    before = [values.copy() for values in constants_per_grain(system.constants)]
     state.y[2] = -9.0
-    left = take_out(state, system.constants._replace(exit=-5.0))
+    left = remove_outflow(state, system.constants._replace(exit=-5.0))
     assert left.grains == len(positions) - 1
     present = state.label[: left.grains]
     assert 2 not in present
-    for values, former in zip(grain_constants(left), before, strict=True):
+    for values, former in zip(constants_per_grain(left), before, strict=True):
         np.testing.assert_array_equal(values[: left.grains], former[present])
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
-from granular.effects.registry import effects
+from granular.effects.registry import all_effects
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from tests.plain_python.test_every_effect import EXAMPLES
@@ -29,7 +29,7 @@ pytestmark = [
 ]
 
 STEP, STEPS = 4e-5, 8
-PERIODIC = {name for name, one in effects().items() if one.periodic}
+PERIODIC = {name for name, one in all_effects().items() if one.periodic}
 LAW = {"energy": "a*q1*q2*exp(-r/l)", "a": "30 uJ", "l": "3 mm"}
 REACH = {"pair law below a spacing": 0.8, "pair law above spacings": 6.0}
 """[D]"""

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models.laws import LAWS
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 TIME = np.linspace(0.0, 40.0, 2000)
 TRUE = {
@@ -53,7 +53,7 @@ class Made:
         if (name, first) not in self.clean:
             law = LAWS[name]
             parameters = [values[key] for key in law.parameters]
-            found = solution(law, TIME, first, 0.0, parameters, 1.0)
+            found = solve_law(law, TIME, first, 0.0, parameters, 1.0)
             assert found.ending == "complete"
             self.clean[name, first] = found.z
         clean = self.clean[name, first]

@@ -14,7 +14,7 @@ import sympy
 from granular.shared.errors import InputError
 from reduced_models import HeightMap
 from reduced_models.discovery.libraries import library_terms
-from reduced_models.discovery.terms import symbols
+from reduced_models.discovery.terms import state_symbols
 from research.campaign import read_results
 from research.discovery import programme
 from research.discovery.__main__ import CAMPAIGN
@@ -44,7 +44,7 @@ def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
 
 
 def test_a_wrong_law_is_not_found() -> None:
-    z, v, _ = symbols()
+    z, v, _ = state_symbols()
     system = system_named("hard Duffing")
     linear = worth(-1.5 * z - sympy.Float(0.1) * v, system)
     assert not linear.exact
@@ -54,7 +54,7 @@ def test_a_wrong_law_is_not_found() -> None:
 
 
 def test_a_law_of_the_swing_about_a_level_is_judged_as_a_height() -> None:
-    z, v, _ = symbols()
+    z, v, _ = state_symbols()
     system = system_named("linear")
     moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
     found = worth(moved, system, HeightMap(1.0, 2.0))  # z = (height - 1)/2

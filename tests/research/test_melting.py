@@ -108,12 +108,12 @@ def test_exponent_of_a_power_and_what_is_lost() -> None:
 
 def test_moduli_by_equipartition() -> None:
     """Displacements drawn from the elastic energy of the crystal at rest give its K again."""
-    from granular.observables.moduli import crystal_moduli, theory_modulus
+    from granular.observables.moduli import crystal_moduli, melting_theory_modulus
 
     one = layer(100.0, COLUMNS)
     sites, periods, _ = crystal()
     at_rest = crystal_moduli(one.density, one.strength)
-    wanted = theory_modulus(at_rest, one.density, one.temperature)
+    wanted = melting_theory_modulus(at_rest, one.density, one.temperature)
     vectors = waves(periods, 1.0 / one.spacing)
     q, random = np.hypot(*vectors.T), np.random.default_rng(0)
     frames = np.repeat(sites[None], 1000, axis=0)

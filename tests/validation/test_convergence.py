@@ -11,7 +11,7 @@ from granular.methods import METHODS
 from granular.schema.scales import Scales
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.exact import NAMES, Problem, Snapshot, bounce, exact_problem
-from validation.order import Solver, convergence, fits, fitted_slope, shown_method
+from validation.order import Solver, convergence, fitted_slope, method_suits_problem, shown_method
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
@@ -136,8 +136,8 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_method_has_its_order(name: str, method: str) -> None:
-    problem = bounce.problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
-    if not fits(problem, method):
+    problem = bounce.bounce_problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
+    if not method_suits_problem(problem, method):
         pytest.skip("does not suit the problem")
     result = convergence(problem, shown_method(method))
     if not problem.smooth:  # the stop limits the order to two

@@ -26,7 +26,7 @@ from validation.exact import bounce
 
 
 def forms(*steps: float) -> DepaulaExperiment:
-    exact = float(bounce.problem().exact(bounce.TIME).positions[0, 1])
+    exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
     return DepaulaExperiment(
         tuple(_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
     )
@@ -51,7 +51,7 @@ def test_the_position_form_is_rounding(coarse: DepaulaExperiment) -> None:
 
 def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaExperiment) -> None:
     """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
-    problem = bounce.problem()
+    problem = bounce.bounce_problem()
     for one in coarse.runs:
         assert len(one.peaks) == 4
         assert np.abs(one.peaks).max() < 1e-8
@@ -79,8 +79,8 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 
     At a step of 0.1 ms the truncation is seen and rounding is not: both have the same error.
     """
-    scales, step, count = Scales.of(bounce.problem().scene.grains), 1e-4, 3000
-    problem = bounce.problem(time=count * step)
+    scales, step, count = Scales.of(bounce.bounce_problem().scene.grains), 1e-4, 3000
+    problem = bounce.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
     assert gravity is not None
     start = (float(bounce.START), gravity.acceleration / scales.acceleration)
@@ -96,7 +96,7 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 
 def test_compensated_sums_keep_what_plain_ones_lose() -> None:
     """Two million steps of the toolkit: compensated, the error is the truncation alone."""
-    exact = float(bounce.problem().exact(bounce.TIME).positions[0, 1])
+    exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
     clean = _toolkit(1e-6, exact)
     form = _form(COMPENSATED, 1e-6, exact)
     assert clean.end == pytest.approx(form.end, rel=1e-13)

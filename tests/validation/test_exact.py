@@ -142,7 +142,7 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
     """The harmonic period misses (9/16) A^2 of it; what the corrected misses falls like A^4."""
 
     def misses(start: float) -> tuple[float, float, float]:
-        scene = oscillation.problem(start).scene
+        scene = oscillation.oscillation_problem(start).scene
         with mpmath.workdps(50):
             one = well(scene)
             amplitude = float((one.high - one.low) / 2 / oscillation.rest_height(scene))

@@ -9,14 +9,20 @@ from granular import Scene, evaluate
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact import bounce, exact_problem
-from validation.outside import ORDERS, adaptive, rate, solver, start
+from validation.outside import (
+    ORDERS,
+    equations_of_motion,
+    initial_state,
+    outside_solver,
+    solve_adaptively,
+)
 
 
 def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
     """Pairs, four walls and weight, written twice; drag is left to the exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
-    begin, count = start(scene), scene.grains.count
-    motion = rate(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
+    begin, count = initial_state(scene), scene.grains.count
+    motion = equations_of_motion(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
     force = evaluate(scene, *scene.initial_motion()).force
     assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
@@ -27,22 +33,22 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)
     errors = [
-        np.abs(solver(name)(one, count).positions - exact.positions).max()
+        np.abs(outside_solver(name)(one, count).positions - exact.positions).max()
         for count in (one.fewest, 2 * one.fewest)
     ]
     assert errors[1] < 0.1 * errors[0] < 1e-8
-    found = solver(name)(one, one.fewest)
+    found = outside_solver(name)(one, one.fewest)
     assert found.steps == one.fewest
     assert found.velocities == pytest.approx(exact.velocities, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ORDERS)
 def test_tolerance_sets_the_error(name: str) -> None:
-    problem = bounce.problem()
+    problem = bounce.bounce_problem()
     exact = problem.exact(0.5).positions / Scales.of(problem.scene.grains).length
     errors = []
     for tolerance in (1e-6, 1e-9, 1e-12):
-        found = adaptive(name, problem.scene, 0.5, tolerance).positions
+        found = solve_adaptively(name, problem.scene, 0.5, tolerance).positions
         errors.append(np.abs(found / Scales.of(problem.scene.grains).length - exact).max())
     assert errors[2] < 1e-8
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
@@ -50,4 +56,4 @@ def test_tolerance_sets_the_error(name: str) -> None:
 
 def test_what_is_left_out_is_refused(small_bed: Scene) -> None:
     with pytest.raises(InputError, match="needs it without"):
-        start(small_bed.replace(**{"effects.friction": {}}))
+        initial_state(small_bed.replace(**{"effects.friction": {}}))

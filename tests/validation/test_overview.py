@@ -13,7 +13,7 @@ from granular.shared.html import Page
 from validation import overview
 from validation.cost.point import Point, SolverSettings
 from validation.cost.study import WorkPrecision
-from validation.effect_costs import NOTHING, agree, effect_costs
+from validation.effect_costs import NOTHING, costs_agree, effect_costs
 from validation.overview import (
     advice_table,
     effect_table,
@@ -22,8 +22,8 @@ from validation.overview import (
     show_overview,
     suitable_quantities,
 )
-from validation.report import page, section_text, summary
-from validation.runner import measure
+from validation.report import report_page, section_text, summarise
+from validation.runner import run_tasks
 
 
 def study(floor: float) -> WorkPrecision:
@@ -58,10 +58,10 @@ def test_advice_is_a_row_a_quantity() -> None:
 
 
 def test_a_fresh_start_that_misses_fails_the_report() -> None:
-    assert summary({"overview": result(True)})["holds"] is True
+    assert summarise({"overview": result(True)})["holds"] is True
     bad = {"overview": result(False)}
-    assert summary(bad)["holds"] is False
-    assert "Not all holds: overview." in page(bad, full=False).render()
+    assert summarise(bad)["holds"] is False
+    assert "Not all holds: overview." in report_page(bad, full=False).render()
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
@@ -69,7 +69,7 @@ def test_prices_that_differ_by_more_than_a_fifth_both_stand(
     first: float, last: float, alike: bool
 ) -> None:
     row = {"effect": "drag", "first": first, "first_doubt": 0.1, "last": last, "last_doubt": 0.1}
-    assert agree(row) is alike
+    assert costs_agree(row) is alike
     plain = {"scene": "s", "grains": 2, "step": 3.0, "nothing": 1.0, "sums": {"direct": 3.0},
              "effects": [row, {**row, "first": None}]}  # fmt: skip
     shown = effect_table(plain)
@@ -110,7 +110,7 @@ def test_first_screen_of_a_small_bed(
     settle = {"kind": "hold", "name": "settle", "duration": "0.01 s"}
     scene = small_bed.replace(name="bed of 23", protocol=[settle])
     tasks = overview_tasks([scene], full=False, hard=False)[:1]
-    found = measure("overview", tasks, tmp_path, progress=False)
+    found = run_tasks("overview", tasks, tmp_path, progress=False)
     (one,) = found
     assert [each["quantity"] for each in one["studies"]] == [
         "piston force", "mean distance", "energy",
@@ -120,4 +120,4 @@ def test_first_screen_of_a_small_bed(
     assert all(math.isfinite(each["error"]) for each in one["fresh"])
     text = section_text("overview", found)
     assert "bed of 23: what accuracy costs" in text
-    assert "bed of 23" in page({"overview": found}, full=False).render()
+    assert "bed of 23" in report_page({"overview": found}, full=False).render()

@@ -9,7 +9,7 @@ import pytest
 
 from granular import Method
 from granular.commands.console import launch
-from granular.methods.named import add_methods
+from granular.methods.named import register_methods
 from granular.shared.errors import InputError
 from validation.__main__ import main
 from validation.custom_method import method_report
@@ -29,7 +29,7 @@ RUTH = Method(
 
 @pytest.mark.parametrize("method", [MCLACHLAN, RUTH], ids=lambda method: method.name)
 def test_own_methods_show_their_order(method: Method) -> None:
-    add_methods([method])
+    register_methods([method])
     found = convergence(exact_problem("oscillation"), method.name)
     assert found.order == method.order
     assert found.fit is not None

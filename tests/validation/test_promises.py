@@ -10,7 +10,7 @@ import pytest
 from granular import Scene, Trajectory, damper, load_scene, simulate
 from granular.run.accuracy import choose_settings, parse_accuracy
 from validation import SolverSettings, recommend_settings
-from validation.cost.measuring import reference_values, starts_of
+from validation.cost.measuring import reference_values, scenes_with_other_seeds
 from validation.quantities import QUANTITIES
 from validation.scenes import compression_scene
 
@@ -41,7 +41,9 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     one = QUANTITIES[quantity]
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
-    (truth,) = reference_values(starts_of(scene, KNOWN_STARTS - 1), [one], [REFERENCE], None)
+    (truth,) = reference_values(
+        scenes_with_other_seeds(scene, KNOWN_STARTS - 1), [one], [REFERENCE], None
+    )
     mean = sum(truth.values) / len(truth.values)
     return [one.error(one.measure(run), mean) for run in runs]
 

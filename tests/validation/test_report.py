@@ -12,15 +12,15 @@ import pytest
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
 from validation.energy import EnergyRun, energy_runs, energy_study
-from validation.report import SECTIONS, page, summary
-from validation.runner import FAILED, Plain, Task, measure
+from validation.report import SECTIONS, report_page, summarise
+from validation.runner import FAILED, Plain, Task, run_tasks
 from validation.trend import Trend
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") -> list[Plain]:
-    return measure("section", [Task("task", {"key": key}, made)], directory, progress=False)
+    return run_tasks("section", [Task("task", {"key": key}, made)], directory, progress=False)
 
 
 def test_finished_pieces_are_found_again(tmp_path: Path) -> None:
@@ -54,8 +54,8 @@ def test_a_failure_is_a_result(tmp_path: Path) -> None:
     (result,) = measured(fails, tmp_path)
     assert result[FAILED] == "SceneError: a value, a limit, a remedy"
     results = {"convergence": [result]}
-    assert summary(results)["holds"] is False
-    assert "a value, a limit, a remedy" in page(results, full=False).render()
+    assert summarise(results)["holds"] is False
+    assert "a value, a limit, a remedy" in report_page(results, full=False).render()
 
 
 def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
@@ -85,8 +85,8 @@ def study(method: str, symplectic: bool, drift: float) -> Plain:
 
 def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
-    assert summary({"energy": good})["holds"] is True
-    assert "unlike its kind" not in page({"energy": good}, full=False).render()
+    assert summarise({"energy": good})["holds"] is True
+    assert "unlike its kind" not in report_page({"energy": good}, full=False).render()
     for method, keeps, drift in (
         ("stormer-verlet", True, 0.1),
         ("explicit-euler", False, 0.0),
@@ -94,8 +94,8 @@ def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
         ("runge-kutta-4", False, 0.1),
     ):
         bad = [study(method, keeps, drift)]
-        assert summary({"energy": bad})["holds"] is False
-        assert "unlike its kind" in page({"energy": bad}, full=False).render()
+        assert summarise({"energy": bad})["holds"] is False
+        assert "unlike its kind" in report_page({"energy": bad}, full=False).render()
 
 
 SYMPLECTIC = tuple(run for run in energy_runs() if METHODS[run.method].symplectic)

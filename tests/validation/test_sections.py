@@ -10,7 +10,7 @@ import pytest
 from granular.shared.html import Page
 from validation.convergence_result import ConvergenceResult, Slope, convergence_holds, slopes
 from validation.cost.point import USUAL, Point, SolverSettings
-from validation.cost.section import choices
+from validation.cost.section import setting_table
 from validation.cost.study import WorkPrecision
 from validation.depaula import (
     COMPENSATED,
@@ -106,12 +106,12 @@ def test_choices_say_their_share_of_the_default_time() -> None:
     coarse = Point(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
     usual = Point(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     study = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
-    good, _, none = choices([study]).rows
+    good, _, none = setting_table([study]).rows
     assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "1", "0.25")
     assert none[2:4] == ("1e-6", "none reaches it")
     exact = dataclasses.replace(usual, error=0.0)
     scattered = WorkPrecision("bed", "energy", "1", None, (coarse, exact), 1e-3, "")
-    (_, below, _) = choices([scattered]).rows
+    (_, below, _) = setting_table([scattered]).rows
     assert below[3:] == ("any: starts scatter by 0.001", "auto", "0", "4", "16", "4")
 
 

@@ -58,7 +58,7 @@ def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
 
     Quick: trends that are put into made series, in `test_trend`.
     """
-    scene = bounce.problem().scene
+    scene = bounce.bounce_problem().scene
     time = 100.0 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}
     found = energy_study(

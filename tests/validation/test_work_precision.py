@@ -14,9 +14,9 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
 from validation.cost.measuring import (
-    candidates,
-    deviation,
-    varies,
+    candidate_settings,
+    depends_on_seed,
+    deviation_over_starts,
     work_precision,
     work_precisions,
 )
@@ -85,7 +85,7 @@ def test_picture_names_what_cheapest_chooses(level: str) -> None:
 
 def test_outside_references_are_shown_and_never_chosen() -> None:
     """The lone grain: SciPy's position is measured like the toolkit's, its energy is not."""
-    problem = bounce.problem(time=0.3)
+    problem = bounce.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
     energy, positions = work_precisions(
@@ -121,7 +121,7 @@ def test_study_survives_json() -> None:
 
 def test_study_of_the_lone_grain() -> None:
     """Errors against the exact motion fall with the step, and a choice can be run again."""
-    problem = bounce.problem(time=0.3)
+    problem = bounce.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
     settings.append(SolverSettings("stormer-verlet", 1.0))  # a step longer than the run
@@ -141,7 +141,9 @@ def test_study_of_the_lone_grain() -> None:
 def test_methods_of_many_force_calls_are_tried_where_they_may_pay(
     tolerance: float, tried: bool
 ) -> None:
-    found = recommend_settings(bounce.problem(time=0.3).scene, "energy", tolerance, until=0.3)
+    found = recommend_settings(
+        bounce.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3
+    )
     families = {one.setting.family for one in found.study.points}
     assert "stormer-verlet" in families
     assert ("blanes-moan-6" in families) is tried
@@ -163,8 +165,8 @@ def test_floor_is_the_scatter_over_starts_and_the_error_a_mean() -> None:
 
 
 def test_a_scene_without_random_starts_is_run_once() -> None:
-    assert not varies(load_scene("single-particle"))
-    assert varies(load_scene("damper"))
+    assert not depends_on_seed(load_scene("single-particle"))
+    assert depends_on_seed(load_scene("damper"))
     once = work_precision(
         load_scene("single-particle"), SEED, [SolverSettings("stormer-verlet", 1e-4)],
         reference=1.0, until=0.001, seeds=3,
@@ -224,7 +226,7 @@ def made_study(
         for k in range(7):
             bias = coarsest * 2.0 ** (-order * k) * random.choice([-1.0, 1.0])
             values = 1.0 + bias + random.normal(0.0, floor, starts)
-            error, doubt = deviation(MADE, list(values), list(reference))
+            error, doubt = deviation_over_starts(MADE, list(values), list(reference))
             setting, seconds = SolverSettings(method, f"auto/{2**k}"), price * 2.0**k
             points.append(Point(setting, error, seconds, 2**k, None, doubt, starts))
             truth[f"{method} {setting.dt}"] = abs(bias), seconds
@@ -273,15 +275,15 @@ def test_unknown_quantity_is_named() -> None:
 
 def test_candidates_fit_the_scene() -> None:
     smooth, dry = load_scene("damper"), load_scene("bed").replace(**{"effects.friction": {}})
-    assert {one.method for one in candidates(smooth)} > {"stormer-verlet", "blanes-moan-4"}
-    assert {one.method for one in candidates(dry)} == {"stormer-verlet"}
+    assert {one.method for one in candidate_settings(smooth)} > {"stormer-verlet", "blanes-moan-4"}
+    assert {one.method for one in candidate_settings(dry)} == {"stormer-verlet"}
 
 
 @pytest.mark.parametrize("scheme", ["velocity", "regularised"])
 def test_candidates_never_change_the_law(scheme: str) -> None:
     """The former advice for a bed with friction was another friction law, by a lucky point."""
     scene = load_scene("bed").replace(**{"effects.drag": None, "effects.friction.scheme": scheme})
-    assert all(not one.changes for one in candidates(scene))
+    assert all(not one.changes for one in candidate_settings(scene))
 
 
 @pytest.mark.parametrize(("period", "ratio"), [(0.288, 0.037), (1.0, 0.2), (0.01, 0.001)])

@@ -18,7 +18,7 @@ from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
 from validation.cost.point import Point, SolverSettings
 from validation.cost.study import WorkPrecision
-from validation.outside import adaptive
+from validation.outside import solve_adaptively
 from validation.quantities import MeasuredQuantity, quantity_named
 
 REPEATS = 2
@@ -27,7 +27,7 @@ LONG = 1.0
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""A setting to take the true value from, the value, or None for `finest` or the exact one."""
+"""A setting to take the true value from, the value, or None for the finest or the exact one."""
 
 
 class Truth(NamedTuple):
@@ -69,7 +69,7 @@ def work_precision(
         Settings to try.
     reference : SolverSettings or float or ndarray, optional
         A setting to take the true value from, or the value; without, the quantity's exact value,
-        or what `finest` gives.
+        or what `finest_setting` gives.
     until : float, optional
         Stop each run at this time [s]; the position error of a chaotic bed means something over a
         short horizon only.
@@ -112,10 +112,10 @@ def work_precisions(
     wanted = tuple(settings)
     if not wanted:
         raise InputError("no settings are given; give at least one method and step")
-    scenes = starts_of(scene, seeds)
+    scenes = scenes_with_other_seeds(scene, seeds)
     truth = reference_values(scenes, chosen, references or [None] * len(chosen), until)
     rows = [
-        points(scenes, chosen, quantity, truth, until, repeats)
+        measure_points(scenes, chosen, quantity, truth, until, repeats)
         for quantity in wanted
         if not quantity.outside
     ]
@@ -151,22 +151,24 @@ STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
 
 
-def candidates(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
+def candidate_settings(
+    scene: Scene, methods: Sequence[str] = CANDIDATES
+) -> tuple[SolverSettings, ...]:
     """Return the settings that are tried: methods and steps, and never another law."""
     return tuple(
         SolverSettings(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name)
     )
 
 
-def starts_of(scene: Scene, seeds: int) -> tuple[Scene, ...]:
+def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
     """Scene, and the same from that many further random starts, as far as there are any."""
     first = scene.arrangement.seed
-    count = seeds if seeds and varies(scene) else 0
+    count = seeds if seeds and depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
     return (scene, *more)
 
 
-def varies(scene: Scene) -> bool:
+def depends_on_seed(scene: Scene) -> bool:
     """Tell if another seed is another start."""
     if scene.arrangement.positions is not None:  # which take no seed
         return False
@@ -189,11 +191,11 @@ def reference_values(
     for quantity, reference in zip(quantities, given, strict=True):
         wanted = reference
         if wanted is None:
-            wanted = finest(scenes[0]) if quantity.exact is None else quantity.exact
+            wanted = finest_setting(scenes[0]) if quantity.exact is None else quantity.exact
         if isinstance(wanted, SolverSettings):
             words = f"{wanted.family}, dt = {wanted.dt}"
             if words not in runs:
-                runs[words] = [run(scene, wanted, until) for scene in scenes]
+                runs[words] = [run_setting(scene, wanted, until) for scene in scenes]
             values = tuple(quantity.measure(run) for run in runs[words])
             truth.append(Truth(words, values, _floor(quantity, values)))
         else:
@@ -202,7 +204,7 @@ def reference_values(
     return truth
 
 
-def finest(scene: Scene) -> SolverSettings:
+def finest_setting(scene: Scene) -> SolverSettings:
     """Return setting far more accurate than any that is worth while: order six where it can run."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if is_allowed(scene, best.dt, best.method):
@@ -210,7 +212,7 @@ def finest(scene: Scene) -> SolverSettings:
     return SolverSettings("stormer-verlet", "auto/16")
 
 
-def run(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
+def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
     """Run of a setting, without its warnings: its error is measured, and shown."""
     from granular.run.simulation import simulate
 
@@ -222,7 +224,7 @@ def run(scene: Scene, setting: SolverSettings, until: float | None) -> Trajector
         )  # fmt: skip
 
 
-def points(
+def measure_points(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     setting: SolverSettings,
@@ -243,7 +245,7 @@ def points(
     for quantity, item in zip(quantities, truth, strict=True):
         try:
             values = [quantity.measure(run) for run in runs]
-            error, doubt = deviation(quantity, values, item.values)
+            error, doubt = deviation_over_starts(quantity, values, item.values)
             measured.append(
                 Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
             )
@@ -252,7 +254,7 @@ def points(
     return measured
 
 
-def deviation(
+def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
     """Error of a quantity over the starts, and its standard error.
@@ -290,7 +292,7 @@ def _time_calls(
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()
-        done = run(scene, setting, until)
+        done = run_setting(scene, setting, until)
         seconds = min(seconds, time.perf_counter() - start)
         if seconds > LONG:
             break
@@ -304,7 +306,7 @@ def _failed(setting: SolverSettings, stop: GranularError) -> Point:
 def _warm(scene: Scene, setting: SolverSettings) -> None:
     """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
     with contextlib.suppress(GranularError):
-        run(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+        run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
 
 def _outside_points(
@@ -320,9 +322,9 @@ def _outside_points(
     length = Scales.of(scene.grains).length
     result = []
     for setting in settings:
-        adaptive(setting.method, scene, 1e-3 * until, 1e-2)
+        solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)
         started = time.perf_counter()
-        solved = adaptive(setting.method, scene, until, float(setting.dt))
+        solved = solve_adaptively(setting.method, scene, until, float(setting.dt))
         seconds = time.perf_counter() - started
         error = quantity.error(solved.positions / length, truth.values[0])
         result.append(Point(setting, error, seconds, solved.steps or 0))

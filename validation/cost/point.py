@@ -53,7 +53,7 @@ USUAL = ("stormer-verlet", "auto")
 
 
 @cache
-def bound_factor(starts: int) -> float:
+def confidence_factor(starts: int) -> float:
     """Return the standard errors to add to a mean for a bound: two, more for few starts.
 
     By Student's distribution, since the scatter is estimated from the same starts; 0 for one start,
@@ -99,20 +99,20 @@ class Point:
     @property
     def bound(self) -> float:
         """Upper bound of the error, as far as the starts tell."""
-        return self.error + bound_factor(self.starts) * self.doubt
+        return self.error + confidence_factor(self.starts) * self.doubt
 
     @property
     def least(self) -> float:
         """Lower bound of the error."""
-        return max(0.0, self.error - bound_factor(self.starts) * self.doubt)
+        return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
 
 
-def cost(point: Point) -> tuple[float, float]:
+def cost_key(point: Point) -> tuple[float, float]:
     """Key that sorts by time, and settings as fast by their error."""
     return point.seconds, point.error
 
 
-def families(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
+def group_by_family(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
     """Points by family, from coarse to fine."""
     result: dict[str, list[Point]] = {}
     for point in points:
@@ -164,13 +164,13 @@ class Advice(NamedTuple):
             words = f"any of these: the starts scatter by {self.floor:.2g}"
             if self.point is None:
                 return f"{words}, and more of them would show what no setting tried is free of"
-            return f"{words}; {self.starts:.3g} starts cost {duration(self.seconds)}"
+            return f"{words}; {self.starts:.3g} starts cost {duration_text(self.seconds)}"
         if self.point is None:
             return "none reaches it"
         return f"{self.point.setting.family}, {self.point.setting.fineness}"
 
 
-def duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Time as it is read: 0.3 s, 12 minutes, 5 days."""
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
@@ -193,13 +193,15 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
     own = [point for point in points if not point.setting.outside]
     if tolerance < FLOORS * floor:
         best = min(
-            (point for fam in families(own).values() for point in resolved_points(fam)),
-            key=cost,
+            (point for fam in group_by_family(own).values() for point in resolved_points(fam)),
+            key=cost_key,
             default=None,
         )
         return Advice(tolerance, best, starts_for(floor, tolerance), floor)
-    sound = [point for fam in families(own).values() for point in accurate_points(fam, tolerance)]
-    return Advice(tolerance, min(sound, key=cost, default=None), 1, floor)
+    sound = [
+        point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)
+    ]
+    return Advice(tolerance, min(sound, key=cost_key, default=None), 1, floor)
 
 
 def accurate_points(family: Sequence[Point], tolerance: float) -> list[Point]:

@@ -12,14 +12,14 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.plotting import figure
-from validation.cost.measuring import candidates, work_precisions
+from validation.cost.measuring import candidate_settings, work_precisions
 from validation.cost.point import USUAL, SolverSettings
 from validation.cost.study import LEVELS, WorkPrecision
 from validation.exact import exact_problem
 from validation.outside import ORDERS
 from validation.runner import Plain, Section, Task
-from validation.scenes import compression_scene, frictionless_bed, lattice
-from validation.table import WIDTH, TextTable, legend, table, tabulate
+from validation.scenes import compression_scene, disturbed_lattice, frictionless_bed
+from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page
@@ -55,9 +55,14 @@ def work_precision_tasks(full: bool) -> list[Task]:
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[:3:2]]
     wanted: list[tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]] = [
-        (grain, saved, [*candidates(grain), *many], {"until": 1.0, "references": _exact_grain()}),
-        (bed, saved, [*candidates(bed), *few], {"until": 0.02}),
-        (squeezed, ("piston force", "mean distance"), candidates(squeezed), {"seeds": 4}),
+        (
+            grain,
+            saved,
+            [*candidate_settings(grain), *many],
+            {"until": 1.0, "references": _exact_grain()},
+        ),
+        (bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
+        (squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}),
     ]
     if full:
         damper = [SolverSettings(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
@@ -102,7 +107,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 
 def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]:
     """Piston's force on 1472 grains as they settle, by method of summing pairs."""
-    scene = lattice(1472).replace(name="1472 grains, by sum over pairs")
+    scene = disturbed_lattice(1472).replace(name="1472 grains, by sum over pairs")
     settings = [SolverSettings("stormer-verlet", "auto", sums) for sums in SUMS]
     exact = SolverSettings("stormer-verlet", "auto/2", SUMS[0])
     return scene, ("piston force",), settings, {"until": 0.3, "references": [exact], "repeats": 1}
@@ -141,18 +146,18 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
         "(thin, dotted) the bare integration. The last column is the time over that of the default "
         "setting, stormer-verlet at dt = auto."
     )
-    tabulate(page, choices(studies))
+    tabulate(page, setting_table(studies))
     for study in studies:
         with figure(width=WIDTH, height=5.0) as (drawing, axes):
             study.plot(axes)
-            legend(axes)
+            legend_below(axes)
             until = "" if study.horizon is None else f" over {study.horizon:g} s"
             page.figure(
                 drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}."
             )
 
 
-def choices(studies: Sequence[WorkPrecision]) -> TextTable:
+def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
     """Return a table of the setting to take for each level, and its time over the default one's."""
     rows = []
     for study in studies:
@@ -164,7 +169,7 @@ def choices(studies: Sequence[WorkPrecision]) -> TextTable:
         ]
     header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds",
               "of the default's")  # fmt: skip
-    return table(header, rows)
+    return text_table(header, rows)
 
 
 def _chosen(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
@@ -186,7 +191,7 @@ def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
     return [
         *((title.format(study), study.table()) for study in join_studies(results)),
-        ("What to take.", choices(join_studies(results))),
+        ("What to take.", setting_table(join_studies(results))),
     ]
 
 

@@ -13,11 +13,11 @@ from validation.cost.point import (
     Advice,
     Point,
     advice,
-    cost,
-    families,
+    cost_key,
+    group_by_family,
 )
 from validation.runner import PlainData
-from validation.table import TextTable, table
+from validation.table import TextTable, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ class WorkPrecision(PlainData):
         """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
         own = [point for point in self.points if not point.failed and not point.setting.outside]
         front: list[Point] = []
-        for point in sorted(own, key=cost):
+        for point in sorted(own, key=cost_key):
             if not front or point.error < front[-1].error:
                 front.append(point)
         return tuple(front)
@@ -77,7 +77,7 @@ class WorkPrecision(PlainData):
 
     def families(self) -> dict[str, tuple[Point, ...]]:
         """Points by family, from coarse to fine."""
-        return families(self.points)
+        return group_by_family(self.points)
 
     def digit(self) -> float | None:
         """Return how many times as long a digit takes, along the front; None without two points."""
@@ -104,7 +104,7 @@ class WorkPrecision(PlainData):
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         header = ("", "setting", "dt", f"error of the {self.quantity}{unit}", "standard error",
                   "seconds", "steps", "failed")  # fmt: skip
-        return table(header, rows)
+        return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
@@ -127,7 +127,7 @@ def _draw(
 
     A family's label says how many of its settings failed.
     """
-    for k, (name, family) in enumerate(families(points).items()):
+    for k, (name, family) in enumerate(group_by_family(points).items()):
         _draw_family(axes, name, family, k)
     best = [candidate for candidate in front if candidate.error > 0.0]
     axes.loglog(

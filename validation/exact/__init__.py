@@ -13,12 +13,12 @@ __all__ = ["NAMES", "Problem", "Snapshot", "exact_problem"]
 
 _PROBLEMS: dict[str, Callable[[], Problem]] = {
     "free-fall": closed_forms.free_fall,
-    "bounce": bounce.problem,
-    "oscillation": oscillation.problem,
-    "scattering": scattering.problem,
+    "bounce": bounce.bounce_problem,
+    "oscillation": oscillation.oscillation_problem,
+    "scattering": scattering.scattering_problem,
     "drag": closed_forms.drag,
     "sliding": closed_forms.sliding,
-    "driven-piston": driven_piston.problem,
+    "driven-piston": driven_piston.driven_piston_problem,
 }
 NAMES = tuple(_PROBLEMS)
 

@@ -62,7 +62,7 @@ class Well(NamedTuple):
     time: Number
 
 
-def problem(start: float = START, time: float = TIME) -> Problem:
+def bounce_problem(start: float = START, time: float = TIME) -> Problem:
     """Bounce from a height [D], compared after a time [s]."""
     scene = bounce_scene(start, time)
     return Problem(

@@ -30,7 +30,7 @@ GAP = 4.0
 """Distance of grain and piston at the start [D]."""
 
 
-def problem(speed: float = SPEED, time: float = TIME) -> Problem:
+def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> Problem:
     """Grain struck by the piston."""
     top = 40.0
     scene = lone_scene(

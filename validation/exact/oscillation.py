@@ -18,7 +18,7 @@ from granular.scene.scene import Scene
 from validation.exact.bounce import bounce_scene, snapshot
 from validation.exact.problem import DIGITS, Number, Problem, natural_units
 
-__all__ = ["harmonic_period", "problem"]
+__all__ = ["harmonic_period", "oscillation_problem"]
 
 AMPLITUDE = 0.05
 """Start above the place of rest, in units of its height."""
@@ -26,7 +26,7 @@ AMPLITUDE = 0.05
 TIME = 0.12
 
 
-def problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
+def oscillation_problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
     """Oscillation from a fraction of the height of rest above it.
 
     Parameters

@@ -19,7 +19,7 @@ from validation.exact.problem import Number
 Potential = Callable[[Number], Number]
 
 
-def integral(integrand: Potential, end: Number) -> Number:
+def integrate_from_zero(integrand: Potential, end: Number) -> Number:
     """Integral from zero to the end."""
     from mpmath import mp
 
@@ -34,7 +34,7 @@ def _inverse(integrand: Potential, time: Number, guess: Number) -> Number:
 
     end = guess
     for _ in range(80):
-        step = (integral(integrand, end) - time) / integrand(end)
+        step = (integrate_from_zero(integrand, end) - time) / integrand(end)
         end -= step
         if abs(step) < mpf(10) ** (5 - mp.dps) * (1 + abs(end)):
             return end
@@ -65,7 +65,7 @@ def time_from_turning(potential: Potential, turning: Number, position: Number) -
     """Time between the turning point and a place beyond it."""
     from mpmath import sqrt
 
-    return integral(open_integrand(potential, turning), sqrt(position - turning))
+    return integrate_from_zero(open_integrand(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
@@ -98,8 +98,8 @@ def period(potential: Potential, low: Number, high: Number) -> Number:
     from mpmath import pi
 
     half = +pi / 2
-    lower = integral(closed_integrand(potential, low, high), half)
-    return 2 * (lower + integral(closed_integrand(potential, high, low), half))
+    lower = integrate_from_zero(closed_integrand(potential, low, high), half)
+    return 2 * (lower + integrate_from_zero(closed_integrand(potential, high, low), half))
 
 
 def position_from_top(potential: Potential, low: Number, high: Number, time: Number) -> Number:

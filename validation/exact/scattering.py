@@ -28,7 +28,7 @@ from validation.exact.problem import (
 )
 from validation.exact.quadrature import (
     Potential,
-    integral,
+    integrate_from_zero,
     open_integrand,
     position_after_turning,
     time_from_turning,
@@ -62,7 +62,7 @@ class Orbit(NamedTuple):
     before: Number
 
 
-def problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> Problem:
+def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> Problem:
     """Two grains that come from left and right at a speed [m/s] each, ``aside`` [D] off centre."""
     across, along = aside / 2.0, APART / 2.0
     arrangement = {
@@ -103,7 +103,7 @@ def _angle(orbit: Orbit, distance: Number) -> Number:
     from mpmath import sqrt
 
     integrand = open_integrand(orbit.potential, orbit.turning)
-    return integral(
+    return integrate_from_zero(
         lambda s: orbit.momentum / (orbit.turning + s * s) ** 2 * integrand(s),
         sqrt(distance - orbit.turning),
     )

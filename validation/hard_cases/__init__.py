@@ -24,8 +24,8 @@ from validation.hard_cases.motions import (
 from validation.hard_cases.numbers import (
     count_cases,
     extreme_cases,
-    injection_cases,
-    unheard_cases,
+    non_finite_cases,
+    uncomputable_cases,
 )
 
 __all__ = ["COSTLY", "catalogue", "energy_change", "head_on", "near_limit", "verlet_swing"]
@@ -54,5 +54,5 @@ def catalogue() -> tuple[HardCase, ...]:
     return (
         *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
         *mass_cases(), *size_cases(), *step_cases(), *count_cases(), *sum_cases(),
-        *extreme_cases(), *unheard_cases(), *injection_cases(),
+        *extreme_cases(), *uncomputable_cases(), *non_finite_cases(),
     )  # fmt: skip

@@ -120,7 +120,7 @@ def size_cases() -> tuple[HardCase, ...]:
 # Sums over pairs --------------------------------------------------------------------------------
 
 
-def missed(run: Trajectory) -> float:
+def missed_force(run: Trajectory) -> float:
     """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
@@ -207,7 +207,7 @@ def sum_cases() -> tuple[HardCase, ...]:
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",
             _flight, 0.04, 0.04,
-            Measure("greatest force missed, over the greatest force", missed), 1e-12, dt=1e-3,
+            Measure("greatest force missed, over the greatest force", missed_force), 1e-12, dt=1e-3,
         ),
         HardCase(
             "far field at longer steps",

@@ -46,12 +46,12 @@ def head_on(closest: float) -> Problem:
     Problem
         Scene with its exact solution.
     """
-    from validation.exact.scattering import APART, problem
+    from validation.exact.scattering import APART, scattering_problem
 
     scales = Scales.of(load_scene("single-particle").grains)
     natural = math.sqrt(0.25 / closest**3 - 0.25 / APART**3)
     time = 1.1 * APART / natural * scales.time
-    return problem(natural * scales.velocity, 0.0, time)
+    return scattering_problem(natural * scales.velocity, 0.0, time)
 
 
 def _shot(speed: float) -> Scene:
@@ -216,9 +216,9 @@ def near_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[],
     tuple of function and float
         Function that makes the scene, and the step [s].
     """
-    from validation.exact.oscillation import harmonic_period, problem
+    from validation.exact.oscillation import harmonic_period, oscillation_problem
 
-    scene = problem(amplitude).scene
+    scene = oscillation_problem(amplitude).scene
     step = fraction * harmonic_period(scene) / math.pi
     return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
 

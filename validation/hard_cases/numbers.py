@@ -62,7 +62,7 @@ def extreme_cases() -> tuple[HardCase, ...]:
     )  # fmt: skip
 
 
-def unheard_cases() -> tuple[HardCase, ...]:
+def uncomputable_cases() -> tuple[HardCase, ...]:
     """Numbers that a scene admits and nothing can be computed with."""
     errors = ("InputError", "SceneError", "FieldError", "NotFiniteError", "StepCountError")
     cases: dict[str, dict[str, Any]] = {
@@ -81,7 +81,7 @@ def unheard_cases() -> tuple[HardCase, ...]:
     )  # fmt: skip
 
 
-def injection_cases() -> tuple[HardCase, ...]:
+def non_finite_cases() -> tuple[HardCase, ...]:
     """Return the number that is none, in a scene's every kind of number, and as the step."""
     keys = {
         "a position": "arrangement.positions",

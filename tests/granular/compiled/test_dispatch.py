@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.compiled.dispatch import by_law, call_last, greatest_over, sum_over
+from granular.compiled.dispatch import call_hook, call_last_hook, greatest_of_hooks, sum_of_hooks
 
 
 class Quiet(NamedTuple):
@@ -61,9 +61,9 @@ def _without(law: Any, at: float) -> int:
 LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
 WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
 
-forward, backward = sum_over("act", "values"), sum_over("act", "values", backward=True)
-greatest, last = greatest_over("reach", "at"), call_last("act", "values", _silent)
-chosen = by_law("nothing", "at", _without)
+forward, backward = sum_of_hooks("act", "values"), sum_of_hooks("act", "values", backward=True)
+greatest, last = greatest_of_hooks("reach", "at"), call_last_hook("act", "values", _silent)
+chosen = call_hook("nothing", "at", _without)
 
 
 @entry

@@ -14,14 +14,14 @@ from granular.pairs.vector import lane_sum
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_kernel_for_kernels_says_so_to_python() -> None:
     with pytest.raises(TypeError, match=r"effects\.friction_law\.sliding is a kernel for other"):
-        friction_law.sliding(1.0, 2.0)
+        friction_law.sliding_factor(1.0, 2.0)
 
 
 def test_entry_makes_a_form_that_python_can_call() -> None:
     values = np.arange(16.0)
     assert entry(lane_sum)(values) == values.sum()
-    assert entry(friction_law.sliding)(1.0, 2.0) == 0.0
-    assert drag.flow(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
+    assert entry(friction_law.sliding_factor)(1.0, 2.0) == 0.0
+    assert drag.drag_flow_coefficients(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 
 def test_without_compilation_kernels_are_plain_functions(monkeypatch: pytest.MonkeyPatch) -> None:

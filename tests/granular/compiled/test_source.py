@@ -6,9 +6,15 @@ import ast
 
 import pytest
 
-from granular.compiled.source import FOLDERS, PACKAGE, kernel_files, raw_digest, syntax_digest
+from granular.compiled.source import (
+    FOLDERS,
+    PACKAGE,
+    digest_of_bytes,
+    digest_of_syntax,
+    read_kernel_files,
+)
 
-FILES = kernel_files()
+FILES = read_kernel_files()
 
 
 def edited(name: str, old: str, new: str) -> dict[str, bytes]:
@@ -32,8 +38,8 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
 )
 def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:
     files = edited(name, old, new)
-    assert syntax_digest(files) == syntax_digest(FILES)
-    assert raw_digest(files) != raw_digest(FILES)
+    assert digest_of_syntax(files) == digest_of_syntax(FILES)
+    assert digest_of_bytes(files) != digest_of_bytes(FILES)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +54,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
     ],
 )
 def test_what_the_compiler_sees_counts(name: str, old: str, new: str) -> None:
-    assert syntax_digest(edited(name, old, new)) != syntax_digest(FILES)
+    assert digest_of_syntax(edited(name, old, new)) != digest_of_syntax(FILES)
 
 
 def test_kernels_take_nothing_from_other_rooms_but_classes_and_functions() -> None:

@@ -85,7 +85,7 @@ import os, signal, sys, warnings
 import granular.run.simulation as simulation
 from granular import simulate
 from granular.custom import import_user_code
-from granular.shared.user_file import contents, read_user_file
+from granular.shared.user_file import run_user_file, user_definitions
 warnings.simplefilter("ignore")
 file, out, threads, kill = sys.argv[1:]
 import_user_code([file])
@@ -138,9 +138,9 @@ def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(file: Path, tmp_
 
 @pytest.mark.long
 def test_the_force_of_all_is_minus_the_gradient(file: Path) -> None:
-    from granular.shared.user_file import contents, read_user_file
+    from granular.shared.user_file import run_user_file, user_definitions
 
-    scene: Scene = contents(read_user_file(file))["SCENE"]
+    scene: Scene = user_definitions(run_user_file(file))["SCENE"]
     place = scene.initial_motion()[0]
     direction = np.random.default_rng(2).normal(size=place.shape)
     h = 1e-6

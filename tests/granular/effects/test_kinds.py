@@ -6,7 +6,7 @@ import pytest
 
 from granular.effects import flow, force, frame
 from granular.effects.effect import Effect
-from granular.effects.registry import effects
+from granular.effects.registry import all_effects
 from granular.scene.scene import Scene
 from granular.scene.system import natural_system
 
@@ -23,9 +23,9 @@ def test_nine_hooks_are_all() -> None:
     assert len(EVERY) == sum(map(len, KINDS.values())) == 9
 
 
-@pytest.mark.parametrize("key", sorted(effects()))
+@pytest.mark.parametrize("key", sorted(all_effects()))
 def test_an_effect_is_what_its_base_says(key: str) -> None:
-    kind = effects()[key]
+    kind = all_effects()[key]
     bases = [base for base in KINDS if issubclass(kind, base)]
     assert bases, f"{key} is neither a force, nor a flow, nor a frame"
     assert Effect not in kind.__bases__

@@ -17,7 +17,7 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.custom import import_user_code
-from granular.effects.registry import names
+from granular.effects.registry import effect_names
 from granular.run.simulation import custom_sources
 from granular.scene.system import natural_system
 from granular.shared.errors import GranularError, InputError
@@ -287,7 +287,7 @@ def test_what_does_not_compile_is_told_in_a_line() -> None:
 def test_an_installed_package_brings_effects(installed: Callable[..., None]) -> None:
     source = FILE.format(factor=2.0, name="BenchSpring")
     installed("effects", source, {"bench_spring": "BenchSpring", "gone_spring": "Gone"})
-    assert {"bench_spring", "gone_spring"} <= set(names())
+    assert {"bench_spring", "gone_spring"} <= set(effect_names())
     scene = load_scene("bed").replace(**{"effects.bench_spring.k": "3 N/m"})
     assert scene.to_plain()["effects"]["bench_spring"]["k"] == pytest.approx(3.0)
     with pytest.raises(InputError, match="'gone_spring' cannot be loaded"):

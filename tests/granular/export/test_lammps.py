@@ -15,7 +15,7 @@ import pytest
 
 from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.export import to_lammps
-from granular.export.lammps_stages import leg
+from granular.export.lammps_stages import remaining_stage
 from granular.protocol import Move
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
@@ -290,7 +290,7 @@ def test_automatic_step_is_shorter_for_a_squeezed_bed(small_bed: Scene, tmp_path
 
 def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
     stage = Move(name="down", to=0.1, speed=0.01)
-    one = leg(stage, 0.2, 4.0)
+    one = remaining_stage(stage, 0.2, 4.0)
     assert one.left == pytest.approx(6.0)
     assert one.path is not None
     assert eval(one.path.formula, {"v_t": one.done}) == pytest.approx(0.16)

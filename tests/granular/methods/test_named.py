@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular.custom import import_user_code
-from granular.methods import METHODS, Method, method_named, method_of
+from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
-from granular.methods.named import add_methods, method_setting
+from granular.methods.named import method_setting, register_methods
 from granular.shared.errors import InputError
 
 Z = 0.1931833275037836
@@ -29,21 +29,21 @@ MCLACHLAN = Method(
 def test_built_in_methods_are_kept_by_name(name: str) -> None:
     method = method_named(name)
     assert method_setting(method) == name
-    assert method_of(method) == method_of(name) == method
+    assert resolve_method(method) == resolve_method(name) == method
     assert method_from_plain(json.loads(json.dumps(method.to_plain()))) == method
 
 
 def test_own_methods_are_kept_by_table() -> None:
     plain = method_setting(MCLACHLAN)
-    assert method_of(json.loads(json.dumps(plain))) == MCLACHLAN
+    assert resolve_method(json.loads(json.dumps(plain))) == MCLACHLAN
     summed = dataclasses.replace(MCLACHLAN, compensated=True)
-    assert method_of(json.loads(json.dumps(method_setting(summed)))) == summed
+    assert resolve_method(json.loads(json.dumps(method_setting(summed)))) == summed
 
 
 @given(st.floats(-2.0, 2.0))
 def test_any_consistent_composition_returns(fraction: float) -> None:
     method = Method("any", 1, kicks=(fraction, 1.0 - fraction), drifts=(1.0,))
-    assert method_of(json.loads(json.dumps(method.to_plain()))) == method
+    assert resolve_method(json.loads(json.dumps(method.to_plain()))) == method
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_any_consistent_composition_returns(fraction: float) -> None:
 )
 def test_what_is_no_method_is_refused(given: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        method_of(given)
+        resolve_method(given)
 
 
 def test_a_file_brings_methods(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="two methods are called 'from-a-file'"):
         import_user_code([tmp_path / "other.py"])
     with pytest.raises(InputError, match="one that is built in"):
-        add_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
+        register_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 
 
 def test_an_installed_distribution_offers_methods(installed: Callable[..., None]) -> None:

@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from granular.methods import METHODS, Method
-from granular.methods.order_conditions import HIGHEST_ORDER, _trees, failed_tree, failed_word
+from granular.methods.order_conditions import (
+    HIGHEST_ORDER,
+    _trees,
+    failed_composition_condition,
+    failed_order_condition,
+)
 from granular.shared.errors import InputError
 
 
@@ -19,9 +24,9 @@ def test_built_in_methods_have_their_order_and_no_higher(name: str) -> None:
     method = METHODS[name]
     for order, failed in ((method.order, False), (method.order + 1, True)):
         if method.tableau is None:
-            found = failed_word(method.kicks, method.drifts, order)
+            found = failed_composition_condition(method.kicks, method.drifts, order)
         else:
-            found = failed_tree(method.tableau, order)
+            found = failed_order_condition(method.tableau, order)
         assert (found is not None) is failed
     assert f"order {method.order + 1} needs" in str(found)
 
@@ -64,7 +69,7 @@ def test_a_changed_digit_is_noticed() -> None:
         place = draw.choice([k for k, value in enumerate(every) if value])
         every[place] += 1e-6
         kicks, drifts = every[: len(method.kicks)], every[len(method.kicks) :]
-        assert failed_word(kicks, drifts, method.order) is not None
+        assert failed_composition_condition(kicks, drifts, method.order) is not None
 
 
 @pytest.mark.parametrize(

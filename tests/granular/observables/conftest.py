@@ -11,7 +11,7 @@ import pytest
 import xarray
 
 from granular import Scene
-from granular.run.trajectory import Trajectory, finished
+from granular.run.trajectory import Trajectory, make_trajectory
 
 MakeRun = Callable[..., Trajectory]
 
@@ -101,6 +101,6 @@ def make_run(small_bed: Scene) -> MakeRun:
             force=(("frame", "grain", "axis"), blank if forces is None else forces),
         )
         outcome = {"figures": {}, "stages": [], "complete": True}
-        return finished(scene, data, {}, outcome, None)
+        return make_trajectory(scene, data, {}, outcome, None)
 
     return make

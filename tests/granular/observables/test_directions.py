@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.observables import axial_order, dip_test, spatial_correlation
+from granular.observables import axial_order_parameter, dip_test, spatial_correlation
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import hexagonal
 
@@ -36,21 +36,21 @@ def test_too_few_values_are_an_input_error() -> None:
 
 def test_directions(random: np.random.Generator) -> None:
     """Vectors along a line have axial order alone; those of a fan a polar one as well."""
-    none = axial_order(random.normal(size=(400, 2)))
+    none = axial_order_parameter(random.normal(size=(400, 2)))
     assert min(none.polar_p, none.axial_p) > 0.01
     line = np.outer(random.choice([-1.0, 1.0], 400), [1.0, 2.0])
-    found = axial_order(line)
+    found = axial_order_parameter(line)
     assert found.axial == pytest.approx(1.0)
     assert found.polar < 0.2
     assert found.axial_p < 1e-12
-    assert axial_order(np.abs(line)).polar == pytest.approx(1.0)
-    assert axial_order(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
+    assert axial_order_parameter(np.abs(line)).polar == pytest.approx(1.0)
+    assert axial_order_parameter(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
     with pytest.raises(InputError, match="0 vectors"):
-        axial_order(np.zeros((3, 2)))
+        axial_order_parameter(np.zeros((3, 2)))
 
 
 def test_rayleigh_p_is_a_probability(random: np.random.Generator) -> None:
-    p = np.array([axial_order(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
+    p = np.array([axial_order_parameter(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
     for level in (0.05, 0.3):
         assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
 

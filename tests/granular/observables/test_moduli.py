@@ -15,7 +15,7 @@ from granular.observables import (
     crystal_moduli,
     dipole_strength,
     interaction_parameter,
-    theory_modulus,
+    melting_theory_modulus,
 )
 from granular.observables.moduli import Moduli, hexagonal_sum, lattice_spacing
 from granular.schema.scales import Scales
@@ -64,7 +64,9 @@ def test_crystal_follows_the_power_and_the_known_limits() -> None:
     unit = gamma * temperature / lattice_spacing(density) ** 2
     assert found.bulk / unit == pytest.approx(3.458, abs=5e-4)
     assert found.shear / unit == pytest.approx(0.3458, abs=5e-5)
-    assert theory_modulus(found, density, temperature) / gamma == pytest.approx(1.258, abs=1e-3)
+    assert melting_theory_modulus(found, density, temperature) / gamma == pytest.approx(
+        1.258, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("reach", [3.0, 6.0, 10.0])
@@ -177,4 +179,4 @@ def test_what_cannot_be(bed: Scene) -> None:
     with pytest.raises(InputError, match="density -1 is not above 0"):
         crystal_moduli(-1.0, 1.0)
     with pytest.raises(InputError, match="temperature 0"):
-        theory_modulus(Moduli(1.0, 1.0, 1.0), 1.0, 0.0)
+        melting_theory_modulus(Moduli(1.0, 1.0, 1.0), 1.0, 0.0)

@@ -23,7 +23,7 @@ from granular.observables import (
     psi6,
 )
 from granular.observables.catalogue import find_observable, frame_table
-from granular.observables.frame import observable_mark
+from granular.observables.frame import observable_metadata
 from granular.shared.errors import InputError, SceneError
 
 OWN = """
@@ -135,7 +135,7 @@ def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) 
 def test_an_installed_distribution_offers_observables(installed: Callable[..., None]) -> None:
     offered = {"lab": "greatest_force", "no": "no", "gone": "gone"}
     installed("observables", OWN + "no = 3\n", offered)
-    found = observable_mark(find_observable("lab"))
+    found = observable_metadata(find_observable("lab"))
     assert found is not None
     assert found.unit == "N"
     with pytest.raises(InputError, match="'no' is no granular Observable"):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular.observables import elastic_strain, slip_of_frames, voronoi_cells
+from granular.observables import elastic_strain, plastic_distortion, voronoi_cells
 from granular.observables.plasticity import (
-    area_change,
+    areal_strain,
     displacement_to_edge,
-    inner,
+    interior_grains,
     swept_area,
-    uniaxial,
+    uniaxial_strain,
 )
 
 from .conftest import hexagonal, rotated
@@ -26,7 +26,7 @@ def frames_of(name: str) -> np.ndarray:
 
 def area_of(frames: np.ndarray) -> float:
     cells = [voronoi_cells(one) for one in frames[::13]]
-    return float(np.mean([one.area[inner(one)].sum() for one in cells]))
+    return float(np.mean([one.area[interior_grains(one)].sum() for one in cells]))
 
 
 def check(name: str, error: float = 0.06) -> None:
@@ -36,7 +36,7 @@ def check(name: str, error: float = 0.06) -> None:
     """
     made, _ = FILMS[name]
     frames = frames_of(name)
-    found = slip_of_frames(frames)
+    found = plastic_distortion(frames)
     driven = sum(swept_area(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start))
                  for one in made)  # fmt: skip
     wanted = np.asarray(driven) / area_of(frames)
@@ -68,7 +68,7 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
     """All that is left of both is the sum of b (z x r) of where they are in the end."""
     made, _ = FILMS["pair born"]
     frames = frames_of("pair born")
-    found = slip_of_frames(frames)
+    found = plastic_distortion(frames)
     moment = sum(swept_area(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
     wanted = np.asarray(moment) / area_of(frames)
     np.testing.assert_allclose(found.total[-1], wanted, atol=0.06 * np.abs(wanted).max())
@@ -79,8 +79,8 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
 def test_climb_changes_the_area_and_glide_does_not() -> None:
     """An extra half row above its end, which goes up, is shorter."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    assert area_change(swept_area(right, up)[None])[0] == -1.0
-    assert area_change(swept_area(right, right)[None])[0] == 0.0
+    assert areal_strain(swept_area(right, up)[None])[0] == -1.0
+    assert areal_strain(swept_area(right, right)[None])[0] == 0.0
     assert swept_area(right, right)[0, 1] == 1.0
 
 
@@ -98,8 +98,8 @@ def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:
     lattice = hexagonal(14, 14)
     squeezed = lattice * np.array([1.02, 0.97])
     found = elastic_strain(np.array([lattice, squeezed, rotated(lattice, 0.1)]))
-    assert uniaxial(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
-    assert area_change(found)[1] == pytest.approx(np.log(0.97 * 1.02), rel=1e-3)
+    assert uniaxial_strain(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
+    assert areal_strain(found)[1] == pytest.approx(np.log(0.97 * 1.02), rel=1e-3)
     # Which bonds are inner ones depends on the box about the grains, which does not turn with them.
     np.testing.assert_allclose(found[2], 0.0, atol=2e-3)
-    assert not slip_of_frames(np.array([lattice, squeezed])).total.any()
+    assert not plastic_distortion(np.array([lattice, squeezed])).total.any()

@@ -14,7 +14,7 @@ from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
-from granular.run.snapshot import kept_lists, put_lists
+from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
 cut_sum = entry(cut_off.cut_sum)
@@ -119,10 +119,10 @@ def test_lists_made_again_give_the_same_bits() -> None:
         bed.y[:300] += drift[1]
         at.append(bed.sums())
         if step == 20:
-            kept, kept_place = kept_lists(bed.stripes), (bed.x.copy(), bed.y.copy())
+            kept, kept_place = neighbour_list_arrays(bed.stripes), (bed.x.copy(), bed.y.copy())
     assert bed.stripes.memory[BUILDS] > 5.0
     bed.stripes = bed.workspace()
-    put_lists(bed.stripes, kept)
+    restore_neighbour_lists(bed.stripes, kept)
     assert kept_place is not None
     bed.x, bed.y = kept_place
     for wanted in at[21:]:

@@ -26,7 +26,7 @@ from granular.pairs.section import TOLERANCE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-spread = entry(mesh_grains.spread)
+spread = entry(mesh_grains.spread_grains)
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
 find_far_forces = entry(far_field.find_far_forces)
@@ -148,7 +148,7 @@ def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
     """Spacings double from level to level; the last one's table reaches over all of the bed."""
     spacing = 0.75
     reach = mesh.mesh_tables(RADIUS, spacing).band.along.shape[1] - 1
-    levels = mesh.levels_over(extent, RADIUS, spacing)
+    levels = mesh.mesh_level_count(extent, RADIUS, spacing)
     assert spacing * reach * 2.0 ** (levels - 1) >= extent
     assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
 

@@ -11,19 +11,19 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.far import add_far_field, find_far_field, refresh_far_field
+from granular.engine.far import add_far_field, compute_far_field, refresh_far_field
 from granular.engine.step_size import Step
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
 from granular.pairs.far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
 from granular.run.run_state import ARRANGE
-from granular.run.snapshot import restore, snapshot
+from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.scene.system import natural_system
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
-find_far = entry(find_far_field)
+find_far = entry(compute_far_field)
 
 
 def on_mesh(scene: Scene, **changes: object) -> Scene:
@@ -180,7 +180,7 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
     assert far is not None
     assert back is not None
     find_far(far, Bed(run.state, run.constants), dt / 3.0)  # as what is written down does
-    restore(other, snapshot(run))
+    restore_snapshot(other, take_snapshot(run))
     assert far.moment[TIME] > 0.0
     np.testing.assert_array_equal(back.moment, far.moment)
     forces = [step(one, 4.0 / 3.0 * dt) for one in (run, other)]

@@ -13,7 +13,7 @@ from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.plain import plain_cut_sum
 from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
-from granular.run.snapshot import kept_lists, put_lists
+from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
 list_sum = entry(verlet_list.list_sum)
@@ -69,7 +69,7 @@ def test_list_made_again_gives_the_same_bits() -> None:
     x[:150] += np.random.default_rng(1).uniform(-1.0, 1.0, 150)
     wanted = sums(list_sum, known, LISTING, 150, x, y)
     again = verlet_list_workspace(x.size, LISTING.radius)
-    put_lists(again, kept_lists(known))
+    restore_neighbour_lists(again, neighbour_list_arrays(known))
     np.testing.assert_array_equal(sums(list_sum, again, LISTING, 150, x, y), wanted)
 
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from granular.export.frames import BedFrame, bed_frames
+from granular.export.frames import BedFrame, iterate_frames
 from granular.render import movie
 from granular.render.moments import interpolate_bed
-from granular.render.picture import BedPicture, highest
+from granular.render.picture import BedPicture, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
@@ -50,9 +50,9 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
     path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, speed=None, progress=False)
     found = pictures(path)
     assert len(found) == 12
-    top, total_duration = highest(short, bed_frames(short)), (0.0, 0.0055)
+    top, total_duration = highest_point(short, iterate_frames(short)), (0.0, 0.0055)
     picture = BedPicture(short, "species", (0.0, 1.0), top, total_duration)
-    for frame, image in zip(bed_frames(short), found, strict=True):
+    for frame, image in zip(iterate_frames(short), found, strict=True):
         picture.show(frame)
         error = np.abs(image.astype(float) - picture.pixels())
         assert error.mean() < 4.0

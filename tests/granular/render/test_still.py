@@ -18,7 +18,7 @@ from granular.observables import (
     per_frame,
     voronoi_cells,
 )
-from granular.render import save, still
+from granular.render import save_picture, still
 from granular.render.colourings import COLOURINGS, SPECIES
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -52,7 +52,7 @@ def lattice(run: Trajectory) -> Trajectory:
     )  # fmt: skip
     import xarray
 
-    from granular.run.trajectory import finished
+    from granular.run.trajectory import make_trajectory
 
     force = np.random.default_rng(3).normal(0.0, 0.1, (1, 120, 2))
     data = xarray.Dataset(
@@ -62,7 +62,7 @@ def lattice(run: Trajectory) -> Trajectory:
          "frame_time": ("frame", [0.5]), "frame_height": ("frame", [0.06])},
         coords={"time": [0.0, 1.0]},
     )  # fmt: skip
-    return finished(scene, data, {}, {"stages": [], "complete": True, "figures": {}}, None)
+    return make_trajectory(scene, data, {}, {"stages": [], "complete": True, "figures": {}}, None)
 
 
 def test_grains_stand_where_they_are_at_their_size(run: Trajectory) -> None:
@@ -81,7 +81,7 @@ def test_area_of_the_discs_in_pixels(lattice: Trajectory, tmp_path: Path) -> Non
     figure = still(lattice)
     grains(figure).set_linewidths(0.0)
     figure.set_dpi(200)
-    pixels = image.imread(save(figure, tmp_path / "bed.png"))[..., :3]
+    pixels = image.imread(save_picture(figure, tmp_path / "bed.png"))[..., :3]
     blue = np.abs(pixels - to_rgba(SPECIES[0])[:3]).max(axis=2) < 0.3
     axes = figure.axes[0]
     scale = np.ptp(axes.get_window_extent().intervalx) / np.ptp(axes.get_xlim())
@@ -200,7 +200,8 @@ def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_same_picture_is_the_same_file(run: Trajectory, tmp_path: Path, ending: str) -> None:
     first, again = (
-        save(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
+        save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes()
+        for k in "ab"
     )
     assert first[:4] in {b"\x89PNG", b"<?xm", b"%PDF"}
     assert first == again
@@ -224,7 +225,7 @@ def test_bad_choices(run: Trajectory, choice: dict, message: str) -> None:
 def test_bad_files(run: Trajectory, tmp_path: Path) -> None:
     figure = still(run)
     with pytest.raises(InputError, match=r"unknown format '\.jpeg'"):
-        save(figure, tmp_path / "bed.jpeg")
-    save(figure, tmp_path / "bed.png")
+        save_picture(figure, tmp_path / "bed.jpeg")
+    save_picture(figure, tmp_path / "bed.png")
     with pytest.raises(InputError, match="exists"):
-        save(figure, tmp_path / "bed.png")
+        save_picture(figure, tmp_path / "bed.png")

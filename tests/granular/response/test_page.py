@@ -15,13 +15,13 @@ from granular.effects.host import Host
 from granular.response import load_response, save_response
 from granular.response.linear_system import (
     compare_linear,
-    hanging_mass,
+    hanging_mass_stiffness,
     linear_response,
     slowest_decay,
 )
-from granular.response.page import add_steadiness, period_losses, response_page
+from granular.response.page import add_steadiness, losses_per_period, response_page
 from granular.response.response import Response, response_dataset
-from granular.response.transients import pace_of_sweep
+from granular.response.transients import sweep_rate_at_peak
 from granular.shared.errors import InputError
 from granular.shared.html import Page
 
@@ -34,7 +34,7 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
     """As if a linear damper had been simulated on the scene's host."""
     host = scene.effects.host
     assert host is not None
-    hung = hanging_mass(FREQUENCIES, *HUNG)
+    hung = hanging_mass_stiffness(FREQUENCIES, *HUNG)
     swing = np.array([linear_response(host, FREQUENCIES, hung)[:, -1] * f / 10.0 for f in forces])
     still = np.full(swing.shape, 0.01)
     found = {
@@ -55,7 +55,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     found = made(load_scene("machine"), dt="auto*4", duration=12.0)
     data = found.dataset
     np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
-    hung = hanging_mass(FREQUENCIES, *HUNG)
+    hung = hanging_mass_stiffness(FREQUENCIES, *HUNG)
     omega = math.tau * np.array(FREQUENCIES)
     np.testing.assert_allclose(data.added_damping[0], hung.imag / omega, rtol=1e-9)
     page = response_page(found).render()
@@ -69,7 +69,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
 
 
 def test_what_rearranges_is_drag_beyond_the_affine() -> None:
-    losses = period_losses(made(load_scene("machine")).dataset.isel(amplitude=0))
+    losses = losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
 
@@ -94,7 +94,7 @@ def test_a_sweep_that_is_too_fast_is_told() -> None:
         made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
         for length in (4000.0, 4.0)
     )
-    paces = pace_of_sweep(slow), pace_of_sweep(fast)
+    paces = sweep_rate_at_peak(slow), sweep_rate_at_peak(fast)
     assert paces[0] is not None
     assert paces[1] == pytest.approx(1000.0 * paces[0])
     for found, told in ((fast, True), (slow, False)):

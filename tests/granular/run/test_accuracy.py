@@ -13,9 +13,14 @@ from numba.core.compiler_lock import global_compiler_lock
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
-from granular.run.options import checked_step
+from granular.run.options import validated_step
 from granular.run.summary import run_text
-from granular.run.work_precision import WorkPrecisionTable, nearest_table, price_text, table
+from granular.run.work_precision import (
+    WorkPrecisionTable,
+    load_price_table,
+    nearest_priced_scene,
+    price_text,
+)
 from granular.shared.errors import InputError
 
 
@@ -33,7 +38,7 @@ def of_table(one: WorkPrecisionTable) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    for one in table():
+    for one in load_price_table():
         for quantity in one.floors:
             yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
 
@@ -42,7 +47,7 @@ def promises() -> Iterator[object]:
 def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantity: str) -> None:
     """At most 1.5 times dearer than the cheapest of the table that holds the tolerance."""
     scene = of_table(costs)
-    assert nearest_table(scene, quantity) == costs
+    assert nearest_priced_scene(scene, quantity) == costs
     chosen = 0
     for tolerance in (10.0 ** (-k / 4) for k in range(29)):
         accurate_points = [one for one in costs.entries if one.bounds[quantity] <= tolerance]
@@ -54,7 +59,7 @@ def test_what_is_chosen_holds_and_is_not_dear(costs: WorkPrecisionTable, quantit
             continue  # shorter than the table's shortest step, or refused
         found = choose_settings(scene, f"{tolerance} {quantity}")
         chosen += 1
-        fraction = checked_step(found.dt, scene).fraction
+        fraction = validated_step(found.dt, scene).fraction
         same = [one for one in costs.entries if one.method == found.method]
         near = min(same, key=lambda one: abs(math.log(one.fraction / fraction)))
         if accurate_points:

@@ -13,7 +13,12 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_scene, load_trajectory, simulate
-from granular.run.directory import create_part, lock, move_part, unlock
+from granular.run.directory import (
+    create_partial_directory,
+    lock_directory,
+    move_into_place,
+    unlock_directory,
+)
 from granular.shared.errors import StoreError
 
 ROOT = Path(__file__).parents[3]
@@ -65,19 +70,19 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
 
 def test_the_first_of_two_gets_the_place(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    first, held = create_part(path)
-    second, other = create_part(path)
+    first, held = create_partial_directory(path)
+    second, other = create_partial_directory(path)
     assert first != second
     for part in (first, second):
         (part / "scene.toml").touch()
-    move_part(second, path)
+    move_into_place(second, path)
     with pytest.raises(StoreError, match="another process has begun a run in"):
-        move_part(first, path)
+        move_into_place(first, path)
     with pytest.raises(StoreError, match="another process is running in"):
-        lock(path)  # the lock of the part is that of the run
-    unlock(other)
-    unlock(lock(path))
-    unlock(held)
+        lock_directory(path)  # the lock of the part is that of the run
+    unlock_directory(other)
+    unlock_directory(lock_directory(path))
+    unlock_directory(held)
 
 
 @pytest.mark.long
@@ -109,10 +114,10 @@ def test_remains_of_a_killed_run_are_removed(scene: Scene, tmp_path: Path) -> No
     for part in (remains, kept, former, other):
         (part / "trajectory.zarr").mkdir(parents=True)
     (kept / "thesis.tex").touch()
-    live, held = create_part(tmp_path / "run")
+    live, held = create_partial_directory(tmp_path / "run")
     started(scene, tmp_path / "run")
     assert sorted(parts(tmp_path)) == sorted([kept, other, live])
-    unlock(held)
+    unlock_directory(held)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ import pytest
 
 from granular import Scene, load_scene, simulate
 from granular.methods import METHODS
-from granular.run.options import checked_step, double_step, halve_step, is_allowed
+from granular.run.options import double_step, halve_step, is_allowed, validated_step
 from granular.scene.dryness import dry_parts
 from granular.shared.errors import InputError, StepCountError
 
@@ -62,7 +62,7 @@ def test_longer_steps_are_allowed_as_far_as_they_are_stable(small_bed: Scene) ->
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
 def test_twice_half_a_step_is_the_step(dt: float | str) -> None:
-    step, back = checked_step(dt), checked_step(double_step(halve_step(dt)))
+    step, back = validated_step(dt), validated_step(double_step(halve_step(dt)))
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
 
@@ -132,9 +132,9 @@ def test_an_end_within_the_first_step_is_reached(end: float) -> None:
 def test_ticks_of_many_steps_stay_exact() -> None:
     """Where the product of a tick's number and the steps from record to record passes 64 bits."""
     from granular.compiled import entry
-    from granular.engine.step_size import Step, tick_start, tick_steps
+    from granular.engine.step_size import Step, steps_in_tick, tick_start_time
 
-    start, steps = entry(tick_start), entry(tick_steps)
+    start, steps = entry(tick_start_time), entry(steps_in_tick)
     pace = Step(seconds=1.0).pace(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * pace.given // pace.every

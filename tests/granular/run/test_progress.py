@@ -12,7 +12,7 @@ import pytest
 from granular import load_scene, load_trajectory
 from granular.engine.step_size import Step
 from granular.methods import METHODS
-from granular.run.progress import Settling, remaining_time_text, steps_ahead
+from granular.run.progress import Settling, remaining_steps, remaining_time_text
 from granular.run.run import Run
 from granular.scene.system import natural_system
 
@@ -36,7 +36,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
         run = Run(scene, natural_system(scene), method, Step(seconds=1e-5), t_end)
         run.advance()
-        assert steps_ahead(run) + run.steps == pytest.approx(count)
+        assert remaining_steps(run) + run.steps == pytest.approx(count)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")

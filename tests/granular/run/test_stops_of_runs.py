@@ -20,7 +20,7 @@ import granular.run.run
 import granular.run.simulation
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
 from granular.shared.errors import Interrupted, RunError
-from granular.shared.stops import deferred_stop, taking_sigterm
+from granular.shared.stops import deferred_stop, handle_sigterm
 
 ROOT = Path(__file__).parents[3]
 END = 0.02
@@ -88,8 +88,8 @@ def test_every_ctrl_c_ends_a_loop_of_short_runs(
 def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:
-    plain = granular.run.simulation.finished
-    ends = "granular.run.trajectory.finished", "granular.run.simulation.finished"
+    plain = granular.run.simulation.make_trajectory
+    ends = "granular.run.trajectory.make_trajectory", "granular.run.simulation.finished"
 
     def finished(*known: object) -> Trajectory:
         os.kill(os.getpid(), signal.SIGINT)
@@ -112,7 +112,7 @@ def test_a_stop_breaks_off_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """To compile a set of effects takes long, up to a minute; the run goes on from its disk."""
-    plain, made = granular.run.run.advance, iter(range(100))
+    plain, made = granular.run.run.advance_ticks, iter(range(100))
 
     def advance(*known: object) -> object:
         if next(made) == calls:
@@ -123,7 +123,7 @@ def test_a_stop_breaks_off_a_compilation(
         return plain(*known)  # type: ignore[arg-type]
 
     monkeypatch.setattr("granular.run.run.advance", advance)
-    with pytest.raises(Interrupted) as caught, taking_sigterm():
+    with pytest.raises(Interrupted) as caught, handle_sigterm():
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()
     assert not caught.value.trajectory.complete
@@ -149,7 +149,7 @@ def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
         del module
 
     try:
-        with taking_sigterm(), deferred_stop():
+        with handle_sigterm(), deferred_stop():
             compile_one()
     except KeyboardInterrupt:
         pass

@@ -7,15 +7,15 @@ import re
 import pytest
 
 from granular import Trajectory, cite, load_scene
-from granular.effects.registry import effects
+from granular.effects.registry import all_effects
 from granular.methods import METHODS
-from granular.shared.citing import bibliography, by_doi, dois, words_of_module
+from granular.shared.citing import bibliography, by_doi, dois, module_docstring_of
 from granular.shared.errors import InputError
 from granular.shared.version import __version__
 from reduced_models.laws import LAWS
 
 TEXTS = (
-    [(f"effect {name}", words_of_module(one)) for name, one in effects().items()]
+    [(f"effect {name}", module_docstring_of(one)) for name, one in all_effects().items()]
     + [(f"method {name}", one.source) for name, one in METHODS.items()]
     + [(f"law {name}", one.source) for name, one in LAWS.items()]
 )

@@ -11,10 +11,18 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.commands.console import BAD_INPUT, emit, launch
+from granular.commands.console import BAD_INPUT, launch, print_result
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
-from granular.shared.messages import LONGEST, MOST, one_line, printable, quote, times, visible
+from granular.shared.messages import (
+    LONGEST,
+    MOST,
+    as_factor,
+    one_line,
+    printable,
+    quote,
+    sanitize,
+)
 from granular.shared.plotting import line_look, plain_label
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
@@ -39,18 +47,22 @@ def test_a_factor_is_one_that_people_use() -> None:
     """No power of ten, no row of zeros."""
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
-        assert times(value) == words
-    assert (times(16.72, 3), times(123.4, 3), times(12345.0, 3)) == ("16.7", "123", "12,300")
+        assert as_factor(value) == words
+    assert (as_factor(16.72, 3), as_factor(123.4, 3), as_factor(12345.0, 3)) == (
+        "16.7",
+        "123",
+        "12,300",
+    )
     for value in (4.2e12, 1e6, 1e306, float("inf"), float("nan")):
-        assert times(value) == times(value, 3) == "more than a million"
+        assert as_factor(value) == as_factor(value, 3) == "more than a million"
 
 
 def test_short_values_are_quoted_as_python_writes_them() -> None:
     for value in ("", "a b", "it's", 3, -2.5, None, True, [1, 2], {"a": 1}, "größe λ"):
         assert quote(value) == repr(value)
     assert quote("a\x1b[31m") == r"'a\x1b[31m'"
-    assert visible("a\tb" * 100).startswith(r"a\tb")
-    assert len(visible("ab" * 1000)) == LONGEST
+    assert sanitize("a\tb" * 100).startswith(r"a\tb")
+    assert len(sanitize("ab" * 1000)) == LONGEST
 
 
 def test_a_long_message_keeps_its_remedy() -> None:
@@ -112,8 +124,8 @@ def test_the_terminal_gets_no_control_signs(
 ) -> None:
     def command(_: object) -> None:
         warnings.warn(f"look {STEERING}", stacklevel=1)
-        emit({"name": STEERING}, f"result\n{STEERING}\n", as_json=False)
-        emit({"name": STEERING}, "", as_json=True)
+        print_result({"name": STEERING}, f"result\n{STEERING}\n", as_json=False)
+        print_result({"name": STEERING}, "", as_json=True)
         raise InputError(f"bad {STEERING}")
 
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
@@ -133,7 +145,7 @@ def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
 
     def command(_: object) -> None:
-        emit({}, "5 µm", as_json=False)
+        print_result({}, "5 µm", as_json=False)
         raise InputError("größe λ")
 
     assert launch(command, []) == BAD_INPUT

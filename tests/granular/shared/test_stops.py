@@ -13,7 +13,7 @@ import pytest
 
 from granular.commands.console import launch
 from granular.shared.errors import Terminated
-from granular.shared.stops import AGAIN, deferred_stop, taking_sigterm
+from granular.shared.stops import AGAIN, deferred_stop, handle_sigterm
 
 
 @pytest.fixture(autouse=True)
@@ -110,7 +110,7 @@ def test_a_stop_waits_to_be_looked_at() -> None:
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, seen)
     assert caught.type is KeyboardInterrupt
-    with pytest.raises(Terminated), taking_sigterm():
+    with pytest.raises(Terminated), handle_sigterm():
         stopped(signal.SIGTERM, seen)
     assert seen == [False, True, False, True]
 
@@ -133,7 +133,7 @@ def test_other_threads_have_no_signals() -> None:
     seen = []
 
     def other() -> None:
-        with taking_sigterm(), deferred_stop() as stop:
+        with handle_sigterm(), deferred_stop() as stop:
             seen.append(stop.asked)
 
     thread = threading.Thread(target=other)

@@ -12,7 +12,7 @@ import pytest
 from granular.__main__ import main
 from granular.commands.console import launch
 from granular.shared.errors import InputError
-from granular.shared.user_file import read_user_file
+from granular.shared.user_file import run_user_file
 from granular.studies.cases import measure_name
 from granular.studies.measures import CustomMeasure, custom_measures, last_values, measure_named
 
@@ -39,7 +39,7 @@ def own_file(path: Path, text: str = OWN) -> Path:
 
 
 def read(path: Path, text: str = OWN) -> dict[str, CustomMeasure]:
-    return custom_measures(read_user_file(own_file(path, text)))
+    return custom_measures(run_user_file(own_file(path, text)))
 
 
 def test_functions_of_a_file_are_measures_by_name(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) ->
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
         read(tmp_path, text)
     with pytest.raises(InputError, match="there is no file"):
-        read_user_file(tmp_path / "none.py")
+        run_user_file(tmp_path / "none.py")
 
 
 def test_installed_measures_are_found_by_entry_point(installed: Callable[..., None]) -> None:

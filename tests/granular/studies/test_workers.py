@@ -16,7 +16,7 @@ import pytest
 from granular import load_scene, sweep
 from granular.studies.cases import Case
 from granular.studies.sweep import ATTEMPTS
-from granular.studies.workers import Workers, workshop
+from granular.studies.workers import Workers, case_executor
 
 ROOT = Path(__file__).parents[3]
 
@@ -97,7 +97,7 @@ def test_an_executor_that_stays_broken_ends_the_study() -> None:
 
 def test_an_executor_that_is_given_is_left_to_its_owner() -> None:
     with ThreadPoolExecutor(1) as pool:
-        with workshop(pool) as inside:
+        with case_executor(pool) as inside:
             assert inside is pool
         assert pool.submit(int, "3").result() == 3
 
@@ -107,7 +107,7 @@ def dies() -> None:
 
 
 def test_processes_that_die_are_replaced() -> None:
-    with workshop(None, 1) as workers:
+    with case_executor(None, 1) as workers:
         first = workers.submit(os.getpid).result()
         assert workers.submit(os.getpid).result() == first != os.getpid()
         with pytest.raises(BrokenExecutor):

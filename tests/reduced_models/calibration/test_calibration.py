@@ -19,7 +19,7 @@ from reduced_models.calibration.simulations import (
     Features,
     SceneSimulator,
     SimulatedPoint,
-    parameter,
+    scene_parameter,
 )
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
@@ -95,10 +95,16 @@ class Lab(NamedTuple):
         """Where its features are looked for."""
         scene = scene or load_scene("damper")
         return MadeUp(
-            scene=scene, parameters=tuple(parameter(scene, key) for key in keys or (MASS, DRAG)),
-            seeds=(1, 2, 3, 4), law="linear", duration=3.0,
-            force=len(self.wanted.names) == 4, settings={}, shift=self.shift, **options,
-        )  # fmt: skip
+            scene=scene,
+            parameters=tuple(scene_parameter(scene, key) for key in keys or (MASS, DRAG)),
+            seeds=(1, 2, 3, 4),
+            law="linear",
+            duration=3.0,
+            force=len(self.wanted.names) == 4,
+            settings={},
+            shift=self.shift,
+            **options,
+        )
 
     def calibrated(self, *keys: str, **options: Any) -> Calibration:
         simulator = self.simulator(*keys, **options)

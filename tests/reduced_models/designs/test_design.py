@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from granular import simulate
 from granular.shared.errors import InputError
 from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
-from reduced_models.designs.candidate import affine_damping_ratio, candidate_at
+from reduced_models.designs.candidate import affine_damping_ratio, damper_at
 from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
 from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.study import design_points, run_study
@@ -37,7 +37,7 @@ inside = st.floats(-1.0, 1.0)
 
 @given(st.tuples(inside, inside, inside, inside))
 def test_coordinates_return(place):
-    made = candidate_at(np.array(place))
+    made = damper_at(np.array(place))
     found = made.coordinates()
     # The number of grains is rounded, and everything else goes on from the rounded one.
     assert np.abs(found[[0, 2, 3]] - np.array(place)[[0, 2, 3]]).max() < 1e-9
@@ -96,7 +96,7 @@ def test_maps_find_a_polynomial_again():
 
     exact = maps(quadratic)
     assert exact.surfaces["frequency"].error < 1e-12
-    unseen = candidate_at(np.array([0.3, 1.0, -0.2, 0.7]))
+    unseen = damper_at(np.array([0.3, 1.0, -0.2, 0.7]))
     expected = math.exp(1.0 + 0.2 * 0.09 + 0.1 * 0.2)
     assert exact.predict(unseen).frequency == pytest.approx(expected, rel=1e-9)
     assert 0.045 < maps(noisy).surfaces["frequency"].error < 0.075
@@ -114,7 +114,7 @@ def test_maps_predict_what_they_did_not_see():
 @given(inside, inside, inside, st.floats(0.0, 0.5))
 def test_a_damper_of_the_maps_is_found_again(mass, grains, drag, fraction):
     maps = damper_maps()
-    wanted = candidate_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * fraction - 1.0]))
+    wanted = damper_at(np.array([0.98 * mass, grains, 0.98 * drag, 4.0 * fraction - 1.0]))
     said = maps.predict(wanted)
     wish = DesignTarget(said.frequency, said.damping_ratio, wanted.grains, None, wanted.small_share)
     found = maps.predict(propose_design(maps, wish))

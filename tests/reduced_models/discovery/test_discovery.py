@@ -17,7 +17,13 @@ from reduced_models import HeightMap, discover
 from reduced_models.discovery.discovery import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, score_subsets
-from reduced_models.discovery.terms import Term, join_terms, library, split_terms, symbols
+from reduced_models.discovery.terms import (
+    Term,
+    join_terms,
+    physical_library,
+    split_terms,
+    state_symbols,
+)
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -269,7 +275,7 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
 
 
 def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> None:
-    terms = library(2)
+    terms = physical_library(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
     weak = weak_form(
@@ -281,7 +287,7 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
 
 
 def test_terms_are_unique_and_go_there_and_back() -> None:
-    z, v, u = symbols()
+    z, v, u = state_symbols()
     products = {
         v * sympy.sign(v): Term(0, 1),
         sympy.Abs(v) * sympy.sign(v) * z: Term(1, 1, True),
@@ -293,16 +299,16 @@ def test_terms_are_unique_and_go_there_and_back() -> None:
     }
     for product, term in products.items():
         assert set(split_terms(product) or ()) == {term}
-    values = np.linspace(1.0, 3.0, len(library(3)))
-    assert split_terms(join_terms(library(3), list(values))) == pytest.approx(
-        dict(zip(library(3), values, strict=True))
+    values = np.linspace(1.0, 3.0, len(physical_library(3)))
+    assert split_terms(join_terms(physical_library(3), list(values))) == pytest.approx(
+        dict(zip(physical_library(3), values, strict=True))
     )
     assert {one.text for one in split_terms(sympy.sin(z) + v) or ()} == {"sin(z)", "z'"}
     assert split_terms(sympy.sin(1.5 * z) + v) is None
 
 
 def test_the_pareto_front_holds_no_dominated_candidate() -> None:
-    z = symbols()[0]
+    z = state_symbols()[0]
     sizes = [(3, 2.0), (3, 1.5), (5, 1.6), (7, 1.0), (9, 1.0), (9, float("inf"))]
     front = pareto_front([CandidateEquation(z, *size, criterion=0.0) for size in sizes])
     assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]

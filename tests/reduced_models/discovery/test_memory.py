@@ -16,7 +16,7 @@ from reduced_models import discover
 from reduced_models.__main__ import main
 from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 
 LAW = LAWS["elastoplastic-bed"]
 TRUE = {
@@ -29,7 +29,7 @@ def forced(noise: float, modulus: float = TRUE["modulus"]) -> PistonRecord:
     """Force of a bed under two prescribed sines, with a fraction of noise."""
     time = np.linspace(0.0, 2.0, 800)
     values = [(TRUE | {"modulus": modulus})[name] for name in LAW.parameters]
-    field = compiled_field(LAW.equation, (), "numpy")
+    field = compile_rates(LAW.equation, (), "numpy")
 
     def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a, b = 9.0, 23.0
@@ -122,7 +122,7 @@ def test_a_fall_tells_the_law_of_its_bed(
     """From the command line: from 20 D with noise; fitted through its equation, it is the law."""
     time = np.linspace(0.0, 1.5, 500)
     values = [TRUE[name] for name in LAW.parameters]
-    field = compiled_field(LAW.equation, (), "numpy")
+    field = compile_rates(LAW.equation, (), "numpy")
     fall = solve_ivp(
         lambda _, y: [y[1], *field(*y, *values)], (0.0, 1.5), [0.12, 0.0, 0.0], "LSODA", time,
         rtol=1e-9, atol=1e-11,

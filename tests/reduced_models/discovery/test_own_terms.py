@@ -21,10 +21,10 @@ from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import (
     CustomTerm,
     join_terms,
-    library,
+    physical_library,
     read_terms,
     split_terms,
-    symbols,
+    state_symbols,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
@@ -101,7 +101,12 @@ def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
         record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
         found = discover(
-            record, "operon", library="physical", input=options.get("input"), polish=0, seed=seed
+            record,
+            "operon",
+            physical_library="physical",
+            input=options.get("input"),
+            polish=0,
+            seed=seed,
         )
         print(name, seed, f"{found.best.error:.2f}", found.best.text)
         assert found.best.error < 1.5
@@ -189,7 +194,9 @@ def test_the_primitive_needs_no_formula(text: str) -> None:
 
 def test_a_damping_over_negative_heights_is_found() -> None:
     z = motion(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, -2.0)
-    found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], polish=0)
+    found = discover(
+        PistonRecord(TIME, z), "sindy", physical_library=(), terms=["1", "z", "z'/z"], polish=0
+    )
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"1": -3.0, "z": -1.0, "z'/z": 0.4}, rel=1e-3)
 
@@ -252,7 +259,7 @@ def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
         discover(record, functions=["sin"])
-    found = discover(record, library=(), terms=["z", "z'"], polish=0)
+    found = discover(record, physical_library=(), terms=["z", "z'"], polish=0)
     assert any("pyoperon is not installed" in note for note in found.notes)
 
 
@@ -277,15 +284,17 @@ def test_own_terms_are_of_the_height_itself() -> None:
     """Powers of the swing about rest would mean something else by z."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", polish=0).map != HeightMap()
-    assert discover(record, "sindy", library="rational", polish=0).map == HeightMap()
+    assert discover(record, "sindy", physical_library="rational", polish=0).map == HeightMap()
 
 
 def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     """The best few cannot be polished; one that comes later can."""
-    z, v, _ = symbols()
+    z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    _, judge = score_subsets(weak_form(motion), library(1), library(1), [np.array([[0]])])
+    _, judge = score_subsets(
+        weak_form(motion), physical_library(1), physical_library(1), [np.array([[0]])]
+    )
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]

@@ -32,21 +32,21 @@ stub = Anything()
 stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
 sys.modules["juliacall"] = stub
 import warnings; warnings.simplefilter("ignore")
-from reduced_models.discovery.julia import regressor, settings
-PySRRegressor = regressor()
+from reduced_models.discovery.julia import regressor_class, regressor_settings
+PySRRegressor = regressor_class()
 for options in (dict(), dict(functions=("sin", "exp"), elliptic=True, seed=3)):
-    wanted = settings(**options)
+    wanted = regressor_settings(**options)
     made = PySRRegressor(early_stop_condition=1e-3, **wanted)
     assert all(made.get_params()[name] == value for name, value in wanted.items())
 try:
-    PySRRegressor(**settings(), tea=3)
+    PySRRegressor(**regressor_settings(), tea=3)
 except TypeError as error:
     print("TypeError", error)
 """
 
 
 def needs_no_julia() -> None:
-    if julia.missing() is None:
+    if julia.missing_requirements() is None:
         pytest.skip("Julia is here")
 
 
@@ -66,7 +66,7 @@ def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
         "socket.socket.connect = refuse\n"
         "from reduced_models.discovery import julia\n"
-        "assert julia.missing()\n"
+        "assert julia.missing_requirements()\n"
         "assert not {'pysr', 'juliacall'} & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -114,7 +114,7 @@ def test_given_julia_is_looked_at_and_not_run(
         monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
     for name, value in given.items():
         monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
-    found = julia.missing()
+    found = julia.missing_requirements()
     assert found is None if lack is None else lack in str(found)
 
 
@@ -126,7 +126,7 @@ def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
     monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
     monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
-    assert julia.missing() is not None
+    assert julia.missing_requirements() is not None
 
 
 def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "pysr", raising=False)
     with pytest.raises(InputError, match="could not be started: Exception") as caught:
-        julia.regressor()
+        julia.regressor_class()
     assert "\n" not in str(caught.value)
 
 
@@ -179,7 +179,9 @@ def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.long
-@pytest.mark.skipif(julia.missing() is not None, reason="there is no Julia with PySR's packages")
+@pytest.mark.skipif(
+    julia.missing_requirements() is not None, reason="there is no Julia with PySR's packages"
+)
 def test_a_real_search() -> None:
     """A damped swing with 1 % noise, wherever Julia is."""
     time = np.linspace(0.0, 40.0, 2000)
@@ -211,8 +213,8 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from reduced_models.discovery.julia import regressor\n"
-        "regressor(); import pysr; print(pysr.seen)"
+        "from reduced_models.discovery.julia import regressor_class\n"
+        "regressor_class(); import pysr; print(pysr.seen)"
     )
     kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
     environment = kept | {f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}

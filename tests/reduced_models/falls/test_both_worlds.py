@@ -13,8 +13,8 @@ from granular import PistonRecord, Scene, damper, simulate
 from reduced_models.falls.theory import RESPONSE_ERROR
 from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
-from reduced_models.laws.solution import solution
+from reduced_models.laws.equation import compile_rates
+from reduced_models.laws.solution import solve_law
 from tests.reduced_models.falls.pushed import PUSHED, Pushed
 
 D = 0.006
@@ -51,7 +51,7 @@ def strained(
     values: list[float], hidden: list[float], times: np.ndarray, heights: np.ndarray
 ) -> np.ndarray:
     """Hidden states (2, n) along straight lines from height to height, by the midpoint rule."""
-    rates = compiled_field(LAW.equation, (), "numpy")
+    rates = compile_rates(LAW.equation, (), "numpy")
     states = np.empty((2, len(times)))
     states[:, 0] = hidden
     steps = np.diff(times)
@@ -68,7 +68,7 @@ def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: fl
     """Of the law's motion from the first height on, over how far that is from rest."""
     first = float(record.height[0])
     time = record.time - record.time[0]
-    found = solution(LAW, time, first, 0.0, values, first - rest, hidden=hidden).z
+    found = solve_law(LAW, time, first, 0.0, values, first - rest, hidden=hidden).z
     return float(np.sqrt(np.mean((found - record.height) ** 2)) / (first - rest))
 
 
@@ -125,7 +125,7 @@ def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
     time = record.time - record.time[0]
     states = strained(values, hidden, time, record.height)
     speed = np.gradient(record.height, time)
-    field = compiled_field(LAW.equation, (), "numpy")
+    field = compile_rates(LAW.equation, (), "numpy")
     force = scene.piston.mass * (9.8 + np.asarray(field(record.height, speed, *states, *values)[0]))
     assert record.force is not None
     return work(record, force, frequency) / work(record, record.force, frequency)
@@ -162,7 +162,7 @@ def forces_at(
     mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and heights of the law of a piston that is pushed from its rest."""
-    field = compiled_field(LAW.equation, (), "math")
+    field = compile_rates(LAW.equation, (), "math")
     omega = 2.0 * math.pi * row.frequency
 
     def rates(t: float, state: np.ndarray) -> list[float]:

@@ -14,7 +14,7 @@ from granular.shared.errors import InputError
 from reduced_models import score_drops
 from reduced_models.falls.scores import DropScore, DropScores
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 SPRING = LAWS["power-law-spring"]
 TRUE = [{"lam": 0.8, "weight": 9.8, "rest": 0.06, "power": 2.5}[name] for name in SPRING.parameters]
@@ -22,7 +22,7 @@ TIME = np.linspace(0.0, 2.0, 800)
 
 
 def fall(height: float, seed: int = 0, noise: float = 0.0) -> PistonRecord:
-    clean = solution(SPRING, TIME, height, 0.0, TRUE, 0.03).z
+    clean = solve_law(SPRING, TIME, height, 0.0, TRUE, 0.03).z
     other = np.random.default_rng(seed).normal(0.0, noise, len(clean))
     other[0] = 0.0
     return PistonRecord(TIME, clean + other)

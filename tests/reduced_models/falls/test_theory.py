@@ -14,7 +14,7 @@ from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
 from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, PredictedLaw, bed_parameters
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 
 
 def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
@@ -90,7 +90,7 @@ def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
 
 def followed(law: PredictedLaw) -> np.ndarray:
     """Heights of two seconds from 20 D on."""
-    field = compiled_field(law.law.equation, (), "math")
+    field = compile_rates(law.law.equation, (), "math")
     numbers = [law.parameters[name] for name in law.law.parameters]
 
     def rates(state: np.ndarray, _: float) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import Law, fit, load_model
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.records.inputs import (
     INTERPOLATIONS,
@@ -31,7 +31,7 @@ def force() -> np.ndarray:
 
 def motion(how: Interpolation) -> np.ndarray:
     values = [TRUE[name] for name in LAW.parameters]
-    found = solution(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)
+    found = solve_law(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), how)
     assert found.ending == "complete"
     return found.z
 
@@ -65,7 +65,7 @@ def test_a_spline_beats_monotone_cubics() -> None:
     fine = np.linspace(TIME[0], TIME[-1], 8 * (len(TIME) - 1) + 1)
     values = [TRUE[name] for name in LAW.parameters]
     drive = PchipInterpolator(TIME, force())(fine)
-    monotone = solution(LAW, fine, 0.0, 0.0, values, 1.0, [drive], (), "linear").z[::8]
+    monotone = solve_law(LAW, fine, 0.0, 0.0, values, 1.0, [drive], (), "linear").z[::8]
     exact = motion("band-limited")
     errors = [np.abs(one - exact)[1000:-20].max() for one in (motion("spline"), monotone)]
     assert errors[1] > 1.5 * errors[0]

@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models import fit, load_model
 from reduced_models.fitting.assessment import structure_words
-from reduced_models.laws.linearization import cycles, rates_of
+from reduced_models.laws.linearization import harmonic_cycles, law_rates
 
 TIME = np.linspace(0.0, 40.0, 2000)
 OMEGA, AMPLITUDE = 1.05, 0.6
@@ -130,5 +130,5 @@ def test_what_small_swings_show_stays() -> None:
     assert rest.peaks is None
     assert rest.damping_ratio == pytest.approx(0.06, rel=1e-2)
     values = [model.parameters[name] for name in model.law.parameters]
-    found = cycles(rates_of(model.law, values), 0, 0.1, rest.height, OMEGA)
+    found = harmonic_cycles(law_rates(model.law, values), 0, 0.1, rest.height, OMEGA)
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)

@@ -16,14 +16,14 @@ from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.options import STARTS
 from reduced_models.fitting.refinement import SOLVER_LIMIT
 from reduced_models.laws import LAWS, law_named
-from reduced_models.laws.equation import parse
+from reduced_models.laws.equation import parse_equation
 from reduced_models.laws.law import Law
-from reduced_models.laws.solution import Solution, solution
+from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
-CLEAN = solution(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
+CLEAN = solve_law(LAWS["van-der-pol-like"], TIME, 1.0, 0.0, tuple(TRUE.values()), 1.0).z
 
 
 def noisy(seed: int, level: float = 0.01) -> PistonRecord:
@@ -99,7 +99,7 @@ def test_map_and_law_are_found_together_in_noise(
 ) -> None:
     """Records in metres at 1 % noise, also of a motion whose rest is unstable."""
     shift, scale = 0.06, 0.002
-    clean = solution(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
+    clean = solve_law(LAWS["van-der-pol-like"], TIME, start, 0.0, tuple(true.values()), 1.0).z
     truth = true | {"shift": shift, "scale": scale}
     covered, wrong = [], []
     for seed in range(seeds):
@@ -261,13 +261,13 @@ def test_simulate_continues_and_starts_elsewhere() -> None:
 
 def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
     softening = (0.01, 1.0, 0.0, -0.4)
-    swing = solution(LAWS["duffing"], TIME, 0.5, 0.0, softening, 1.0)
+    swing = solve_law(LAWS["duffing"], TIME, 0.5, 0.0, softening, 1.0)
     assert swing.ending == "complete"
     model = fit(PistonRecord(TIME, swing.z), "duffing")
     assert list(model.parameters.values()) == pytest.approx(softening, rel=1e-6, abs=1e-6)
     with pytest.raises(InputError, match="diverges behind t = "):
         model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
-    assert solution(LAWS["duffing"], TIME, 3.0, 0.0, softening, 1.0).ending == "blow-up"
+    assert solve_law(LAWS["duffing"], TIME, 3.0, 0.0, softening, 1.0).ending == "blow-up"
     model = fit(PistonRecord(TIME, CLEAN))
     monkeypatch.setattr("reduced_models.laws.solution.STEP_BUDGETS", (2**14,))
     with pytest.raises(InputError, match=r"needs more than .* steps behind t = .*stiff"):
@@ -328,7 +328,7 @@ def test_equations() -> None:
 )
 def test_bad_laws(equation: str, words: str) -> None:
     with pytest.raises(InputError, match=words.replace("(", r"\(")):
-        parse(equation)
+        parse_equation(equation)
 
 
 def test_own_law(tmp_path: Path) -> None:

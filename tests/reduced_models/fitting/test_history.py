@@ -14,7 +14,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 
 TRUE = {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0}
 TIME = np.linspace(0.0, 55.0, 2750)
@@ -28,7 +28,7 @@ def motion() -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     law = LAWS["bouc-wen"]
-    field = compiled_field(law.equation, (), "numpy")
+    field = compile_rates(law.equation, (), "numpy")
     values = [TRUE[name] for name in law.parameters]
     found = solve_ivp(
         lambda _, y: [y[1], *field(*y, *values)], (0.0, TIME[-1]), [3.0, 0.0, 0.0], "DOP853",

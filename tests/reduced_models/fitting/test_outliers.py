@@ -8,8 +8,8 @@ import numpy as np
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import middle
-from reduced_models.fitting.problem import without_outliers
+from reduced_models.fitting.covariance import location_estimate
+from reduced_models.fitting.problem import clip_outliers
 from reduced_models.least_squares.residuals import Loss
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -27,14 +27,14 @@ def swing(noise: float, fraction: float, seed: int) -> tuple[PistonRecord, Pisto
 
 def test_outliers_are_drawn_in_and_nothing_else() -> None:
     plain, dirty = swing(0.01, 0.03, 0)
-    found = without_outliers(dirty)
+    found = clip_outliers(dirty)
     assert np.abs(dirty.height - plain.height).max() > 0.3
     assert np.abs(found.height - plain.height).max() < 0.1
     kept = np.abs(dirty.height - plain.height) == 0.0
     assert (found.height[kept] == plain.height[kept]).mean() > 0.999
     # Seven samples a swing and no noise: the motion itself goes far between them.
     few = PistonRecord(TIME, np.cos(2.0 * np.pi * np.arange(2000) / 7.0))
-    np.testing.assert_array_equal(without_outliers(few).height, few.height)
+    np.testing.assert_array_equal(clip_outliers(few).height, few.height)
 
 
 def test_a_fit_that_spares_outliers_starts_without_them() -> None:
@@ -49,5 +49,5 @@ def test_a_fit_that_spares_outliers_starts_without_them() -> None:
 
 def test_the_middle_of_residuals_is_where_their_loss_is_least() -> None:
     values = np.concatenate([np.random.default_rng(0).normal(size=1000), np.full(30, 50.0)])
-    assert abs(middle(values, Loss("soft_l1", 1.0))) < 0.15
-    assert middle(values, Loss()) == np.mean(values)
+    assert abs(location_estimate(values, Loss("soft_l1", 1.0))) < 0.15
+    assert location_estimate(values, Loss()) == np.mean(values)

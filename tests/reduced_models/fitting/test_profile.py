@@ -13,7 +13,7 @@ from scipy.stats import t as student
 from granular import PistonRecord
 from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws import LAWS
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 SPARSE = np.linspace(0.0, 10.0, 200)
 
@@ -26,7 +26,7 @@ def quiet(record: Any, law: str, **options: Any) -> Any:
 
 def weakly_damped(seed: int, lam: float = 0.02, noise: float = 0.2) -> PistonRecord:
     """A swing of ten time units in so much noise that the damping is hardly seen."""
-    clean = solution(LAWS["linear"], SPARSE, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
+    clean = solve_law(LAWS["linear"], SPARSE, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
     random = np.random.default_rng(seed)
     return PistonRecord(SPARSE, clean + random.normal(0.0, noise * clean.std(), len(SPARSE)))
 

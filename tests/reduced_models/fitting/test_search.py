@@ -10,9 +10,13 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
-from reduced_models.fitting.diagnostics import autoregression, diagnostics, propagate_covariance
-from reduced_models.laws.solution import solution
-from reduced_models.least_squares.residuals import with_random_walk, without_random_walk
+from reduced_models.fitting.diagnostics import (
+    fit_autoregression,
+    propagate_covariance,
+    residual_structure,
+)
+from reduced_models.laws.solution import solve_law
+from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -142,7 +146,7 @@ def test_a_hopeless_rival_is_given_up_after_two_swings(
 def quadratic(fraction: float) -> PistonRecord:
     """A linear swing with a little drag that grows with the speed squared."""
     law = Law("mixed", "z'' + 2*lam*z' + c*abs(z')*z' + omega**2*z = g0")
-    clean = solution(law, TIME, 1.0, 0.0, (0.05, 0.02, 1.05, -1.0), 1.0).z
+    clean = solve_law(law, TIME, 1.0, 0.0, (0.05, 0.02, 1.05, -1.0), 1.0).z
     noise = np.random.default_rng(0).normal(0.0, fraction * clean.std(), len(TIME))
     return PistonRecord(TIME, clean + noise)
 
@@ -151,16 +155,18 @@ def test_what_residuals_look_like() -> None:
     random = np.random.default_rng(0)
     motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
     speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
-    plain = diagnostics(TIME, white, speed, period)
+    plain = residual_structure(TIME, white, speed, period)
     assert min(plain["whiteness"], plain["signs"]) > 1e-3
-    late = diagnostics(TIME, white + 5.0 * speed * 0.1, speed, period)
+    late = residual_structure(TIME, white + 5.0 * speed * 0.1, speed, period)
     assert late["lag"] == pytest.approx(0.5, rel=0.1)
     assert late["swinging"] > 0.5
     assert late["whiteness"] < 1e-12
-    slow = diagnostics(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
+    slow = residual_structure(
+        TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period
+    )
     assert slow["drift"] > 10.0
     assert slow["slow"] > slow["swinging"]
-    assert diagnostics(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
+    assert residual_structure(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
@@ -171,7 +177,7 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     random = np.random.default_rng(1)
     noise = lfilter([1.0], [1.0, -memory], random.normal(size=8000))[4000:]
     slopes = np.stack([np.ones(4000), np.sin(0.1 * np.arange(4000))], axis=1)
-    found = propagate_covariance(slopes, autoregression(noise))
+    found = propagate_covariance(slopes, fit_autoregression(noise))
     power = [1.0 / abs(1.0 - memory * np.exp(1j * angle)) ** 2 for angle in (0.0, 0.1)]
     assert found[0, 0] == pytest.approx(4000.0 * power[0], rel=0.5)
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)
@@ -185,7 +191,7 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
     for seed in range(200):
         long = np.random.default_rng(seed).normal(size=800)
         noise = lfilter([1.0], [1.0, -0.95], long)[400:]
-        weights = autoregression(noise - noise.mean()).weights
+        weights = fit_autoregression(noise - noise.mean()).weights
         if len(weights) == 1:
             found.append(weights[0])
     assert len(found) > 180
@@ -195,7 +201,7 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
 def test_a_walk_is_taken_out_and_put_back() -> None:
     noise = np.random.default_rng(2).normal(size=300)
     np.testing.assert_allclose(
-        with_random_walk(without_random_walk(noise, 0.2), 0.2), noise, atol=1e-12
+        add_random_walk(remove_random_walk(noise, 0.2), 0.2), noise, atol=1e-12
     )
 
 

@@ -11,14 +11,14 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import fit
 from reduced_models.laws import LAWS
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 from reduced_models.records.first_guesses import noise_level
 
 TIME = np.linspace(0.0, 40.0, 2000)
 
 
 def linear(g0: float, start: float, seed: int) -> PistonRecord:
-    found = solution(LAWS["linear"], TIME, start, 0.0, (0.05, 1.05, g0), 1.0)
+    found = solve_law(LAWS["linear"], TIME, start, 0.0, (0.05, 1.05, g0), 1.0)
     noise = np.random.default_rng(seed).normal(0.0, 0.01, len(TIME))
     return PistonRecord(TIME + 3.0 * seed, found.z + noise)
 

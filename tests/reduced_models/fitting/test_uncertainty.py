@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import marginal_information, sandwich
+from reduced_models.fitting.covariance import marginal_information, sandwich_covariance
 
 SAMPLES, SIZE = 400, 4
 
@@ -27,7 +27,7 @@ def test_what_is_open_is_never_called_sure(seed: int, left: float) -> None:
     slopes[:, -1] = slopes[:, :-1] @ random.normal(size=SIZE - 1) + left * slopes[:, -1]
     slopes *= 10.0 ** random.uniform(-4.0, 4.0, SIZE)
     noise = _correlated_noise(60.0)
-    found = sandwich(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0)
+    found = sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0)
     # What white residuals of that variance leave open along the last parameter, at the least.
     least = 1.0 / np.linalg.norm(slopes[:, -1]) ** 2
     assert found[-1, -1] > 1e5**2 * least
@@ -39,7 +39,9 @@ def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
     noise = _correlated_noise(5.0)
     inverse = np.linalg.inv(slopes.T @ slopes)
     exact = inverse @ slopes.T @ noise @ slopes @ inverse
-    assert_allclose(sandwich(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
+    assert_allclose(
+        sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9
+    )
 
 
 def test_information_on_some_entries_is_that_of_their_covariance() -> None:

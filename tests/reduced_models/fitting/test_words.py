@@ -13,10 +13,10 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Law, compare, fit
-from reduced_models.fitting.fitting import law_of
+from reduced_models.fitting.fitting import resolve_law
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.solution import solution
-from reduced_models.laws.symmetry import canonical, symmetries
+from reduced_models.laws.solution import solve_law
+from reduced_models.laws.symmetry import canonical_values, symmetries
 
 PENDULUM = "theta'' + 2*lam*theta' + k*sin(theta - rest) = 0"
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -24,7 +24,7 @@ TIME = np.linspace(0.0, 40.0, 2000)
 
 def pendulum(seed: int = 0) -> PistonRecord:
     law = Law("pendulum", PENDULUM)
-    clean = solution(law, TIME, 0.9, 0.0, (0.03, 9.0, 0.2), 1.0).z
+    clean = solve_law(law, TIME, 0.9, 0.0, (0.03, 9.0, 0.2), 1.0).z
     return PistonRecord(TIME, clean + np.random.default_rng(seed).normal(0.0, 0.005, len(TIME)))
 
 
@@ -32,7 +32,7 @@ def test_an_angle_comes_home() -> None:
     """Whatever valley a start lies in, the rest is an angle and the stiffness is positive."""
     away = {"k": np.array([-9.0, 9.0]), "rest": np.array([0.2 + math.pi, 0.2 + 20.0 * math.pi])}
     law = law_from_text(PENDULUM)
-    found = canonical(law, away | {"lam": np.zeros(2)})
+    found = canonical_values(law, away | {"lam": np.zeros(2)})
     assert found["k"].tolist() == [9.0, 9.0]
     np.testing.assert_allclose(found["rest"], 0.2, rtol=1e-12)
     assert symmetries(law).turning == ("rest",)
@@ -49,11 +49,11 @@ def test_home_lies_within_bounds() -> None:
     }
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
     for low, high in ((-20.0, 0.0), (0.0, math.inf), (-math.inf, math.inf)):
-        found = canonical(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
+        found = canonical_values(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
         assert ((found["k"] >= low) & (found["k"] <= high)).all()
         assert ((found["rest"] >= 6.0) & (found["rest"] <= 13.0)).all()
         np.testing.assert_allclose(found["k"] * np.sin(0.5 - found["rest"]), same, rtol=1e-12)
-    held = canonical(law, values, bounds={"rest": (9.0, 9.0)})
+    held = canonical_values(law, values, bounds={"rest": (9.0, 9.0)})
     assert held["k"].tolist() == [9.0, -9.0, 9.0]
     assert held["rest"].tolist() == [0.2, 9.0, -7.0]
 
@@ -92,7 +92,7 @@ def test_the_time_in_a_law() -> None:
     law = law_from_text("z'' + c*z' + k*z = a*t")
     assert law.inputs == ("t",)
     assert law.parameters == ("c", "k", "a")
-    found = solution(law, TIME, 1.0, 0.0, (0.2, 1.1, 0.05), 1.0, [TIME])
+    found = solve_law(law, TIME, 1.0, 0.0, (0.2, 1.1, 0.05), 1.0, [TIME])
     model = fit(PistonRecord(TIME + 100.0, found.z), law.equation)
     for name, value in (("c", 0.2), ("k", 1.1), ("a", 0.05)):
         assert model.parameters[name] == pytest.approx(value, rel=1e-5)
@@ -118,7 +118,7 @@ MEANT = {
 @pytest.mark.parametrize("text", MEANT)
 def test_words_mean_what_they_say(text: str, made: Callable[..., PistonRecord]) -> None:
     """Each is read for a record, and what is fitted are the parameters, no more and no fewer."""
-    assert law_of(text, made("linear")).parameters == MEANT[text]
+    assert resolve_law(text, made("linear")).parameters == MEANT[text]
 
 
 ASKED_ABOUT = {

@@ -12,11 +12,11 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import identify, load_model
-from reduced_models.fitting.diagnostics import diagnostics
+from reduced_models.fitting.diagnostics import residual_structure
 from reduced_models.identification.engineering import (
     Quantity,
-    decimals,
-    engineering,
+    decimal_places,
+    engineering_quantities,
     format_fixed,
     format_interval,
 )
@@ -37,7 +37,7 @@ def test_a_textbook_oscillator() -> None:
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
     )
-    known = {one.name: one for one in engineering(model, angle=False, mass=7.5)}
+    known = {one.name: one for one in engineering_quantities(model, angle=False, mass=7.5)}
     assert known["stiffness"].value == pytest.approx(3000.0)
     assert known["stiffness"].unit == "N/m"
     assert known["damping"].value == pytest.approx(30.0)
@@ -50,10 +50,13 @@ def test_a_textbook_oscillator() -> None:
     assert known["damping ratio"].interval == "9.0 to 11.0"
     for one in known.values():
         assert one.low <= one.value <= one.high
-    angle = {one.name: one for one in engineering(model, angle=True, mass=None)}
+    angle = {one.name: one for one in engineering_quantities(model, angle=True, mass=None)}
     assert angle["level of rest"].unit == "°"
     assert not any("mm" in one.unit or one.unit == "N/m" for one in angle.values())
-    assert engineering(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
+    assert (
+        engineering_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None)
+        == ()
+    )
 
 
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
@@ -66,7 +69,7 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others)
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    known = {one.name: one for one in engineering(model, angle=False, mass=8.0)}
+    known = {one.name: one for one in engineering_quantities(model, angle=False, mass=8.0)}
     assert list(known) == [
         "level of rest", "natural frequency", "damping ratio at 5 mm", "damping ratio at 1 mm",
         "friction", "stiffness",
@@ -76,7 +79,9 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     assert known["friction"].text == "1.000 N"
     assert known["friction"].unit == "N"
     for angle, unit in ((False, "m/s²"), (True, "rad/s²")):
-        (friction,) = [one for one in engineering(model, angle, None) if one.symbol == "F"]
+        (friction,) = [
+            one for one in engineering_quantities(model, angle, None) if one.symbol == "F"
+        ]
         assert (friction.value, friction.unit) == (0.125, unit)
 
 
@@ -94,7 +99,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
         assert ("record's peaks" in str(rest)) == (not stands)
         model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-        known = {one.name: one for one in engineering(model, False, 8.0)}
+        known = {one.name: one for one in engineering_quantities(model, False, 8.0)}
         assert ("damping ratio" in known, "damping" in known) == (stands, stands)
         assert ("quality factor" in known) == stands
         if not stands:
@@ -130,7 +135,7 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
     ],
 )  # fmt: skip
 def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
-    assert format_fixed(value, decimals(value, low, high)) == text
+    assert format_fixed(value, decimal_places(value, low, high)) == text
     shown = Quantity("x", "x", "", value, low, high)
     assert low <= float(shown.text) <= high
     if shown.interval != "open":
@@ -174,7 +179,7 @@ def test_structure_is_called_wrong_though_it_is_small(
     model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
     moved = PistonRecord(time, 0.059 + swing + error(time))
     left = moved.height - model.follow(moved).height
-    seen = diagnostics(time, left, np.gradient(swing, time), 2.0 * math.pi / 21.0)
+    seen = residual_structure(time, left, np.gradient(swing, time), 2.0 * math.pi / 21.0)
     quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
     found = residual_tests(dataclasses.replace(model, quality=quality), moved)
     assert found.verdict.startswith(words)

@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.options import checked_step, halve_step
+from granular.run.options import halve_step, validated_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
 from reduced_models import identify, load_model, score_drops
 from reduced_models.identification import checks
-from reduced_models.identification.checks import step_check
+from reduced_models.identification.checks import scene_with_other_step
 
 ROOT = Path(__file__).parents[3]
 
@@ -127,7 +127,7 @@ def test_from_run(run: Trajectory) -> None:
 )  # fmt: skip
 def test_half_a_step(dt: float | str, half: float | str) -> None:
     assert halve_step(dt) == half
-    step, finer = checked_step(dt), checked_step(halve_step(dt))
+    step, finer = validated_step(dt), validated_step(halve_step(dt))
     assert finer.factor == pytest.approx(step.factor if step.seconds else 0.5 * step.factor)
 
 
@@ -142,7 +142,7 @@ def test_the_step_is_doubled_where_that_resolves_the_motion(
 ) -> None:  # fmt: skip
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
-    check = step_check(run)
+    check = scene_with_other_step(run)
     assert check.check.changes == {"dt": other}
     assert check.factor == pytest.approx(factor)
 

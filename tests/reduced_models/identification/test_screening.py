@@ -13,7 +13,7 @@ from reduced_models.identification.candidates import (
     CANDIDATES,
     candidates,
     driven_law,
-    screen,
+    screen_laws,
     unused_columns,
 )
 from reduced_models.laws.catalogue import LAWS
@@ -24,7 +24,7 @@ from reduced_models.laws.catalogue import LAWS
 )
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
-    found = screen(made(name, level=level), [LAWS[each] for each in CANDIDATES])
+    found = screen_laws(made(name, level=level), [LAWS[each] for each in CANDIDATES])
     assert not found.hopeless(name)
     assert found.misfits[name] < 3.0 * max(found.least, 1.0)
 

@@ -9,9 +9,9 @@ import pytest
 
 from reduced_models.laws.annealing_bed import HARDENING, PLASTIC, STIFFENING, TIME
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.linearization import SmallSwing, small_swing
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 LAW = LAWS["annealing-bed"]
 TRUE = {
@@ -34,7 +34,7 @@ def test_a_small_swing_is_that_of_the_ordered_bed() -> None:
 
 def rates(z: float, speed: float, w: float, order: float) -> tuple[float, float]:
     """Of the shear stress, and of the order."""
-    _, stress, ordering = compiled_field(LAW.equation, (), "numpy")(z, speed, w, order, *values())
+    _, stress, ordering = compile_rates(LAW.equation, (), "numpy")(z, speed, w, order, *values())
     return float(stress), float(ordering)
 
 
@@ -58,7 +58,7 @@ def test_order_grows_at_rest_and_goes_with_plastic_strain() -> None:
 def test_an_ordered_bed_swings_faster_than_one_that_was_let_go() -> None:
     time = np.linspace(0.0, 0.2, 2000)
     fresh, ordered = (
-        solution(LAW, time, 0.06006, 0.0, values(), 0.0001, hidden=[0.0, order]).z
+        solve_law(LAW, time, 0.06006, 0.0, values(), 0.0001, hidden=[0.0, order]).z
         for order in (0.0, 1.0)
     )
     # The lowest point comes after half a period, which goes with the root of the stiffness.

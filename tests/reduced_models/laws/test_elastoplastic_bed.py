@@ -9,7 +9,7 @@ import pytest
 
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.linearization import SmallSwing, small_swing
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 LAW = LAWS["elastoplastic-bed"]
 TRUE = {
@@ -33,16 +33,16 @@ def test_a_small_swing_feels_pressure_and_shear() -> None:
 def test_without_a_modulus_it_is_the_power_law_spring() -> None:
     time = np.linspace(0.0, 2.0, 400)
     spring = LAWS["power-law-spring"]
-    plain = solution(spring, time, 0.08, 0.0, [TRUE[name] for name in spring.parameters], 0.02)
-    soft = solution(LAW, time, 0.08, 0.0, values(modulus=1e-12), 0.02)
+    plain = solve_law(spring, time, 0.08, 0.0, [TRUE[name] for name in spring.parameters], 0.02)
+    soft = solve_law(LAW, time, 0.08, 0.0, values(modulus=1e-12), 0.02)
     np.testing.assert_allclose(soft.z, plain.z, rtol=1e-7)
 
 
 def test_shear_stress_stops_at_the_strength_and_takes_energy() -> None:
     """Large swings die out by yielding alone; small ones hardly, since they do not yield."""
     time = np.linspace(0.0, 3.0, 3000)
-    far = solution(LAW, time, 0.09, 0.0, values(lam=1e-9), 0.02).z
-    near = solution(LAW, time, 0.0603, 0.0, values(lam=1e-9), 0.02).z
+    far = solve_law(LAW, time, 0.09, 0.0, values(lam=1e-9), 0.02).z
+    near = solve_law(LAW, time, 0.0603, 0.0, values(lam=1e-9), 0.02).z
     kept = [np.ptp(one[-600:]) / np.ptp(one[:600]) for one in (far, near)]
     assert kept[0] < 0.5
     assert kept[1] > 0.95

@@ -14,7 +14,7 @@ from granular.shared.errors import InputError
 from reduced_models import forced_law
 from reduced_models.jax_setup import jax
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field, parse
+from reduced_models.laws.equation import compile_rates, parse_equation
 from reduced_models.laws.law import law_from_text
 
 READ = {
@@ -45,7 +45,7 @@ def test_laws_in_many_words(text: str) -> None:
     given = dict(zip(names, values, strict=True))
     wanted = _value(READ[text], given)
     for module, wrap_law in (("numpy", lambda f: f), ("jax", jax.jit)):
-        found = wrap_law(compiled_field(text, (), module))(*values)[0]
+        found = wrap_law(compile_rates(text, (), module))(*values)[0]
         assert float(found) == pytest.approx(wanted, rel=1e-12)
 
 
@@ -76,7 +76,7 @@ def test_every_function_in_jax() -> None:
     """As scenes and laws know it: the value, and a slope by automatic differentiation."""
     for name, function in formulas.FUNCTIONS.items():
         call = f"{name}(0.3*z + k)" if function.most == 1 else f"{name}(z, 0.2, k)"
-        field = compiled_field(f"z'' = {call}")
+        field = compile_rates(f"z'' = {call}")
         operands = (0.25,) if function.most == 1 else (0.5, 0.2, 0.1)
         assert float(field(0.5, 0.0, 0.1)[0]) == pytest.approx(function.value(*operands), rel=1e-12)
         assert np.isfinite(jax.grad(lambda z, field=field: field(z, 0.0, 0.1)[0])(0.5))
@@ -175,16 +175,16 @@ def test_a_name_that_means_two_things_is_asked_about() -> None:
     with pytest.raises(InputError, match="names e, a number, and the record has a column"):
         law_from_text("z'' + k*z = e", columns=["e"])
     with pytest.raises(InputError, match="the input 'w', which it reckons itself"):
-        parse("z'' + k*z = w; w' = z'", ("w",))
+        parse_equation("z'' + k*z = w; w' = z'", ("w",))
     with pytest.raises(InputError, match="does not name its input 'push'"):
-        parse("z'' + k*z = 0", ("push",))
+        parse_equation("z'' + k*z = 0", ("push",))
 
 
 def test_names_that_python_has_are_parameters_like_others() -> None:
     text = "z'' + lambda*z' + numpy*z + x0*z**2 + z0*z**3 + exit = 0"
     law = law_from_text(text)
     assert law.parameters == ("lambda", "numpy", "x0", "z0", "exit")
-    found = compiled_field(text, (), "numpy")(0.5, 0.25, 1.0, 2.0, 3.0, 4.0, 5.0)[0]
+    found = compile_rates(text, (), "numpy")(0.5, 0.25, 1.0, 2.0, 3.0, 4.0, 5.0)[0]
     assert found == pytest.approx(-(0.25 + 1.0 + 0.75 + 0.5 + 5.0), rel=1e-14)
 
 
@@ -195,9 +195,9 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
     assert driven.inputs == ("push",)
     state = [0.4, 0.3, *(0.2 for _ in law.hidden)]
     values = {key: 0.5 + 0.1 * k for k, key in enumerate(law.parameters)}
-    own = compiled_field(law.equation, (), "numpy")(*state, *values.values())
+    own = compile_rates(law.equation, (), "numpy")(*state, *values.values())
     ordered = [values[key] for key in driven.parameters]
-    found = compiled_field(driven.equation, driven.inputs, "numpy")(*state, 0.7, *ordered)
+    found = compile_rates(driven.equation, driven.inputs, "numpy")(*state, 0.7, *ordered)
     assert found[0] == pytest.approx(own[0] + 0.7, rel=1e-13)
     assert found[1:] == pytest.approx(own[1:])
 
@@ -205,4 +205,4 @@ def test_a_driven_law_is_the_law_and_its_drive(name: str) -> None:
 @pytest.mark.parametrize("text", ["1e99**(z + 4)", "1e90*(1e90*(1e90*(1e90*z)))"])
 def test_numbers_that_only_multiplying_out_makes_too_large(text: str) -> None:
     with pytest.raises(InputError, match="computers hold numbers from 1e-308 to 1e308"):
-        parse(f"z'' + {text} + k*z = 0")
+        parse_equation(f"z'' + {text} + k*z = 0")

@@ -13,9 +13,9 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import ReducedModel, fit, load_model
 from reduced_models.laws import LAWS, law_named
-from reduced_models.laws.equation import compiled_jacobian, parse
+from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 
 def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:
@@ -75,7 +75,7 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
 def test_friction_lets_the_swing_fall_in_a_straight_line() -> None:
     """By 4 friction/omega^2 a period, until it is as small as friction/omega^2."""
     time = np.linspace(0.0, 60.0, 6001)
-    found = solution(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
+    found = solve_law(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
     peaks = [found.z[round(100 * 2.0 * math.pi * k)] for k in range(8)]
     assert np.diff(peaks) == pytest.approx([-0.24] * 7, rel=0.02)
 
@@ -137,7 +137,7 @@ def test_inputs_are_columns_of_the_record(tmp_path: Any) -> None:
     law = law_from_text(text, ["forcing"])
     assert law.inputs == ("forcing",)
     true = {"c": 0.1, "k": 1.1, "b": 0.8, "g": 1.2}
-    found = solution(law, time, 0.5, 0.0, [true[key] for key in law.parameters], 1.0, [drive])
+    found = solve_law(law, time, 0.5, 0.0, [true[key] for key in law.parameters], 1.0, [drive])
     assert found.ending == "complete"
     noise = np.random.default_rng(0).normal(0.0, 0.01 * found.z.std(), len(time))
     record = PistonRecord(time, found.z + noise, extra={"forcing": drive})
@@ -164,7 +164,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
     drive = np.cos(2.0 * time)
     law = law_from_text("z'' + c*z' + k*z + f*w = u; w' = z' - Abs(z')*w", ["u"])
     assert law.hidden == ("w",)
-    found = solution(law, time, 1.0, 0.0, (0.1, 1.0, 0.2), 1.0, [drive])
+    found = solve_law(law, time, 1.0, 0.0, (0.1, 1.0, 0.2), 1.0, [drive])
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         z, v, w = state
@@ -178,7 +178,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
 def test_a_driven_solution_that_blows_up_says_so() -> None:
     time = np.linspace(0.0, 40.0, 400)
     law = law_from_text("z'' = k*z**3 + u", ["u"])
-    found = solution(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
+    found = solve_law(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
     assert found.ending == "blow-up"
     assert np.isnan(found.z[-1])
 
@@ -189,7 +189,7 @@ def test_laws_are_well_declared(name: str) -> None:
     assert set(law.units) == set(law.parameters)
     assert set(law.positive) <= set(law.parameters)
     assert law.source
-    assert parse(law.equation).parameters == law.parameters
+    assert parse_equation(law.equation).parameters == law.parameters
 
 
 def test_dry_friction_by_its_sign(made: Any) -> None:
@@ -208,7 +208,7 @@ def test_dry_friction_by_its_sign(made: Any) -> None:
 
 
 def test_slopes_of_a_law_that_jumps() -> None:
-    slopes = compiled_jacobian("z'' + mu*sign(z') + c*z' + k*z = 0")
+    slopes = compile_jacobian("z'' + mu*sign(z') + c*z' + k*z = 0")
     assert slopes(0.3, 0.5, 2.0, 0.1, 3.0).tolist() == [[-3.0, -0.1]]
     assert np.isnan(slopes(0.3, 0.0, 2.0, 0.1, 3.0)).all()
 
@@ -224,7 +224,7 @@ def test_slopes_of_a_law_that_jumps() -> None:
     ],
 )
 def test_slopes_where_sympy_sees_complex_numbers(text: str, wanted: tuple[float, float]) -> None:
-    found = tuple(compiled_jacobian(text)(0.2, 0.0, 2.0)[0])
+    found = tuple(compile_jacobian(text)(0.2, 0.0, 2.0)[0])
     assert found == pytest.approx(wanted, nan_ok=True)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 
 LAYERS = 20
 MASS, WEIGHT, REST, POWER = 7.5, 9.8, 0.06, 2.5
@@ -39,7 +39,7 @@ def test_an_affine_column_falls_as_the_law_says() -> None:
         "lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER,
     }  # fmt: skip
     law = LAWS["power-law-spring"]
-    field = compiled_field(law.equation, (), "math")
+    field = compile_rates(law.equation, (), "math")
 
     def rates(_: float, state: np.ndarray) -> list[float]:
         z, v = map(float, state)

@@ -11,7 +11,7 @@ from scipy.integrate import odeint
 from scipy.optimize import newton
 
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.linearization import SmallSwing, small_swing
 
 WEIGHT, REST, POWER = 9.8, 0.06, 2.5
@@ -60,7 +60,7 @@ def motion(name: str) -> np.ndarray:
     """From 80 mm, with a relaxation of a tenth of a millisecond where there is one."""
     known = {"lam": 1.0, "weight": WEIGHT, "rest": REST, "power": POWER, "relaxation": 1e-4}
     law = LAWS[name]
-    field = compiled_field(law.equation, (), "math")
+    field = compile_rates(law.equation, (), "math")
     numbers = [known[key] for key in law.parameters]
 
     def rates(state: np.ndarray, _: float) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing, SmallSwing, small_swing
 
@@ -29,7 +29,7 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     values = [true[key] for key in law.parameters]
     found = small_swing(law, values, 0.1)
     assert isinstance(found, SmallSwing)
-    field = compiled_field(law.equation, law.inputs, "numpy")
+    field = compile_rates(law.equation, law.inputs, "numpy")
     size, hidden = 1e-6, [0.0] * len(law.hidden)
     motion = solve_ivp(
         lambda _, state: [state[1], *field(*state, *values)], (0.0, 12.0 * found.period),

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, search
+from reduced_models.least_squares.levenberg_marquardt import (
+    Bounds,
+    Normal,
+    Prior,
+    levenberg_marquardt,
+)
 
 MATRIX = np.array([[2.0, 0.6], [0.6, 1.0]])
 BEST = np.array([1.5, -0.5])
@@ -20,7 +25,7 @@ def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_every_start_comes_to_the_answer(random: np.random.Generator) -> None:
-    theta, cost = search(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
+    theta, cost = levenberg_marquardt(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
     np.testing.assert_allclose(theta, np.tile(BEST, (6, 1)), atol=1e-6)
     assert cost.max() < 1e-12
 
@@ -34,7 +39,7 @@ def test_an_entry_rests_at_its_bound(entry: int, other: int, side: float) -> Non
     (high if side > 0.0 else low)[entry] = bound
     start = np.tile(BEST, (3, 1))
     start[:, entry] -= side * np.array([1.0, 1.5, 2.0])
-    theta, _ = search(linear, start, NONE, bounds=Bounds(low, high))
+    theta, _ = levenberg_marquardt(linear, start, NONE, bounds=Bounds(low, high))
     adjacent = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
     np.testing.assert_allclose(theta[:, entry], bound)
     np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
@@ -44,7 +49,7 @@ def test_a_prior_pulls_to_the_start() -> None:
     """One step, almost undamped: an entry that it holds stays, the other goes with it."""
     start = np.array([[0.0, 0.0]])
     held = Prior(np.array([1e9, 0.0]), samples=1.0)
-    theta, _ = search(linear, start, held, trials=1, damping=1e-6)
+    theta, _ = levenberg_marquardt(linear, start, held, trials=1, damping=1e-6)
     assert theta[0] == pytest.approx([0.0, BEST[1] + 0.6 * BEST[0]], abs=1e-4)
 
 
@@ -65,7 +70,7 @@ def test_damping_is_raised_tenfold_where_a_step_gains_nothing() -> None:
     def start_is_best(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         return 1.0 + np.abs(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
-    theta, _ = search(
+    theta, _ = levenberg_marquardt(
         watched(places, start_is_best), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=0.01
     )
     assert theta[0, 0] == 0.0
@@ -78,7 +83,9 @@ def test_damping_is_lowered_to_a_tenth_where_a_step_gains() -> None:
     def falls(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         return np.exp(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
-    search(watched(places, falls), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=1.0, trials=3)
+    levenberg_marquardt(
+        watched(places, falls), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=1.0, trials=3
+    )
     assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
 
 
@@ -90,5 +97,7 @@ def test_an_undamped_step_that_promises_nothing_ends_the_search() -> None:
         off = theta[:, 0] - 1.0
         return 1e10 + off**2, off[:, None], np.ones((1, 1, 1))
 
-    search(watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6)
+    levenberg_marquardt(
+        watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6
+    )
     assert places == [0.0]

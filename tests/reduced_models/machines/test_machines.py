@@ -18,7 +18,7 @@ from reduced_models.machines.design import _verdict
 from reduced_models.machines.response import (
     CoupledSystem,
     OutsideRangeWarning,
-    rates_of,
+    fill_rates,
     solve_response,
 )
 
@@ -30,7 +30,7 @@ def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6])
     rates = np.zeros(6)
-    rates_of(law, 0.0, state, rates)
+    fill_rates(law, 0.0, state, rates)
     numbers = {
         "lam": law.drag / (2.0 * law.piston), "weight": law.gravity, "rest": law.rest,
         "power": 2.5, "modulus": law.modulus, "strength": law.strength,

@@ -21,7 +21,7 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.source_code import (
     c_source,
-    comment,
+    comment_text,
     matlab_source,
     modelica_source,
     safe_names,
@@ -164,7 +164,7 @@ def test_names_in_any_alphabet_and_words_of_a_language() -> None:
     )
     assert "p_double" in c_source(model)
     assert "fmax(" in c_source(model)
-    assert comment("a\\") == "a/"
+    assert comment_text("a\\") == "a/"
 
 
 def test_a_wrong_ending_or_name_is_said(tmp_path: Path) -> None:

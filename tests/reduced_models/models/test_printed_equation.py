@@ -14,18 +14,18 @@ import sympy
 from granular import PistonRecord
 from reduced_models import HeightMap, ReducedModel, fit
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.equation import compiled_field
+from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.linearization import (
     NoSwing,
     Rates,
     SmallSwing,
-    cycles,
-    rates_of,
-    rates_of_equation,
+    equation_rates,
+    harmonic_cycles,
+    law_rates,
     small_swing,
     swing_of_equation,
 )
-from reduced_models.laws.printing import mathml, mathml_of_rate, rounded
+from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.fitted_law import AtRest
 
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
@@ -50,7 +50,7 @@ def damping_ratio(rest: AtRest, rates: Rates, swing: SmallSwing, hidden: int = 0
     if rest.equivalent is None:
         return swing.damping_ratio
     omega = 2.0 * math.pi / swing.period
-    found = cycles(rates, hidden, rest.equivalent.amplitude, swing.z, omega)
+    found = harmonic_cycles(rates, hidden, rest.equivalent.amplitude, swing.z, omega)
     return float(found.damping_ratio[0])
 
 
@@ -116,12 +116,14 @@ def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
     rest = model.at_rest
     assert rest is not None
     digits = max(5, model.printed_digits)
-    printed = HeightMap(rounded(model.map.shift, digits), rounded(model.map.scale, digits))
+    printed = HeightMap(
+        round_significant(model.map.shift, digits), round_significant(model.map.scale, digits)
+    )
     swing = swing_of_equation(model.printed_equation, printed.to_law(rest.height))
     assert swing is not None
     figures = {
         "height": printed.to_height(swing.z), "period": swing.period,
-        "damping_ratio": damping_ratio(rest, rates_of_equation(model.printed_equation), swing),
+        "damping_ratio": damping_ratio(rest, equation_rates(model.printed_equation), swing),
     }  # fmt: skip
     for key, value in figures.items():
         low, high = rest.intervals[key]
@@ -158,7 +160,7 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
     law = LAWS[name]
     swing = small_swing(law, [values[key] for key in law.parameters], model.map.to_law(rest.height))
     assert not isinstance(swing, NoSwing)
-    rates = rates_of(law, [values[key] for key in law.parameters])
+    rates = law_rates(law, [values[key] for key in law.parameters])
     figures = {
         "height": model.map.to_height(swing.z), "period": swing.period,
         "damping_ratio": damping_ratio(rest, rates, swing, len(law.hidden)),
@@ -173,7 +175,7 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
     """The equations of the hidden states are those that the motion follows."""
     law, z, speed = model.law, 0.9, -0.3
     states = [0.02 + 0.01 * k for k in range(len(law.hidden))]
-    field = compiled_field(law.equation, law.inputs, "math")
+    field = compile_rates(law.equation, law.inputs, "math")
     numbers = [model.parameters[name] for name in law.parameters]
     _, *rates = field(z, speed, *states, *numbers)
     t = sympy.Symbol("t")

@@ -13,7 +13,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import LawEstimator, ReducedModel, fit, forced_law, load_model
 from reduced_models.laws import LAWS
-from reduced_models.laws.solution import solution
+from reduced_models.laws.solution import solve_law
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_describing_functions_of_duffing(duffing: ReducedModel) -> None:
     law = forced_law(duffing.law)
     parameters = [values[name] for name in law.parameters]
     push = 0.05 * np.cos(drive * time)
-    steady = solution(law, time, values["rest"], 0.0, parameters, 1.0, [push]).z[-1000:]
+    steady = solve_law(law, time, values["rest"], 0.0, parameters, 1.0, [push]).z[-1000:]
     assert found.high[0] == pytest.approx(0.5 * np.ptp(steady), rel=0.03)
 
 

@@ -13,7 +13,7 @@ from research.published.results import EMPTY, committed
 from research.published.series import mono
 from research.published.start_and_creep import both_causes, grid_of_height, regularised
 from research.published.velocity_variants import _forces, _height, cycle, late_cycle
-from validation.published import duration
+from validation.published import compression_duration
 
 DIAMETER = 0.006
 
@@ -54,7 +54,7 @@ def test_the_piston_of_the_loop_goes_through_the_cycle() -> None:
 @pytest.mark.parametrize("late", [False, True])
 def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
     """At a step so short that nothing creeps, whatever velocity friction has."""
-    threshold = regularised(duration(20, PUBLISHED.speed))
+    threshold = regularised(compression_duration(20, PUBLISHED.speed))
     bed = mono("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
     scene = bed.scene(1)
     start, end = cycle(scene, 2e-5, late=late)

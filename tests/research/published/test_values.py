@@ -10,7 +10,7 @@ import pytest
 from granular.shared.errors import InputError
 from research.published.catalogue import entries
 from research.published.page import SECTIONS
-from validation.published import LABELS, keys, published_value, values
+from validation.published import LABELS, published_keys, published_value, published_values
 
 GIVEN = Path(__file__).parents[2] / "data" / "published_values.toml"
 
@@ -20,17 +20,17 @@ def covered() -> list[str]:
 
 
 def test_every_value_has_one_entry() -> None:
-    assert sorted(covered()) == sorted(keys())
+    assert sorted(covered()) == sorted(published_keys())
 
 
 def test_every_section_names_its_tables_and_is_shown_once() -> None:
     shown = [name for sections in SECTIONS.values() for name in sections]
-    assert sorted(shown) == sorted(values())
-    assert all(one["source"] for one in values().values())
+    assert sorted(shown) == sorted(published_values())
+    assert all(one["source"] for one in published_values().values())
 
 
 def test_lists_of_a_section_have_the_length_of_their_labels() -> None:
-    for section in values().values():
+    for section in published_values().values():
         label = next((section[name] for name in LABELS[1:] if name in section), None)
         lists = [one for one in section.values() if isinstance(one, list)]
         if label is not None:
@@ -48,6 +48,6 @@ def test_values_are_found_by_key() -> None:
 def test_the_given_list_is_complete_here() -> None:
     given = tomllib.loads(GIVEN.read_text(encoding="utf-8"))
     for section, wanted in given.items():
-        here = values()[section]
+        here = published_values()[section]
         for name, value in wanted.items():
             assert repr(here[name]) == repr(value), f"{section}.{name}"
