@@ -17,21 +17,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.run.options import validated_step
-from granular.run.work_precision import damping_kind
+from granular.run.price_table import damping_kind
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.measuring import (
+from validation.cost.point import Point, SolverSettings
+from validation.cost.work_precision import (
     Truth,
     measure_points,
     reference_values,
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.cost.point import Point, SolverSettings
 from validation.quantities import QUANTITIES
 from validation.runner import FAILED, Plain, Task, run_tasks
 from validation.scenes import compression_scene
@@ -111,7 +111,7 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     found = {"made": made, "scenes": rows}
-    head = "# Measured by: python -m benchmarks --prices. See granular/run/work_precision.py.\n\n"
+    head = "# Measured by: python -m benchmarks --prices. See granular/run/price_table.py.\n\n"
     write_text(path, head + tomli_w.dumps(found))
     return found
 

@@ -15,8 +15,8 @@ import numpy as np
 from granular.effects import drag
 from granular.effects.wall_experimental import force
 from granular.pairs.direct import direct_sum
+from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.pair_arrays import PairArrays
-from granular.pairs.vector import lane_sum
 
 _by_hand = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})
 

@@ -1,19 +1,19 @@
-from .calibration.calibration import calibrate
-from .designs.candidate import Candidate
+from .calibration.calibrate import calibrate
+from .designs.damper import Candidate
 from .designs.design import design
 from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
 from .designs.study import run_study
-from .discovery.discovery import discover
+from .discovery.discover import discover
 from .falls.scores import score_drops
 from .falls.theory import predict, shaking_range
 from .falls.whole_fall import whole_fall
-from .fitting.fitting import fit
+from .fitting.fit import fit
 from .fitting.law_estimator import LawEstimator
 from .fitting.posterior import posterior
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
-from .identification.identification import identify
+from .identification.identify import identify
 from .laws.catalogue import law_named
 from .laws.height_map import HeightMap
 from .laws.law import Law

@@ -150,7 +150,7 @@ mine.py:
 )  # fmt: skip
 def method(options: Any) -> None:
     """Measure methods of the user's own."""
-    from granular.custom import import_user_code
+    from granular.user_code import import_user_code
     from validation.custom_method import method_report
 
     import_user_code(options.user_files)

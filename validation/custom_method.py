@@ -10,8 +10,8 @@ from granular.methods import METHODS, Method, method_named
 from granular.methods.named import method_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.measuring import candidate_settings
 from validation.cost.section import WORK_PRECISION, work_precision_task
+from validation.cost.work_precision import candidate_settings
 from validation.energy import ENERGY, energy_task, wall_swing
 from validation.exact import NAMES, exact_problem
 from validation.order import CONVERGENCE, convergence_task, method_suits_problem, shown_method
@@ -55,7 +55,7 @@ def method_report(
         Directory of the report.
     methods : sequence of str or Method
         A user's own, also by their names where those are known; see
-        `granular.custom.import_user_code`.
+        `granular.user_code.import_user_code`.
     scene : Scene, optional
         What error against wall time is measured on; without, the packaged bed without friction, up
         to 0.02 s.

@@ -19,7 +19,9 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import finite_or_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.cost.measuring import (
+from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
+from validation.cost.section import studies_of
+from validation.cost.work_precision import (
     STEPS,
     depends_on_seed,
     finest_setting,
@@ -29,9 +31,7 @@ from validation.cost.measuring import (
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
-from validation.cost.section import studies_of
-from validation.cost.study import LEVELS, WorkPrecision, plain_numbers
+from validation.cost.work_precision_result import LEVELS, WorkPrecision, plain_numbers
 from validation.effect_costs import costs_agree, effect_costs
 from validation.hard_cases import COSTLY, catalogue
 from validation.quantities import QUANTITIES, MeasuredQuantity
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.shared.html import Page
-    from validation.cost.measuring import Truth
+    from validation.cost.work_precision import Truth
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
 """Time that the runs of one scene may take [s]."""

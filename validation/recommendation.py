@@ -11,16 +11,6 @@ from typing import Any
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.measuring import (
-    REPEATS,
-    STEPS,
-    candidate_settings,
-    finest_setting,
-    make_study,
-    measure_points,
-    reference_values,
-    scenes_with_other_seeds,
-)
 from validation.cost.point import (
     FLOORS,
     Advice,
@@ -31,7 +21,17 @@ from validation.cost.point import (
     duration_text,
     resolved_points,
 )
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision import (
+    REPEATS,
+    STEPS,
+    candidate_settings,
+    finest_setting,
+    make_study,
+    measure_points,
+    reference_values,
+    scenes_with_other_seeds,
+)
+from validation.cost.work_precision_result import WorkPrecision
 from validation.quantities import MeasuredQuantity, quantity_named
 from validation.runner import PlainData
 

@@ -41,7 +41,7 @@ examples:
 )  # fmt: skip
 def export(options: Any) -> None:
     """Write a run, or a LAMMPS deck of a scene."""
-    from granular.custom import import_user_code
+    from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
     if options.format == "lammps":

@@ -48,9 +48,9 @@ mine.py:
 )
 def observe(options: Any) -> None:
     """Make a table of observables."""
-    from granular.custom import import_user_code
     from granular.observables.catalogue import find_observable, frame_table
     from granular.run.trajectory import load_trajectory
+    from granular.user_code import import_user_code
 
     own = import_user_code(options.user_files).observables
     run = load_trajectory(options.run)

@@ -62,8 +62,8 @@ def scene_from_options(options: Any) -> Scene:
     InputError
         If the code, the scene or a change is none.
     """
-    from granular.custom import import_user_code
     from granular.scene.loading import load_scene
+    from granular.user_code import import_user_code
 
     import_user_code(getattr(options, "user_files", ()))
     return load_scene(options.scene).replace(**parse_changes(options.changes))

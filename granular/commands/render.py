@@ -54,8 +54,8 @@ colours:
 )  # fmt: skip
 def render(options: Any) -> None:
     """Draw a still or a movie."""
-    from granular.custom import import_user_code
     from granular.render.movie import WRITERS
+    from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
     if Path(options.out).suffix.lower() in WRITERS:

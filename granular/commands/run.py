@@ -68,8 +68,8 @@ def run(options: Any) -> None:
 
 
 def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
+    from granular.run.price_table import price_text
     from granular.run.summary import run_statistics, run_text
-    from granular.run.work_precision import price_text
 
     figures = run_statistics(done) | {"price": price_text(done)}
     lines = [run_text(done)]
@@ -104,10 +104,10 @@ study.toml:
 )  # fmt: skip
 def sweep(options: Any) -> None:
     """Run a study."""
-    from granular.custom import import_user_code
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
     from granular.studies.workers import cluster_executor
+    from granular.user_code import import_user_code
 
     study = load_study(options.study, import_user_code(options.user_files).measures)
     if options.workers is not None and options.workers < 1:

@@ -36,7 +36,7 @@ examples:
 )  # fmt: skip
 def scenes(options: Any) -> None:
     """List the packaged scenes or the methods, or compile what scenes need."""
-    from granular.custom import import_user_code
+    from granular.user_code import import_user_code
 
     import_user_code(options.user_files)
     if options.warm_up is not None:

@@ -25,8 +25,8 @@ from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
+from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.pair_arrays import value_or_one
-from granular.pairs.vector import lane_sum
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 

@@ -11,9 +11,9 @@ from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
+from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.pair_arrays import PairArrays, clear_sums, if_given
 from granular.pairs.stripes import CutOff
-from granular.pairs.vector import lane_sum
 from granular.pairs.verlet_list import VerletSettings, list_sum
 
 

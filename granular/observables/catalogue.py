@@ -281,7 +281,7 @@ def find_observable(
     ----------
     name : str
     own : mapping of str to function, optional
-        The user's own by their names; see `granular.custom.import_user_code`.
+        The user's own by their names; see `granular.user_code.import_user_code`.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.lanes import INDEX, LANES, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, LANES, WIDTH, Code, constant
 
 TERMS = WIDTH
 """Products that are taken together."""

@@ -17,11 +17,11 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
+from granular.pairs.cut_off_sweep import sweep_runs
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
 from granular.pairs.pair_arrays import PairArrays, if_given, set_forces_to_nan, with_extremes
-from granular.pairs.plain import plain_cut_sum
-from granular.pairs.runs import sweep_runs
+from granular.pairs.plain_sums import plain_cut_sum
+from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant
 from granular.pairs.stripe_lists import refresh_lists
 from granular.pairs.stripes import Stripes
 

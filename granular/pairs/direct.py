@@ -12,10 +12,10 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.lanes import SCALE
+from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
 from granular.pairs.pair_arrays import PairArrays, clear_array, clear_sums, if_given, scale_array
-from granular.pairs.plain import plain_direct_sum
-from granular.pairs.vector import WIDTH, pad_to_vectors, sweep_block, sweep_rows
+from granular.pairs.plain_sums import plain_direct_sum
+from granular.pairs.simd import SCALE
 
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""

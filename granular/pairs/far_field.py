@@ -15,10 +15,10 @@ from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY
 from granular.pairs.far_direct import DirectWorkspace, direct_workspace
 from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, place_windows
-from granular.pairs.mesh_around import periodic_mesh_workspace
 from granular.pairs.mesh_grains import interpolate_potential, spread_grains
 from granular.pairs.mesh_potential import compute_mesh_potential
 from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, value_or_one
+from granular.pairs.periodic_mesh import periodic_mesh_workspace
 from granular.pairs.stripe_lists import positions_are_finite
 
 SPACINGS = 4.5

@@ -2,7 +2,7 @@
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the factor
-`granular.pairs.lanes.SCALE`, and the forces also 3/4.
+`granular.pairs.simd.SCALE`, and the forces also 3/4.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.lanes import INDEX, Code, constant, inverse_fifth, lane_mask
+from granular.pairs.simd import INDEX, Code, constant, inverse_fifth, lane_mask
 
 _AWAY = 1e100
 """Square of a displacement [D^2] that no two grains are apart."""

@@ -29,7 +29,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
 from granular.pairs.direct import PARTED_FROM
-from granular.pairs.lanes import WIDTH, pad_to_vectors
+from granular.pairs.simd import WIDTH, pad_to_vectors
 
 Samples = NDArray[np.float64]
 
@@ -170,7 +170,7 @@ class Mesh(NamedTuple):
         Scratch of the convolution.
     around : float64 (2,) or None
         Points of the finest level a length of D, along both axes, where it goes round a periodic
-        cell; see `granular.pairs.mesh_around`.
+        cell; see `granular.pairs.periodic_mesh`.
     """
 
     spacing: float

@@ -8,8 +8,8 @@ import numba
 
 from granular.compiled import Array, compiled
 from granular.pairs.mesh import LEFT, LOW, PARTS, UP, Mesh
-from granular.pairs.mesh_around import interpolate_periodic, spread_periodic
-from granular.pairs.stencil import put_spline, spline_sums
+from granular.pairs.periodic_mesh import interpolate_periodic, spread_periodic
+from granular.pairs.spline_stencil import put_spline, spline_sums
 
 _STRANDS = 4
 """Grains that are spread in turn come from so many places: a sum waits for the one before it where

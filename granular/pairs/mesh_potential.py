@@ -7,15 +7,15 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import convolve
-from granular.pairs.lanes import WIDTH
 from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
-from granular.pairs.mesh_around import (
+from granular.pairs.periodic_mesh import (
     FRACTIONS,
     copy_periodic_margin,
     index_of_first_point,
     prolong_periodic,
     restrict_periodic,
 )
+from granular.pairs.simd import WIDTH
 
 # Unsigned, since an index that may be negative is looked at every time.
 _UNIT, _TWO = np.uintp(1), np.uintp(2)

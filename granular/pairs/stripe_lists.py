@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.pairs.lanes import WIDTH
+from granular.pairs.cut_off_sweep import IMAGES, ROWS, RUNS
 from granular.pairs.pair_arrays import PairArrays
-from granular.pairs.runs import IMAGES, ROWS, RUNS
+from granular.pairs.simd import WIDTH
 from granular.pairs.stripes import (
     BUILDS,
     CALLS,

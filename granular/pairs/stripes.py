@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.pairs.cut_off_sweep import IMAGES, ROWS, RUNS
 from granular.pairs.direct import PARTED_FROM, PARTS
-from granular.pairs.lanes import WIDTH, pad_to_vectors
-from granular.pairs.runs import IMAGES, ROWS, RUNS
+from granular.pairs.simd import WIDTH, pad_to_vectors
 
 LEAST_IN_STRIPE = 8
 """Fewer grains a stripe are not worth one: stripes are made higher, and memory stays bounded."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.render.colourings import colouring
-from granular.render.moments import interpolate_bed, movie_times
+from granular.render.interpolation import interpolate_bed, movie_times
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from granular.engine.step_size import Step, auto_step_text
 from granular.methods.named import method_named
 from granular.run.options import is_allowed, validated_step
-from granular.run.work_precision import (
+from granular.run.price_table import (
     WorkPrecisionEntry,
     WorkPrecisionTable,
     load_price_table,

@@ -52,7 +52,7 @@ def measure_named(name: str, own: Mapping[str, Measure] | None = None) -> Measur
     ----------
     name : str
     own : mapping of str to measure, optional
-        The user's own by their names; see `granular.custom.import_user_code`.
+        The user's own by their names; see `granular.user_code.import_user_code`.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from granular.schema.sections import Quantity, Section
 from granular.shared.errors import InputError, RecordError
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
-from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import noise_level
 

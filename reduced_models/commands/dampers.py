@@ -75,7 +75,7 @@ def calibrate(options: Any) -> None:
     """Fit numbers of a scene to a record."""
     from granular.run.record import PistonRecord
     from granular.scene.scene import Scene
-    from reduced_models.calibration.calibration import calibrate as calibrate_scene
+    from reduced_models.calibration.calibrate import calibrate as calibrate_scene
     from reduced_models.records.sources import open_source
 
     source = open_source(options.record, reading_from(options))

@@ -90,9 +90,9 @@ examples:
 )  # fmt: skip
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
-    from granular.custom import import_user_code
     from granular.schema.units import si_value
-    from reduced_models.identification.identification import identify as identify_source
+    from granular.user_code import import_user_code
+    from reduced_models.identification.identify import identify as identify_source
     from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
@@ -142,7 +142,7 @@ examples:
 )  # fmt: skip
 def fit(options: Any) -> None:
     """Fit a law to the records of some sources, or list the laws of the package."""
-    from reduced_models.fitting.fitting import fit as fit_law
+    from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
 
     if options.laws:
@@ -246,12 +246,12 @@ examples:
 )  # fmt: skip
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
-    from reduced_models.discovery import discovery
+    from reduced_models.discovery.discover import discover as discover_law
     from reduced_models.discovery.libraries import AUTO
 
     require_options(options, sources="SOURCE")
     records = records_from(options.sources, options)
-    result = discovery.discover(
+    result = discover_law(
         records[0] if len(records) == 1 else records,
         library=options.library or AUTO,
         input=options.drive,

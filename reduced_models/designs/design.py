@@ -17,7 +17,7 @@ from pathlib import Path
 from granular.scene.beds import damper
 from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
-from reduced_models.designs.candidate import Candidate
+from reduced_models.designs.damper import Candidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
 from reduced_models.designs.proposal import (
     DesignTarget,

@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
-from reduced_models.designs.candidate import (
+from reduced_models.designs.damper import (
     ASPECT,
     DIAMETER,
     EXPONENT,

@@ -9,7 +9,7 @@ import numpy as np
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
-from reduced_models.designs.candidate import (
+from reduced_models.designs.damper import (
     DIAMETER,
     HIGHEST,
     LOWEST,

@@ -12,7 +12,7 @@ import numpy as np
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.designs.candidate import (
+from reduced_models.designs.damper import (
     HIGHEST,
     LOWEST,
     Candidate,

@@ -13,7 +13,7 @@ from granular.shared.files import write_json
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
-from reduced_models.designs.candidate import ASPECT, DIAMETER, Candidate
+from reduced_models.designs.damper import ASPECT, DIAMETER, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.page import add_legend, draw_map
 from reduced_models.designs.proposal import DesignTarget

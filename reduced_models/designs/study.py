@@ -20,7 +20,7 @@ from granular.scene.beds import damper
 from granular.shared.errors import InputError
 from granular.studies.cases import known_as
 from granular.studies.sweep import sweep
-from reduced_models.designs.candidate import Candidate, damper_at
+from reduced_models.designs.damper import Candidate, damper_at
 
 if TYPE_CHECKING:
     import pandas
@@ -123,7 +123,7 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
         of two grains at rest over that of their contact, and of two grains in the whole run over
         the large diameter; ``ledger``.
     """
-    from reduced_models.fitting.fitting import fit
+    from reduced_models.fitting.fit import fit
 
     motion = run.piston("release").from_zero()
     with warnings.catch_warnings():

@@ -20,7 +20,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
     term_text,
 )
-from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.fit import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses

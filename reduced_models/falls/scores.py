@@ -13,7 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.tables import align_columns
-from reduced_models.fitting.fitting import fit, resolve_law
+from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel

@@ -15,7 +15,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.fit import fit
 from reduced_models.fitting.options import STARTS, TEST_FRACTION
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel

@@ -61,7 +61,7 @@ class TrainingData(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Records to fit together, and what is asked; see `reduced_models.fitting.fitting.fit`.
+    """Records to fit together, and what is asked; see `reduced_models.fitting.fit.fit`.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.scores import DropScores, score_drops
-from reduced_models.fitting.fitting import fit
+from reduced_models.fitting.fit import fit
 from reduced_models.identification.engineering import Figure
 from reduced_models.models.model import ReducedModel
 

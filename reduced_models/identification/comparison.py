@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import as_factor
-from reduced_models.fitting.fitting import fit, resolve_law
+from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import as_records
 from reduced_models.fitting.start_values import starts_near

@@ -294,7 +294,7 @@ def lift_verdict(table: Comparison) -> str:
 def checked_price_text(run: Trajectory, height: Figure | None) -> str:
     """Price of a run whose rest height [m] was checked; without a check, `price_text`."""
     if height is None or height.step_error is None or not height.value > 0.0:
-        from granular.run.work_precision import (
+        from granular.run.price_table import (
             price_text,
         )  # fits alone need nothing of the simulation
 

@@ -112,7 +112,7 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
         return pysindy_law(record, system, named, tuned), HeightMap()
     if case.method in (OPERON, OPERON_TUNED):
         return pyoperon_law(record, system, named, case.seed, tuned), HeightMap()
-    from reduced_models.discovery.discovery import discover
+    from reduced_models.discovery.discover import discover
 
     column = INPUT if system.driven else None
     if named:

@@ -116,7 +116,7 @@ def _noise_of(case: Case, record: PistonRecord) -> float:
 
 
 def _fitted(case: Case) -> dict[str, Any]:
-    from reduced_models.fitting.fitting import fit
+    from reduced_models.fitting.fit import fit
 
     record = made_record(*case)
     begun = time.process_time()

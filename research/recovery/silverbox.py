@@ -46,7 +46,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
     InputError
         If the file does not hold the benchmark's record.
     """
-    from reduced_models.fitting.fitting import fit
+    from reduced_models.fitting.fit import fit
 
     force, height = _read(Path(path))
     clock = np.arange(len(force)) / SAMPLING

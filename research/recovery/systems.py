@@ -111,7 +111,7 @@ SYSTEMS = (
 
 def law_of_system(system: System) -> Law:
     """Its law."""
-    from reduced_models.fitting.fitting import resolve_law
+    from reduced_models.fitting.fit import resolve_law
 
     return resolve_law(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
 

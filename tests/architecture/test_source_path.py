@@ -180,7 +180,7 @@ def named(annotation: ast.AST) -> set[str]:
     return {one.id for one in ast.walk(annotation) if isinstance(one, ast.Name)}
 
 
-IDENTIFY = Definition("reduced_models.identification.identification", "identify")
+IDENTIFY = Definition("reduced_models.identification.identify", "identify")
 
 
 def test_files_that_a_source_passes() -> None:

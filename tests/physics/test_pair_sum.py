@@ -23,7 +23,7 @@ from granular.pairs.direct import (
     part_buffers,
 )
 from granular.pairs.pair_arrays import PairArrays
-from granular.pairs.plain import plain_direct_sum
+from granular.pairs.plain_sums import plain_direct_sum
 
 direct_sum = entry(direct.direct_sum)
 

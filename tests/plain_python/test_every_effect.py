@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, wall_law
-from granular.custom import import_user_code
 from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
 from granular.engine.outflow import constants_per_grain, remove_outflow
 from granular.methods import METHODS
 from granular.scene.system import natural_system
+from granular.user_code import import_user_code
 from tests.commands.shown import files
 
 pytestmark = [

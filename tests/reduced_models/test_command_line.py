@@ -205,7 +205,7 @@ def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
     z = sympy.Symbol("z", real=True)
     candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
     found = Discovery("sindy", (candidate,), 0, HeightMap())
-    monkeypatch.setattr("reduced_models.discovery.discovery.discover", lambda *_, **__: found)
+    monkeypatch.setattr("reduced_models.discovery.discover.discover", lambda *_, **__: found)
     monkeypatch.chdir(files)
     assert launch(main, ["discover", "lab.csv", "--json", "-o", "found.json"]) == BAD_INPUT
     said = capsys.readouterr()

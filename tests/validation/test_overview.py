@@ -12,7 +12,7 @@ from granular import Scene
 from granular.shared.html import Page
 from validation import overview
 from validation.cost.point import Point, SolverSettings
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision_result import WorkPrecision
 from validation.effect_costs import NOTHING, costs_agree, effect_costs
 from validation.overview import (
     advice_table,

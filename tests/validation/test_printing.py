@@ -9,7 +9,7 @@ import pytest
 
 from validation.convergence_result import ConvergenceResult, Slope
 from validation.cost.point import Point, SolverSettings
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaExperiment, DepaulaRun
 from validation.energy import EnergyStudy
 from validation.report import section_text

@@ -11,7 +11,7 @@ from granular.shared.html import Page
 from validation.convergence_result import ConvergenceResult, Slope, convergence_holds, slopes
 from validation.cost.point import USUAL, Point, SolverSettings
 from validation.cost.section import setting_table
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula import (
     COMPENSATED,
     PLAIN,

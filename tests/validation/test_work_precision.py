@@ -13,15 +13,15 @@ from granular import load_scene, simulate
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.cost.measuring import (
+from validation.cost.point import Point, SolverSettings
+from validation.cost.work_precision import (
     candidate_settings,
     depends_on_seed,
     deviation_over_starts,
     work_precision,
     work_precisions,
 )
-from validation.cost.point import Point, SolverSettings
-from validation.cost.study import LEVELS, WorkPrecision
+from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import bounce
 from validation.quantities import QUANTITIES, MeasuredQuantity, small_swing
 from validation.recommendation import recommend_settings, recommendation

@@ -7,8 +7,8 @@ fails stays in the picture as a failure. Positions may also be computed by outsi
 (`validation.outside`); these are shown and never chosen.
 """
 
-from validation.cost.measuring import work_precision
 from validation.cost.point import SolverSettings
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision import work_precision
+from validation.cost.work_precision_result import WorkPrecision
 
 __all__ = ["SolverSettings", "WorkPrecision", "work_precision"]

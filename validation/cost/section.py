@@ -12,9 +12,9 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.plotting import figure
-from validation.cost.measuring import candidate_settings, work_precisions
 from validation.cost.point import USUAL, SolverSettings
-from validation.cost.study import LEVELS, WorkPrecision
+from validation.cost.work_precision import candidate_settings, work_precisions
+from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import exact_problem
 from validation.outside import ORDERS
 from validation.runner import Plain, Section, Task

@@ -8,7 +8,7 @@ import pytest
 
 from granular.compiled import compiled, entry
 from granular.effects import drag, friction_law
-from granular.pairs.vector import lane_sum
+from granular.pairs.direct_sweep import lane_sum
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")

@@ -49,7 +49,7 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
         ("pairs/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
         ("pairs/dipole.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
         ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
-        ("pairs/lanes.py", "WIDTH = 8", "WIDTH = 4"),
+        ("pairs/simd.py", "WIDTH = 8", "WIDTH = 4"),
         ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),
     ],
 )

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from granular import evaluate, load_trajectory
-from granular.custom import import_user_code
 from granular.run.directory import is_run
 from granular.scene.scene import Scene
+from granular.user_code import import_user_code
 
 ROOT = Path(__file__).parents[3]
 
@@ -84,7 +84,7 @@ PROGRAM = """
 import os, signal, sys, warnings
 import granular.run.simulation as simulation
 from granular import simulate
-from granular.custom import import_user_code
+from granular.user_code import import_user_code
 from granular.shared.user_file import run_user_file, user_definitions
 warnings.simplefilter("ignore")
 file, out, threads, kill = sys.argv[1:]

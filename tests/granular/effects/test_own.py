@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.custom import import_user_code
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_sources
 from granular.scene.system import natural_system
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
 from granular.studies.measures import measure_named
+from granular.user_code import import_user_code
 
 SCALES = SimpleNamespace(one=1.0)
 ROOT = Path(__file__).parents[3]
@@ -55,7 +55,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from granular import evaluate, load_scene
-from granular.custom import import_user_code
+from granular.user_code import import_user_code
 import_user_code([sys.argv[1]])
 scene = load_scene("single-particle").replace(effects={"leaf": {"k": "2 N/m"}})
 print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular.custom import import_user_code
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
 from granular.methods.named import method_setting, register_methods
 from granular.shared.errors import InputError
+from granular.user_code import import_user_code
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(

@@ -122,7 +122,7 @@ def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
 
 
 def test_an_observable_is_a_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
-    from granular.custom import import_user_code
+    from granular.user_code import import_user_code
 
     (tmp_path / "mine.py").write_text(OWN)
     measure = import_user_code([tmp_path / "mine.py"]).measures["greatest_force"]

@@ -12,7 +12,7 @@ from granular.compiled import entry
 from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.pair_arrays import PairArrays
-from granular.pairs.plain import plain_cut_sum
+from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
 from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError

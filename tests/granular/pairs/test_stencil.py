@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from granular.compiled import entry
-from granular.pairs import stencil
+from granular.pairs import spline_stencil
 
 STRIDE = 12
 
@@ -16,12 +16,12 @@ AT = 2 * STRIDE + 3
 
 @entry
 def put(values: np.ndarray, u: float, v: float, amount: float) -> None:
-    stencil.put_spline(values, AT, STRIDE, u, v, amount)
+    spline_stencil.put_spline(values, AT, STRIDE, u, v, amount)
 
 
 @entry
 def sums(values: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
-    return stencil.spline_sums(values, AT, STRIDE, u, v)
+    return spline_stencil.spline_sums(values, AT, STRIDE, u, v)
 
 
 def splines(way: float, slope: int = 0) -> np.ndarray:

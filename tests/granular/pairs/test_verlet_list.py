@@ -11,7 +11,7 @@ from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.pair_arrays import PairArrays
-from granular.pairs.plain import plain_cut_sum
+from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
 from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError

@@ -14,7 +14,7 @@ from PIL import Image
 
 from granular.export.frames import BedFrame, iterate_frames
 from granular.render import movie
-from granular.render.moments import interpolate_bed
+from granular.render.interpolation import interpolate_bed
 from granular.render.picture import BedPicture, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError

@@ -14,13 +14,13 @@ import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
 from granular.run.options import validated_step
-from granular.run.summary import run_text
-from granular.run.work_precision import (
+from granular.run.price_table import (
     WorkPrecisionTable,
     load_price_table,
     nearest_priced_scene,
     price_text,
 )
+from granular.run.summary import run_text
 from granular.shared.errors import InputError
 
 

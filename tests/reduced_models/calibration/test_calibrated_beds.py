@@ -105,7 +105,7 @@ def test_mass_and_drag_of_few_grains(
     words = ["calibrate", "lab.parquet", "start.toml", "--parameter", MASS, "--parameter", DRAG,
              "--seeds", "2", "-o", "out", "--no-checks", "--json", "--quiet"]  # fmt: skip
     here = ThreadPoolExecutor(1)
-    place = "reduced_models.calibration.calibration.workshop"
+    place = "reduced_models.calibration.calibrate.workshop"
     monkeypatch.setattr(place, lambda _: contextlib.nullcontext(here))
     assert launch(main, words) == 0
     printed = json.loads(capsys.readouterr().out)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from granular import simulate
 from granular.shared.errors import InputError
 from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
-from reduced_models.designs.candidate import affine_damping_ratio, damper_at
+from reduced_models.designs.damper import affine_damping_ratio, damper_at
 from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
 from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.study import design_points, run_study

@@ -14,7 +14,7 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
-from reduced_models.discovery.discovery import Method
+from reduced_models.discovery.discover import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, score_subsets
 from reduced_models.discovery.terms import (

@@ -255,7 +255,7 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
 def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("reduced_models.discovery.discovery.has_operon", lambda: False)
+    monkeypatch.setattr("reduced_models.discovery.discover.has_operon", lambda: False)
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
         discover(record, functions=["sin"])

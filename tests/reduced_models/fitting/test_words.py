@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Law, compare, fit
-from reduced_models.fitting.fitting import resolve_law
+from reduced_models.fitting.fit import resolve_law
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solve_law
 from reduced_models.laws.symmetry import canonical_values, symmetries

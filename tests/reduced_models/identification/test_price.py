@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular import load_scene, simulate
-from granular.run.work_precision import price_text
+from granular.run.price_table import price_text
 from reduced_models.identification.engineering import Figure
 from reduced_models.identification.result import checked_price_text
 

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
-from granular.pairs.lanes import WIDTH, pad_to_vectors
 from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables
-from granular.pairs.stencil import put_spline, spline_sums
+from granular.pairs.simd import WIDTH, pad_to_vectors
+from granular.pairs.spline_stencil import put_spline, spline_sums
 
 Samples = NDArray[np.float64]
 

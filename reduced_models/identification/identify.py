@@ -135,7 +135,7 @@ def identify(
         wanted = [_with_drive(law, record, drive) for law in laws]
     clock.lap("a glance at the laws")
     if discovery is not None:
-        from reduced_models.discovery.discovery import discover
+        from reduced_models.discovery.discover import discover
 
         wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
         clock.lap(f"discovery by {discovery}")

@@ -17,7 +17,7 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
 from validation.cost.point import Point, SolverSettings
-from validation.cost.study import WorkPrecision
+from validation.cost.work_precision_result import WorkPrecision
 from validation.outside import solve_adaptively
 from validation.quantities import MeasuredQuantity, quantity_named
 

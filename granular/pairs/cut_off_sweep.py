@@ -22,7 +22,7 @@ from granular.pairs.interact import (
     pair_contributions,
     present_arrays,
 )
-from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""

@@ -14,7 +14,7 @@ from numba import config, types
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.lanes import DOUBLE, Code, vector_constant
+from granular.pairs.simd import DOUBLE, Code, vector_constant
 
 POINTS = 4
 """Of a spline, along each axis."""

@@ -26,7 +26,7 @@ from granular.pairs.interact import (
     pair_contributions,
     present_arrays,
 )
-from granular.pairs.lanes import INDEX, SCALE, WIDTH, Code, constant, has_avx512, pad_to_vectors
+from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant, has_avx512, pad_to_vectors
 
 __all__ = ["WIDTH", "lane_sum", "pad_to_vectors", "sweep_block", "sweep_rows"]
 
