@@ -6,6 +6,7 @@ import sys
 
 from granular.commands.console import Program, launch
 from reduced_models.commands.dampers import calibrate, design, fall
+from reduced_models.commands.examples import example
 from reduced_models.commands.laws import compare, discover, fit, identify
 from reduced_models.commands.models import export_model, simulate
 from reduced_models.commands.records import look
@@ -19,7 +20,8 @@ from a lab record to its equation, judged on what it has not seen:
   %(prog)s compare lift-1.csv lift-2.csv --law all --test-records lift-3.csv
   %(prog)s simulate out/model.json --until 3 -o motion.csv""",
     (
-        identify, look, fit, discover, compare, calibrate, design, fall, simulate, export_model,
+        identify, look, example, fit, discover, compare, calibrate, design, fall, simulate,
+        export_model,
     ),
 )  # fmt: skip
 parser, main = PROGRAM.parser, PROGRAM.main

@@ -99,13 +99,14 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     scale = None if reading.scale is None else parse_scale(reading.scale)
     if scale is not None:
         angle = scale.angle
-        raw = calibrate_column(values.pop(HEIGHT), units.pop(HEIGHT, None), scale, reading.zero)
+        raw_unit = units.pop(HEIGHT, None)
+        raw = calibrate_column(values.pop(HEIGHT), raw_unit, scale, reading.zero)
     else:
         angle = angle or _is_unnamed_angle(chosen[HEIGHT], values[HEIGHT], units, notes)
     own = {role: numbers * _size(role, units.get(role), angle) for role, numbers in values.items()}
     if scale is not None:
         own[HEIGHT] = raw
-        units[HEIGHT] = "rad" if angle else "m"
+        units[HEIGHT] = raw_unit or scale.unit
     _check_epoch(own, chosen[TIME], notes)
     _check_velocity(own, notes)
     if reading.flip:

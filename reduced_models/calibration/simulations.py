@@ -226,8 +226,8 @@ class SceneSimulator:
     def changes(self, position: np.ndarray) -> dict[str, float]:
         """Scene's changes at a position (p,)."""
         return {
-            scene_parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
-            for scene_parameter, log in zip(self.parameters, position, strict=True)
+            parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
+            for parameter, log in zip(self.parameters, position, strict=True)
         }
 
     def points(self, positions: Sequence[np.ndarray]) -> list[SimulatedPoint]:

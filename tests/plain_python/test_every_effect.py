@@ -199,7 +199,7 @@ def test_pairs_alone_keep_the_momentum() -> None:
 @pytest.mark.parametrize("reach", ["2 D", "6 D"])
 def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
     law = {"energy": "a*exp(-r/l)", "a": "10 uJ", "l": "6 mm", "reach": reach}
-    scene = load_scene("bed").replace(all_effects={"pair_law": [law]}, piston="none")
+    scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     start = scene.initial_motion()[0]
     r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
     wanted = float(1e-5 * np.exp(-r[r < 0.006 * int(reach[0])] / 0.006).sum())

@@ -125,7 +125,7 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
                 time.sleep(1.2)
         return plain(*known)
 
-    monkeypatch.setattr("granular.run.run.advance", advance)
+    monkeypatch.setattr("granular.run.run.advance_ticks", advance)
     started = time.perf_counter()
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     passed, settings = time.perf_counter() - started, run.settings()

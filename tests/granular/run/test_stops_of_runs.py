@@ -122,7 +122,7 @@ def test_a_stop_breaks_off_a_compilation(
             pytest.fail("it was compiled to the end")
         return plain(*known)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("granular.run.run.advance", advance)
+    monkeypatch.setattr("granular.run.run.advance_ticks", advance)
     with pytest.raises(Interrupted) as caught, handle_sigterm():
         simulate(scene, t_end=END, out=tmp_path / "run", progress=False)
     monkeypatch.undo()

@@ -60,17 +60,15 @@ def test_a_scheduler_that_is_gone_ends_a_sweep_in_words(tmp_path: Path) -> None:
     arguments: dict[str, Any] = {"out": tmp_path, "progress": False}
     grid = {"arrangement.seed": range(1, 9)}
     with pytest.raises(ExecutorLostError, match="scheduler is gone; start it again"):
-        sweep(
-            load_scene("bed"), grid, cluster_executor=Cluster(Client(3, float("inf"))), **arguments
-        )
-    again = sweep(load_scene("bed"), grid, cluster_executor=Cluster(Client(100, 0)), **arguments)
+        sweep(load_scene("bed"), grid, executor=Cluster(Client(3, float("inf"))), **arguments)
+    again = sweep(load_scene("bed"), grid, executor=Cluster(Client(100, 0)), **arguments)
     assert [one["figures"]["seed"] for one in again.outcomes] == list(range(1, 9))
 
 
 def test_a_scheduler_that_comes_back_is_waited_for() -> None:
     pool: Executor = Cluster(Client(3, 3))
     grid = {"arrangement.seed": range(1, 9)}
-    study = sweep(load_scene("bed"), grid, cluster_executor=pool, progress=False)
+    study = sweep(load_scene("bed"), grid, executor=pool, progress=False)
     assert [one["figures"]["seed"] for one in study.outcomes] == list(range(1, 9))
 
 

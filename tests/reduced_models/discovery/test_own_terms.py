@@ -103,7 +103,7 @@ def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
         found = discover(
             record,
             "operon",
-            physical_library="physical",
+            library="physical",
             input=options.get("input"),
             polish=0,
             seed=seed,
@@ -194,9 +194,7 @@ def test_the_primitive_needs_no_formula(text: str) -> None:
 
 def test_a_damping_over_negative_heights_is_found() -> None:
     z = motion(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, -2.0)
-    found = discover(
-        PistonRecord(TIME, z), "sindy", physical_library=(), terms=["1", "z", "z'/z"], polish=0
-    )
+    found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], polish=0)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
     assert values == pytest.approx({"1": -3.0, "z": -1.0, "z'/z": 0.4}, rel=1e-3)
 
@@ -259,7 +257,7 @@ def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
         discover(record, functions=["sin"])
-    found = discover(record, physical_library=(), terms=["z", "z'"], polish=0)
+    found = discover(record, library=(), terms=["z", "z'"], polish=0)
     assert any("pyoperon is not installed" in note for note in found.notes)
 
 
@@ -284,7 +282,7 @@ def test_own_terms_are_of_the_height_itself() -> None:
     """Powers of the swing about rest would mean something else by z."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", polish=0).map != HeightMap()
-    assert discover(record, "sindy", physical_library="rational", polish=0).map == HeightMap()
+    assert discover(record, "sindy", library="rational", polish=0).map == HeightMap()
 
 
 def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:

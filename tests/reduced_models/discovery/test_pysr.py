@@ -157,7 +157,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, ob
             (folder / "hall_of_fame.csv").write_text("1")
             self.equations_ = pd.DataFrame({"equation": ["x0 * 2.0"]})
 
-    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
     x = np.linspace(-1.0, 1.0, 50)
     seen["found"] = julia.pysr_expressions({"x": x}, 3.0 * x, noise=0.03)
@@ -284,7 +284,7 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
             best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
             self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
 
-    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
     height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
     noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
@@ -317,7 +317,7 @@ def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch)
             text = f"{0.8 / scales[1]} * jacobi_cn({1.01 * rate * scales[0]} * x0, {0.9 * m})"
             self.equations_ = pd.DataFrame({"equation": ["0.3 * x0", text]})
 
-    monkeypatch.setattr(julia, "missing", lambda: None)
+    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
     noise = np.random.default_rng(0).normal(0.0, 1e-3, len(TIME))
     found = discover(PistonRecord(TIME, swing + noise), "pysr", target="height")

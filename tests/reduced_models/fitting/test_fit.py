@@ -236,7 +236,7 @@ def test_a_solution_that_the_judge_cannot_follow_is_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     lost = Solution(np.full(2000, np.nan), np.full(2000, np.nan), "steps")
-    monkeypatch.setattr("reduced_models.fitting.refinement.solution", lambda *_: lost)
+    monkeypatch.setattr("reduced_models.fitting.refinement.solve_law", lambda *_: lost)
     with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
         fit(linear_record(), "linear")
 

@@ -1,0 +1,30 @@
+"""The command ``example``: made records to try the other commands on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from granular.commands.console import command, option, print_result
+from granular.commands.options import OUTPUT
+
+
+@command(
+    "example", "write made records, as instruments write them, to try the other commands on",
+    option(
+        "-o", "--out", default="lab", metavar="DIR",
+        help="directory for them (lab); nothing is overwritten",
+    ),
+    OUTPUT,
+    examples="""\
+examples:
+  %(prog)s
+  %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
+)  # fmt: skip
+def example(options: Any) -> None:
+    """Write the example records."""
+    from reduced_models.records.examples import write_examples
+
+    truths = write_examples(options.out)
+    lines = [f"written to {options.out}, each with a .toml that says how it is read:"]
+    lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
+    print_result({"directory": options.out, "records": truths}, "\n".join(lines), options.json)

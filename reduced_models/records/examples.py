@@ -1,0 +1,161 @@
+"""Made records as instruments write them, each with the ``record.toml`` that says how it is read.
+
+Every motion follows from a law with known numbers, which `EXAMPLES` states, and from seeded noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.readers.options import ReadOptions, write_description
+from granular.shared.errors import InputError
+from granular.shared.files import write_text
+from reduced_models.records.sources import make_directory, show_path
+
+
+class Example(NamedTuple):
+    """A made record.
+
+    Attributes
+    ----------
+    columns : callable
+        Makes the columns (n,) by their headings, with noise of the generator that it is given.
+    options : mapping of str to any
+        Fields of `granular.readers.options.ReadOptions` that go into the description.
+    truth : str
+        Law and numbers that the motion was made with.
+    """
+
+    columns: Callable[[np.random.Generator], dict[str, np.ndarray]]
+    options: Mapping[str, Any]
+    truth: str
+
+
+def write_examples(out: str | Path) -> dict[str, str]:
+    """Write the records of `EXAMPLES`, a CSV file and a description (TOML) each.
+
+    Parameters
+    ----------
+    out : str or Path
+        Directory to write to, made where it is not there yet.
+
+    Returns
+    -------
+    dict of str to str
+        Law and numbers behind each CSV file, by its name.
+
+    Raises
+    ------
+    InputError
+        If one of the files is there already; nothing is written then.
+    StoreError
+        If the directory cannot be made or written to.
+    """
+    directory = make_directory(out)
+    assert directory is not None
+    files = {name: directory / f"{name}.csv" for name in EXAMPLES}
+    for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
+        if path.exists():
+            raise InputError(
+                f"{show_path(path)} is there already, and nothing is overwritten; give another "
+                "directory (-o)"
+            )
+    for seed, (name, example) in enumerate(EXAMPLES.items()):
+        columns = example.columns(np.random.default_rng(seed))
+        rows = zip(*columns.values(), strict=True)
+        lines = [",".join(columns), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+        write_text(files[name], "\n".join([*lines, ""]))
+        options = ReadOptions(**example.options)
+        write_description(files[name].with_suffix(".toml"), files[name], options)
+    return {files[name].name: example.truth for name, example in EXAMPLES.items()}
+
+
+def _swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
+    """Free swing of a linear oscillator that is held at 1 until it is released at time 0."""
+    since = np.maximum(time, 0.0)
+    omega = 2.0 * math.pi * frequency
+    damped = omega * math.sqrt(1.0 - ratio**2)
+    decay = np.exp(-ratio * omega * since)
+    sine = ratio * omega / damped * np.sin(damped * since)
+    return np.asarray(decay * (np.cos(damped * since) + sine))
+
+
+def _lvdt(random: np.random.Generator) -> dict[str, np.ndarray]:
+    time = np.arange(0.0, 3.4, 0.002)
+    height = 4.0 * _swing(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
+    return {"time [s]": time, "lvdt [V]": 2.513 + height / 2.4894}
+
+
+def _encoder(random: np.random.Generator) -> dict[str, np.ndarray]:
+    from scipy.integrate import solve_ivp
+
+    time = np.arange(0.0, 20.0, 0.01)
+
+    def pendulum(_time: float, state: np.ndarray) -> tuple[float, float]:
+        return state[1], -0.1 * state[1] - 30.0 * math.sin(state[0])
+
+    angle = solve_ivp(pendulum, (0.0, 20.0), (1.2, 0.0), t_eval=time, rtol=1e-9, atol=1e-12).y[0]
+    dither = random.uniform(-0.5, 0.5, len(time))
+    counts = np.round(1024.0 + angle * 2048.0 / (2.0 * math.pi) + dither)
+    return {"time [ms]": 1e3 * time, "encoder [counts]": counts}
+
+
+def _accelerometer(random: np.random.Generator) -> dict[str, np.ndarray]:
+    time = np.arange(0.0, 4.0, 0.001)
+    omega, swing = 2.0 * math.pi * 6.0, 3e-3 * _swing(time, 6.0, 0.03)
+    acceleration = -(omega**2 * swing + 0.06 * omega * np.gradient(swing, time)) / 9.80665
+    return {
+        "time [s]": time,
+        "laser [mil]": (60e-3 + swing + random.normal(0.0, 5e-6, len(time))) / 2.54e-5,
+        "accelerometer [g]": acceleration + random.normal(0.0, 0.002, len(time)),
+    }
+
+
+def _driven(random: np.random.Generator) -> dict[str, np.ndarray]:
+    from scipy.signal import lsim
+
+    time = np.arange(0.0, 12.0, 0.004)
+    force = 6.0 * np.sin(2.0 * math.pi * (1.5 + 0.25 * time) * time)
+    omega = 2.0 * math.pi * 4.1
+    _, swing, _ = lsim(([1.0 / 7.5], [1.0, 0.1 * omega, omega**2]), force, time)
+    height = 60e-3 + swing + random.normal(0.0, 1e-5, len(time))
+    return {"time [s]": time, "height [mm]": 1e3 * height, "force [N]": force}
+
+
+def _force_stroke(random: np.random.Generator) -> dict[str, np.ndarray]:
+    time = np.arange(0.0, 4.0, 0.002)
+    phase = 2.0 * math.pi * 1.5 * time
+    stroke, speed = 10e-3 * np.sin(phase), 10e-3 * 2.0 * math.pi * 1.5 * np.cos(phase)
+    force = 120.0 * speed + 900.0 * stroke + random.normal(0.0, 0.05, len(time))
+    return {"time [s]": time, "stroke [mm]": 1e3 * stroke, "load cell [lbf]": force / 4.4482216}
+
+
+EXAMPLES = {
+    "lvdt": Example(
+        _lvdt,
+        {"scale": "2.4894 mm/V", "zero": "2.513 V"},
+        "a linear swing of 4.1 Hz and 5 % damping, held for 0.4 s",
+    ),
+    "encoder": Example(
+        _encoder,
+        {"scale": "360 deg/2048 counts", "zero": "1024 counts"},
+        "a pendulum, theta'' + 0.1*theta' + 30*sin(theta) = 0, released at 1.2 rad",
+    ),
+    "accelerometer": Example(
+        _accelerometer,
+        {"columns": {"height": "laser"}},
+        "a linear swing of 6 Hz and 3 % damping about 60 mm, with its acceleration",
+    ),
+    "driven": Example(_driven, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"),
+    "force-stroke": Example(
+        _force_stroke,
+        {"columns": {"height": "stroke", "force": "load cell"}},
+        "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
+    ),
+}
+"""Examples by the names of their files."""
