@@ -37,7 +37,7 @@ def parser() -> Parser:
     one.add_argument(
         "--prices", metavar="FILE",
         help="measure anew the table that accuracies are promised from, and write it here; "
-        "granular/run/work_precision.toml is the one that is read",
+        "granular/run/price_table.toml is the one that is read",
     )  # fmt: skip
     one.add_argument(
         "-o",

@@ -18,7 +18,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.files import parse_toml
 
-TABLE = Path(__file__).with_name("work_precision.toml")
+TABLE = Path(__file__).with_name("price_table.toml")
 
 KNOWN = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
 """Effects that the scenes of the table have; it says nothing of others."""

@@ -168,7 +168,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
             np.where(inside, sizes, np.nan), owner
         ))),
         "polar_order": directions.polar,
-        "axial_order_parameter": directions.axial,
+        "axial_order": directions.axial,
         "axial_p": directions.axial_p,
         "modes": np.histogram(pressed[inside] / pressed[inside].max(), 25, (0.0, 1.0))[0],
     }  # fmt: skip

@@ -134,7 +134,7 @@ def even_split(results: Results) -> StatementCheck | None:
 def no_direction(results: Results) -> StatementCheck | None:
     names = [mixture_name(0.6, r) for r in (0.25, 0.5, 0.75)]
     found = together(names, "axial_p", results)
-    orders = together(names, "axial_order_parameter", results)
+    orders = together(names, "axial_order", results)
     if found is None or orders is None:
         return None
     p = np.concatenate([one.values for one in found])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from benchmarks import costs as module
 from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from granular import Scene
-from granular.run import work_precision as stored
+from granular.run import price_table as stored
 from validation.runner import Plain
 
 NAMES = ("piston force", "energy")

@@ -71,7 +71,7 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
     scene = bouncing(COEFFICIENT)
     assert scene.effects.drag is not None
     rate = scene.effects.drag.decay_rate(Scales.of(scene.grains))
-    for name in ("compute_forces", "measure_forces"):
+    for name in ("compute_forces", "compute_forces_and_sums"):
         compute = getattr(granular.engine.step, name)
         monkeypatch.setattr(granular.engine.step, name, smuggled(compute, rate))
     monkeypatch.setattr(granular.engine.ledger, "WRONG", np.inf)  # it knows nothing of this loss

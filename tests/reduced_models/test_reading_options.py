@@ -27,11 +27,11 @@ COMMANDS = {
     "calibrate": ("calibrate",),
 }
 JOBS = {
-    "identify": "identification.identification.identify",
-    "fit": "fitting.fitting.fit",
+    "identify": "identification.identify.identify",
+    "fit": "fitting.fit.fit",
     "compare": "identification.comparison.compare",
-    "discover": "discovery.discovery.discover",
-    "calibrate": "calibration.calibration.calibrate",
+    "discover": "discovery.discover.discover",
+    "calibrate": "calibration.calibrate.calibrate",
 }
 TIME = np.arange(0.0, 2.4, 0.002)
 SINCE = np.maximum(TIME - 0.4, 0.0)

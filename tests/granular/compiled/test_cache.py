@@ -125,7 +125,7 @@ def test_folders_that_others_may_write_to_and_places_without_a_folder(workshop: 
     assert "chmod go-w" in said
     assert workshop.kernels() == kernels
     folder.chmod(0o700)
-    found, said = workshop.run(cache=str(workshop.folder / "granular" / "custom.py"))
+    found, said = workshop.run(cache=str(workshop.folder / "granular" / "user_code.py"))
     assert found == wanted
     assert said.count("UserWarning: compiled code is not kept") == 1
 

@@ -117,7 +117,7 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
 
 
 def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, made = granular.run.run.advance, iter(range(100))
+    plain, made = granular.run.run.advance_ticks, iter(range(100))
 
     def advance(*known: Any) -> Any:
         if next(made) == 0:

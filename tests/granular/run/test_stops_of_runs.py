@@ -89,7 +89,7 @@ def test_a_stop_after_the_last_step_is_raised_with_the_whole_run(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:
     plain = granular.run.simulation.make_trajectory
-    ends = "granular.run.trajectory.make_trajectory", "granular.run.simulation.finished"
+    ends = "granular.run.trajectory.make_trajectory", "granular.run.simulation.make_trajectory"
 
     def finished(*known: object) -> Trajectory:
         os.kill(os.getpid(), signal.SIGINT)
