@@ -8,9 +8,20 @@ from __future__ import annotations
 import argparse
 import importlib
 from collections.abc import Sequence
-from types import ModuleType
+from pathlib import Path
+from typing import Any
 
-from granular.commands.console import Parser, add_version_option, launch
+from granular.commands.console import (
+    Parser,
+    Program,
+    add_version_option,
+    command,
+    launch,
+    option,
+    option_group,
+    print_result,
+)
+from granular.commands.options import OUTPUT
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 
@@ -31,7 +42,12 @@ _FORMER = {
 """Commands that are options of others now."""
 
 _VALIDATE = "validate"
-"""Name of the validation's ``report``, which would not say of what next to other commands."""
+"""Name of the validation's ``report``, and of the way to the commands of that package."""
+
+_FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "response")
+"""Commands that are shown where none is given."""
+
+_SHELLS = ("bash", "zsh", "fish")
 
 
 def main() -> int:
@@ -47,32 +63,52 @@ def run(arguments: Sequence[str]) -> None:
     InputError
         If no package has it; the nearest name is given.
     """
-    modules = {name: importlib.import_module(f"{name}.__main__") for name in _PACKAGES}
-    homes = {
-        command: package
-        for package, module in modules.items()
-        for command in module.parser().commands
-    }
-    homes[_VALIDATE] = "validation"
-    if not arguments or arguments[0].startswith("-"):
-        _top_parser(modules).parse_args(arguments)
+    programs = _programs()
+    if not arguments:
+        print(_first_commands(programs))
+        return
+    if arguments[0].startswith("-"):
+        _top_parser(programs).parse_args(arguments)
     command, *words = arguments
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
+    if command == _VALIDATE:
+        named = bool(words) and not words[0].startswith("-")
+        programs["validation"].main(
+            words if named else ["report", *words], f"{PROG} {_VALIDATE}" if named else PROG
+        )
+        return
+    homes = {name: package for package, program in programs.items() for name in _names(program)}
     if command not in homes:
-        raise InputError(f"{unknown(command, tuple(homes), 'command')} (see {PROG} --help)")
-    name = "report" if command == _VALIDATE else command
-    modules[homes[command]].main([name, *words], PROG)
+        raise InputError(f"{unknown(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)")
+    programs[homes[command]].main(arguments, PROG)
 
 
-def _top_parser(modules: dict[str, ModuleType]) -> Parser:
+def _programs() -> dict[str, Program]:
+    modules = {name: importlib.import_module(f"{name}.__main__") for name in _PACKAGES}
+    return {name: module.PROGRAM for name, module in modules.items()} | {PROG: _OWN}
+
+
+def _names(program: Program) -> list[str]:
+    return [entry.name for entry in program.commands]
+
+
+def _first_commands(programs: dict[str, Program]) -> str:
+    """Eight commands to begin with, a line each."""
+    every = (entry for program in programs.values() for entry in program.commands)
+    summaries = {entry.name: entry.summary for entry in every}
+    lines = [f"  {name:10}{summaries[name]}" for name in _FIRST]
+    return "\n".join([f"{PROG} COMMAND ...", "", *lines, "", f"all commands: {PROG} --help"])
+
+
+def _top_parser(programs: dict[str, Program]) -> Parser:
     """Parser that answers where no command is given."""
     parser = Parser(
         prog=PROG,
         usage=f"{PROG} [-h] [--version] COMMAND ...",
         description="Simulate beds of repelling magnets, find the equation of the damper that they "
         "make, and prove the numbers.",
-        epilog=_listing(modules),
+        epilog=_listing(programs),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_version_option(parser)
@@ -80,12 +116,78 @@ def _top_parser(modules: dict[str, ModuleType]) -> Parser:
     return parser
 
 
-def _listing(modules: dict[str, ModuleType]) -> str:
+def _listing(programs: dict[str, Program]) -> str:
+    titles = {name: f"{title} (also python -m {name}):" for name, title in _PACKAGES.items()}
     lines = []
-    for package, title in _PACKAGES.items():
-        lines += [f"{title} (also python -m {package}):"]
-        for command, what in modules[package].parser().commands.items():
-            name = _VALIDATE if (package, command) == ("validation", "report") else command
-            lines.append(f"  {name:18}{what}")
+    for package, program in programs.items():
+        lines.append(titles.get(package, "about the toolkit:"))
+        for entry in program.commands:
+            name = _VALIDATE if entry.name == "report" else entry.name
+            lines.append(f"  {name:18}{entry.summary}")
         lines.append("")
     return "\n".join([*lines, f"example:\n  {PROG} identify damper -o out"])
+
+
+@command(
+    "cite", "print the papers behind scenes, runs, methods, laws and models, as BibTeX",
+    option("things", nargs="*", metavar="THING", help="scene, run, method, law or model.json"),
+    OUTPUT,
+    examples="examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib",
+)  # fmt: skip
+def cite(options: Any) -> None:
+    """Print BibTeX entries."""
+    from granular.shared.citing import cite as bibtex
+
+    text = bibtex(*map(_cited, options.things))
+    print_result({"bibtex": text}, text, options.json)
+
+
+def _cited(name: str) -> Any:
+    """Return what a name or a path stands for: a scene, a run, a method, a law or a model."""
+    from granular import load_scene, load_trajectory
+    from granular.methods import METHODS, method_named
+    from granular.scene.loading import scene_names
+    from reduced_models import load_model
+    from reduced_models.laws.catalogue import LAWS, law_named
+
+    path = Path(name)
+    if path.is_dir():
+        return load_trajectory(path)
+    if path.suffix == ".json":
+        return load_model(path)
+    if name.partition("+")[0] in METHODS:
+        return method_named(name)
+    if name in LAWS:
+        return law_named(name)
+    if path.suffix == ".toml" or name in scene_names():
+        return load_scene(name)
+    raise InputError(unknown(name, (*scene_names(), *METHODS, *LAWS), "scene, method or law"))
+
+
+@command(
+    "completion", "print a script by which a shell completes commands and options",
+    option("shell", choices=_SHELLS, help="shell that is to complete them"),
+    examples="""\
+examples:
+  eval "$(%(prog)s bash)"                                        # in ~/.bashrc
+  %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""",
+)  # fmt: skip
+def completion(options: Any) -> None:
+    """Print a completion script."""
+    try:
+        import shtab
+    except ImportError:
+        raise InputError(
+            "completion needs shtab: pip install 'granular-damper[completion]'"
+        ) from None
+    whole = Parser(prog=PROG)
+    add_version_option(whole)
+    parsers = whole.add_subparsers(metavar="COMMAND")
+    for program in _programs().values():
+        for entry in program.commands:
+            parser = parsers.add_parser(entry.name, help=entry.summary)
+            option_group(*entry.options)(parser)
+    print(shtab.complete(whole, shell=options.shell))
+
+
+_OWN = Program(PROG, "About the toolkit.", "", (cite, completion))

@@ -33,6 +33,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
+from granular.schema.sections import unknown
 from granular.shared.errors import (
     GranularError,
     InputError,
@@ -55,9 +56,12 @@ class Parser(argparse.ArgumentParser):
     ----------
     commands : dict of str to str
         Summary of each command, by its name.
+    parsers : dict of str to Parser
+        Parser of each command, by its name.
     """
 
     commands: dict[str, str]
+    parsers: dict[str, Parser]
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see {self.prog} --help")
@@ -203,6 +207,7 @@ class Program(NamedTuple):
         )  # fmt: skip
         add_version_option(top)
         top.commands = {offered.name: offered.summary for offered in self.commands}
+        top.parsers = {}
         parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
         for offered in self.commands:
             parser = parsers.add_parser(
@@ -211,13 +216,27 @@ class Program(NamedTuple):
             )  # fmt: skip
             parser.set_defaults(prog=parser.prog)
             option_group(*offered.options)(parser)
+            top.parsers[offered.name] = parser
         return top
 
     def main(self, arguments: Sequence[str], name: str | None = None) -> None:
         """Run one command."""
-        options = self.parser(name).parse_args(arguments)
+        parser = self.parser(name)
+        options, rest = parser.parse_known_args(arguments)
+        if rest:
+            raise InputError(_not_understood(rest, parser.parsers[options.command]))
         chosen = next(offered for offered in self.commands if offered.name == options.command)
         chosen.carry_out(options)
+
+
+def _not_understood(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
+    """Message for arguments that a command does not know, with the nearest option."""
+    option_names = [name for action in parser._actions for name in action.option_strings]
+    wrong = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
+    words = f"unrecognized arguments: {' '.join(rest)}"
+    if wrong is not None:
+        words = unknown(wrong, option_names, "option").rstrip("?")
+    return f"{words}; see {parser.prog} --help"
 
 
 def pick_options(options: Any, *names: str) -> dict[str, Any]:

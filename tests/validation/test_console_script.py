@@ -66,7 +66,16 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("", "required: COMMAND"),
+        (
+            "look record.csv --scael 2",
+            "option '--scael'; did you mean '--scale'; see granular-damper look",
+        ),
+        (
+            "look one.csv two.csv",
+            "unrecognized arguments: two.csv; see granular-damper look",
+        ),
+        ("validate nonsense", "see granular-damper validate --help"),
+        ("cite nonsense", "unknown scene, method or law 'nonsense'"),
         ("rnu", "did you mean 'run'"),
         ("impulse machine", "did you mean 'response --impulse'"),
         ("--loud", "required: COMMAND"),
@@ -101,3 +110,44 @@ def test_the_installed_command_prints_the_version() -> None:
         check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, f"granular-damper {__version__}\n")
+
+
+def test_eight_commands_are_shown_where_none_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+    assert launch(run, []) == 0
+    out = capsys.readouterr().out
+    shown = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
+    assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
+
+
+def test_the_validation_s_commands_are_called_by_both_names(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    texts = []
+    for words in (["energy", "--help"], ["validate", "energy", "--help"]):
+        with pytest.raises(SystemExit):
+            launch(run, words)
+        texts.append(capsys.readouterr().out.replace("granular-damper validate", "granular-damper"))
+    assert texts[0].split() == texts[1].split()
+
+
+def test_papers_are_cited_by_name_and_path(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from granular import load_scene, simulate
+
+    simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)
+    scene = load_scene("bed").save(tmp_path / "mine.toml") or tmp_path / "mine.toml"
+    assert launch(run, ["cite", "yoshida-6", "duffing", str(tmp_path / "run"), str(scene)]) == 0
+    out = capsys.readouterr().out
+    assert "yoshida1990" in out
+    assert out.count("@") >= 4
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_command_and_option_is_completed(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert launch(run, ["completion", shell]) == 0
+    out = capsys.readouterr().out
+    assert "export-model" in out
+    assert "test-fraction" in out
