@@ -132,7 +132,7 @@ for tolerance, choice in choices.items():
     )
 
 # %% [markdown]
-# As `python -m validation cheapest bed positions 1e-6` the same is done from the command line.
+# As `granular-damper validate cheapest bed positions 1e-6` the same is done from the command line.
 #
 # ## Sums over pairs
 #

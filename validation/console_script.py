@@ -73,7 +73,7 @@ def run(arguments: Sequence[str]) -> None:
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
     if command == _VALIDATE:
-        named = bool(words) and not words[0].startswith("-")
+        named = bool(words) and words[0] in _names(programs["validation"])
         programs["validation"].main(
             words if named else ["report", *words], f"{PROG} {_VALIDATE}" if named else PROG
         )
@@ -86,7 +86,7 @@ def run(arguments: Sequence[str]) -> None:
 
 def _programs() -> dict[str, Program]:
     modules = {name: importlib.import_module(f"{name}.__main__") for name in _PACKAGES}
-    return {name: module.PROGRAM for name, module in modules.items()} | {PROG: _OWN}
+    return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
 
 def _names(program: Program) -> list[str]:
@@ -190,4 +190,5 @@ def completion(options: Any) -> None:
     print(shtab.complete(whole, shell=options.shell))
 
 
-_OWN = Program(PROG, "About the toolkit.", "", (cite, completion))
+OWN = Program(PROG, "About the toolkit.", "", (cite, completion))
+"""Commands of no package."""

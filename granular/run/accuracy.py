@@ -91,7 +91,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
     if costs is None:
         raise InputError(
             f"accuracy = {quote(text)}: the table of prices holds no scene like {scene.name!r} "
-            "with this quantity; measure it: python -m validation cheapest"
+            "with this quantity; measure it: granular-damper validate cheapest"
         )
     floor = costs.floor(quantity, scene.grains.count)
     if tolerance < FLOORS * floor:

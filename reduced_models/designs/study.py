@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 POINTS = 128
 """Of the sequence, next to the sixteen corners."""
 COMMITTED = Path(__file__).parent / "study.csv"
-"""The study that comes with the package. ``python -m reduced_models design --maps --simulate -o
+"""The study that comes with the package. ``granular-damper design --maps --simulate -o
 DIR`` makes it anew."""
 STEP = "auto*2"
 """Rest height, period and damping of the published damper are the same at half of it, to four

@@ -288,7 +288,7 @@ def suggest_next_steps(
         if turns < _USEFUL_TURNS:
             words.append(f"record longer: {turns:.2g} periods say little of a law")
     words.append(
-        "look at the record (python -m reduced_models look FILE) and leave out its first moments, "
+        "look at the record (granular-damper look FILE) and leave out its first moments, "
         "or what lies in the noise: --between in a record.toml"
     )
     if discovery is None:

@@ -62,8 +62,8 @@ def write_examples(out: str | Path) -> dict[str, str]:
     for path in (*files.values(), *(path.with_suffix(".toml") for path in files.values())):
         if path.exists():
             raise InputError(
-                f"{show_path(path)} is there already, and nothing is overwritten; give another "
-                "directory (-o)"
+                f"{path.name} is in {show_path(directory)} already, and nothing is overwritten; "
+                "give another directory (-o)"
             )
     for seed, (name, example) in enumerate(EXAMPLES.items()):
         columns = example.columns(np.random.default_rng(seed))

@@ -9,23 +9,34 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from granular.commands.console import Parser
+from validation import console_script
 
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 CAMPAIGNS = sorted(path.parent.name for path in (ROOT / "research").glob("*/__main__.py"))
-PARSERS: dict[str, Parser] = {
-    name: importlib.import_module(f"{name}.__main__").parser()
-    for name in (
-        "granular", "reduced_models", "validation", "benchmarks",
-        *(f"research.{one}" for one in CAMPAIGNS),
-    )
-}  # fmt: skip
+PROG = "granular-damper"
+PARSERS: dict[str, Parser] = (
+    {
+        name: importlib.import_module(f"{name}.__main__").PROGRAM.parser(prog)
+        for name, prog in (
+            ("granular", PROG),
+            ("reduced_models", PROG),
+            ("validation", f"{PROG} validate"),
+        )
+    }
+    | {
+        name: importlib.import_module(f"{name}.__main__").parser()
+        for name in ("benchmarks", *(f"research.{one}" for one in CAMPAIGNS))
+    }
+    | {PROG: console_script.OWN.parser()}
+)
+"""Parsers of the packages, as the command of the toolkit calls them, and of what a checkout has."""
 
 
 def commands() -> list[str]:
     """All commands of the toolkit, each once, in the order in which a reader meets them."""
     parts = (part.strip() for line in (*of_pages(), *of_help()) for part in line.split("&&"))
-    ours = re.compile(r"python -m (granular|reduced_models|validation|benchmarks|research\.\w+)\b")
+    ours = re.compile(rf"{PROG}\b|python -m (benchmarks|research\.\w+)\b")
     return list(dict.fromkeys(filter(ours.match, parts)))
 
 
@@ -50,6 +61,18 @@ def examples(parser: Parser) -> Iterator[str]:
     for line in text.splitlines():
         if line.strip().startswith(parser.prog):
             yield line.strip()
+
+
+def parser_of(words: list[str]) -> tuple[Parser, list[str]]:
+    """Parser of a command line that is shown, and the words that it takes."""
+    if words[0] != PROG:
+        return PARSERS[words[2]], words[3:]
+    if words[1:2] == ["validate"]:
+        named = words[2:3] and words[2] in PARSERS["validation"].commands
+        return PARSERS["validation"], words[2:] if named else ["report", *words[2:]]
+    packages = ("granular", "reduced_models", "validation")
+    home = next((name for name in packages if words[1] in PARSERS[name].commands), PROG)
+    return PARSERS[home], words[1:]
 
 
 def files() -> dict[str, str]:

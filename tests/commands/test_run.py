@@ -20,13 +20,13 @@ import pytest
 from granular import damper, mono_bed, simulate
 
 from .material import make_directory, rows
-from .shown import ROOT, blocks, commands, of_help
+from .shown import PROG, ROOT, blocks, commands, of_help
 
 LONGEST = 1200.0
 """Seconds after which a command counts as hanging."""
 
 HOURS = re.compile(
-    r"recovery --full|report --full|validation report( |$)(?!.*--quick)|--maps --simulate"
+    r"recovery --full|report --full|validate( damper| -o|$)(?!.*--quick)|--maps --simulate"
     r"|benchmarks --prices|published --quick|disorder \w+ --full"
     r"|research\.\w+ --full"
 )
@@ -34,7 +34,9 @@ HOURS = re.compile(
 STARTED = 45.0
 """Seconds that those are given."""
 
-MAIN_JOB = "python -m reduced_models identify damper -o out"
+MAIN_JOB = "granular-damper identify damper -o out"
+SCRIPT = ["-c", "import sys; from validation.console_script import main; sys.exit(main())"]
+"""What the installed script runs, whose folder may not be on the path here."""
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 BROUGHT = re.compile(r"SNLS80mV\.csv")
@@ -108,8 +110,9 @@ def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
     """Exit status of a command and its last words; Ctrl-C after some seconds."""
     words = shlex.split(line, comments=True)
     paths = os.pathsep.join((str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])))
+    start = [sys.executable, *(SCRIPT if words[0] == PROG else [])]
     command = subprocess.Popen(
-        [sys.executable, *words[1:]], cwd=folder, env=os.environ | {"PYTHONPATH": paths},
+        [*start, *words[1:]], cwd=folder, env=os.environ | {"PYTHONPATH": paths},
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
     )  # fmt: skip
     try:

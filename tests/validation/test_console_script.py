@@ -74,7 +74,7 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
             "look one.csv two.csv",
             "unrecognized arguments: two.csv; see granular-damper look",
         ),
-        ("validate nonsense", "see granular-damper validate --help"),
+        ("validate energy --quik", "did you mean '--quick'; see granular-damper validate energy"),
         ("cite nonsense", "unknown scene, method or law 'nonsense'"),
         ("rnu", "did you mean 'run'"),
         ("impulse machine", "did you mean 'response --impulse'"),
