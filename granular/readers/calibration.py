@@ -1,133 +1,191 @@
 """Calibration of a sensor: from the number in a column to a height, height = scale (raw - zero).
 
 A scale is written with both units, ``2.4894 mm/V`` or ``360 deg/2048 counts``, and the zero in the
-unit of the column, ``2.513 V``. An uncertainty may stand behind a number, ``2.4894 +- 0.003 mm/V``.
+unit of the column, ``2.513 V``. A standard uncertainty may stand behind a number, as in ``2.4894 +-
+0.003 mm/V`` or ``2.4894 +- 0.1 % mm/V``. Instead of both, coefficients of a polynomial may be
+given, or points of a calibration through which one is laid.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.headers import normalize_unit
+from granular.readers.headers import HEIGHT, normalize_unit
+from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
+from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.messages import quote
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_SCALE = re.compile(
-    rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER}))?\s*([^/\s\d]\S*?)\s*/\s*"
-    rf"({_NUMBER})?\s*(\S+)\s*"
-)
-_ZERO = re.compile(rf"\s*({_NUMBER})\s*(\S+)?\s*")
+_VALUE = rf"\s*({_NUMBER})\s*(?:(?:\+-|±|\+/-)\s*({_NUMBER})\s*(%(?=\s))?)?\s*"
+_SCALE = re.compile(rf"{_VALUE}([^/\s\d]\S*?(?:/s(?:\^2|2|²)?)?)\s*/\s*({_NUMBER})?\s*([^\s/]+)\s*")
+_ZERO = re.compile(rf"{_VALUE}(\S+)?\s*")
+_POWER = re.compile(r"(.*?)\^(\d)")
 _LONGEST = 100
 """Characters of a calibration."""
+KEYS = ("scale", "zero", "coefficients", "points", "degree")
+"""What may stand in a calibration."""
+_MOST_DEGREE = 5
+_FEWEST_BEYOND = 2
+"""Points that must be left where their scatter has to tell their uncertainty."""
 
 
-class Scale(NamedTuple):
-    """A sensor's scale.
+class Calibration(NamedTuple):
+    """A polynomial in a sensor's number, and how well it is known.
 
     Attributes
     ----------
-    factor : float
-        Metres, or radians, over the unit of the column.
-    uncertainty : float
-        Standard uncertainty of the factor over the factor; 0 where none is given.
+    coefficients : float64 (k,)
+        Of powers of the number, from the constant on, in SI over the unit of the column.
+    deviations : float64 (m, k)
+        Independent deviations of the coefficients, of one standard uncertainty each.
+    raw_unit : str or None
+        Unit of the column, such as ``V`` or ``counts``; None where none is named.
     angle : bool
-        Whether the coordinate is an angle.
-    unit : str
-        Unit of the column, such as ``V`` or ``counts``.
+        Whether it gives an angle [rad].
+    inside : (float, float)
+        Least and greatest number that it was made for.
     """
 
-    factor: float
-    uncertainty: float
+    coefficients: np.ndarray
+    deviations: np.ndarray
+    raw_unit: str | None
     angle: bool
-    unit: str
+    inside: tuple[float, float] = (-math.inf, math.inf)
+
+    def apply(self, raw: np.ndarray, unit: str | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the values (n,) of a column in that unit, and their deviations (m, n).
+
+        Raises
+        ------
+        RecordError
+            If the unit of the column contradicts that of the calibration.
+        """
+        known = None in (unit, self.raw_unit)
+        ratio = 1.0 if known else _ratio(str(unit), str(self.raw_unit), "heading")
+        powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
+        return self.coefficients @ powers, self.deviations @ powers
 
 
-def parse_scale(text: str) -> Scale:
-    """Parse a scale such as ``2.4894 mm/V``, ``2.4894 +- 0.003 mm/V`` or ``360 deg/2048 counts``.
+def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
+    """Make a calibration of what is said of a column.
 
     Parameters
     ----------
-    text : str
-        Number, unit of the height or angle, and unit of the column.
+    role : str
+        Role of the column, such as ``height``, or the name of an input.
+    given : mapping of str to any
+        ``scale`` and ``zero``; or ``coefficients``, texts with units from the constant on, such as
+        ``"0.1 mm"``, ``"2.49 mm/V"``, ``"0.01 mm/V^2"``; or ``points``, a mapping of ``raw``,
+        ``value`` and, where it is known, ``uncertainty`` to numbers, with ``units`` (of all three),
+        and the ``degree`` of the polynomial (1).
 
     Returns
     -------
-    Scale
-        In metres or radians over the unit of the column.
+    Calibration
+        In SI.
 
     Raises
     ------
     RecordError
-        If it is no such text, or its first unit is neither a length nor an angle.
+        If it is no such, or its unit is none of the role's.
     """
-    match = _SCALE.fullmatch(text) if len(text) <= _LONGEST else None
+    for key in given:
+        if key not in KEYS:
+            raise RecordError(unknown(str(key), KEYS, "key of a calibration"))
+    forms = [key for key in ("scale", "coefficients", "points") if given.get(key) is not None]
+    if not forms and "zero" in given:
+        raise RecordError(
+            f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'"
+        )
+    if len(forms) != 1:
+        raise RecordError(
+            f"a calibration of {quote(role)} by {' and '.join(forms) or 'none of them'}; give one "
+            "of scale (with zero), coefficients or points"
+        )
+    if "zero" in given and forms != ["scale"]:
+        raise RecordError(f"zero goes with scale, not with {forms[0]}; leave one out")
+    if "degree" in given and forms != ["points"]:
+        raise RecordError(f"degree goes with points, not with {forms[0]}; leave one out")
+    if forms == ["scale"]:
+        return _from_scale(role, given["scale"], given.get("zero"))
+    if forms == ["coefficients"]:
+        return _from_coefficients(role, given["coefficients"])
+    return _from_points(role, given["points"], given.get("degree", 1))
+
+
+# Scale and zero --------------------------------------------------------------------------------
+
+
+def _from_scale(role: str, scale: Any, zero: Any) -> Calibration:
+    value, spread, top, steps, raw_unit = _scale_parts(scale)
+    size, angle = _top_unit(role, top, f"scale = {quote(scale)}")
+    if value == 0.0 or steps == 0.0:
+        raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
+    factor = value * size / steps
+    level, uncertainty = (0.0, 0.0) if zero is None else _zero_parts(zero, raw_unit)
+    deviations = [
+        np.array([-level, 1.0]) * factor * spread / value,
+        np.array([-factor * uncertainty, 0.0]),
+    ]
+    known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
+    return Calibration(
+        np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, angle
+    )
+
+
+def _scale_parts(text: Any) -> tuple[float, float, str, float, str]:
+    """Return number, uncertainty, unit, steps and unit of the column of a scale."""
+    match = _SCALE.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
     if match is None:
         raise RecordError(
             f"scale = {quote(text)}; write a number, the unit of the height and that of the "
             "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
-    value, spread = float(match[1]), float(match[2] or 0.0)
-    steps = float(match[4] or 1.0)
-    unit = normalize_unit(match[3])
+    value, spread = _value(match)
+    return value, spread, match[4], float(match[5] or 1.0), normalize_unit(match[6])
+
+
+def _zero_parts(text: Any, raw_unit: str) -> tuple[float, float]:
+    """Return number and uncertainty of a zero in the unit of the scale's column."""
+    match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
+    if match is None:
+        raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
+    own = raw_unit if match[4] is None else normalize_unit(match[4])
+    ratio = _ratio(own, raw_unit, "zero")
+    value, spread = _value(match)
+    return value * ratio, spread * ratio
+
+
+def _value(match: re.Match[str]) -> tuple[float, float]:
+    """Return the number of a calibration, and its standard uncertainty."""
+    value, spread = float(match[1]), abs(float(match[2] or 0.0))
+    return value, abs(value) * spread / 100.0 if match[3] else spread
+
+
+def _top_unit(role: str, text: str, what: str) -> tuple[float, bool]:
+    """SI size of the unit that a calibration gives, and whether it is an angle."""
+    unit = normalize_unit(text)
     try:
-        size, dimension = unit_size(unit)
+        size, dimension = role_unit_size(role, unit)
     except SceneError as error:
-        raise RecordError(f"scale = {quote(text)}: {error}") from None
-    angle = unit in ("deg", "rad", "mrad")
-    if not angle and dimension != unit_size("m")[1]:
-        raise RecordError(
-            f"scale = {quote(text)}: {quote(match[3])} is neither a length nor an angle; write "
-            "such as 'mm/V' or 'deg/counts'"
-        )
-    if value == 0.0 or steps == 0.0:
-        raise RecordError(f"scale = {quote(text)} is 0 or infinite; give another number")
-    return Scale(value * size / steps, abs(spread / value), angle, normalize_unit(match[5]))
-
-
-def calibrate_column(
-    values: np.ndarray, unit: str | None, scale: Scale, zero: str | None
-) -> np.ndarray:
-    """Return the heights or angles of a column's numbers.
-
-    Parameters
-    ----------
-    values : float64 (n,)
-        Numbers of the column.
-    unit : str or None
-        Unit of the column, where its heading names one.
-    scale : Scale
-        Scale of the sensor.
-    zero : str, optional
-        Number of the column at the height 0, with its unit; 0 without.
-
-    Returns
-    -------
-    float64 (n,)
-        Heights [m], or angles [rad].
-
-    Raises
-    ------
-    RecordError
-        If the units of heading, scale and zero contradict each other.
-    """
-    ratio = 1.0 if unit is None else _ratio(unit, scale.unit, "heading")
-    level = 0.0
-    if zero is not None:
-        match = _ZERO.fullmatch(zero) if len(zero) <= _LONGEST else None
-        if match is None:
-            raise RecordError(f"zero = {quote(zero)}; write a number and a unit, such as '2.513 V'")
-        own = unit or scale.unit if match[2] is None else normalize_unit(match[2])
-        level = float(match[1]) * _ratio(own, scale.unit, "zero")
-    return scale.factor * (values * ratio - level)
+        raise RecordError(f"{what}: {error}") from None
+    angle = role == HEIGHT and unit in ANGLE_UNITS
+    wanted = SI.get(role)
+    if wanted is not None and not angle and dimension != unit_size(wanted)[1]:
+        kind = "neither a length nor an angle" if role == HEIGHT else f"no unit of {role}"
+        raise RecordError(f"{what}: {quote(text)} is {kind}; write such as '{wanted}/V'")
+    return size, angle
 
 
 def _ratio(unit: str, wanted: str, what: str) -> float:
-    """Size of a unit over that of the scale's column."""
+    """Size of a unit over that of the calibration's column."""
     if _singular(unit) == _singular(wanted):
         return 1.0
     try:
@@ -144,3 +202,104 @@ def _ratio(unit: str, wanted: str, what: str) -> float:
 
 def _singular(unit: str) -> str:
     return unit.lower().removesuffix("s") if len(unit) > 2 else unit
+
+
+# Polynomials -----------------------------------------------------------------------------------
+
+
+def _from_coefficients(role: str, texts: Any) -> Calibration:
+    """Polynomial of coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
+    if isinstance(texts, str) or not isinstance(texts, Sequence) or not texts:
+        raise RecordError(
+            f"coefficients = {quote(texts)}; give a list, from the constant on, such as "
+            "['0.1 mm', '2.49 mm/V']"
+        )
+    if len(texts) > _MOST_DEGREE + 1:
+        raise RecordError(f"{len(texts)} coefficients; at most {_MOST_DEGREE + 1} are taken")
+    values, spreads, angles, raw_units = [], [], set(), set()
+    for power, text in enumerate(texts):
+        match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
+        top, _, below = (match[4] or "" if match else "").rpartition("/") if power else (
+            (match[4] or "" if match else ""), "", "")  # fmt: skip
+        parts = _POWER.fullmatch(below)
+        if match is None or not top or (power > 1) != (parts is not None) or (
+            parts is not None and int(parts[2]) != power
+        ):  # fmt: skip
+            over = "" if power == 0 else "/V" if power == 1 else f"/V^{power}"
+            raise RecordError(
+                f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
+                f"such as '0.1 mm{over}'"
+            )
+        size, angle = _top_unit(role, top, f"coefficients: {quote(text)}")
+        value, spread = _value(match)
+        values.append(value * size)
+        spreads.append(spread * size)
+        angles.add(angle)
+        if power:
+            raw_units.add(normalize_unit(parts[1] if parts else below))
+    if len(angles) > 1 or len(raw_units) > 1:
+        raise RecordError("coefficients with different units; write all in the same two units")
+    deviations = np.diag(spreads)[np.array(spreads) > 0.0]
+    return Calibration(
+        np.array(values), deviations, next(iter(raw_units), None), next(iter(angles))
+    )
+
+
+def _from_points(role: str, points: Any, degree: Any) -> Calibration:
+    """Polynomial through points by least squares, with the uncertainty that they leave."""
+    if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= _MOST_DEGREE:
+        raise RecordError(f"degree = {quote(degree)}; give an integer from 1 to {_MOST_DEGREE}")
+    if not isinstance(points, Mapping) or not {"raw", "value"} <= set(points):
+        raise RecordError(
+            f"points = {quote(points)}; give a file with the columns raw, value and uncertainty"
+        )
+    units = points.get("units", {})
+    unit = units.get("value") or SI.get(role, "1")
+    size, angle = _top_unit(role, unit, "points: value")
+    try:
+        raw, value = (np.asarray(points[name], dtype=np.float64) for name in ("raw", "value"))
+        given = points.get("uncertainty")
+        spread = None if given is None else np.asarray(given, dtype=np.float64) * size
+    except (TypeError, ValueError):
+        raise RecordError("points hold something that is not a number; correct them") from None
+    here = np.isfinite(raw) & np.isfinite(value)
+    raw, value = raw[here], value[here] * size
+    beyond = 0 if spread is not None else _FEWEST_BEYOND
+    if len(np.unique(raw)) < degree + 1 or len(raw) < degree + 1 + beyond:
+        raise RecordError(
+            f"{len(raw)} points for a polynomial of degree {degree}; at least "
+            f"{degree + 1 + beyond} are needed"
+            + ("" if spread is not None else ", or their uncertainty")
+        )
+    if spread is not None and not (np.isfinite(spread[here]) & (spread[here] > 0.0)).all():
+        raise RecordError("points: each uncertainty must be a number above 0; correct them")
+    # about the middle of the points and over their extent, where least squares lose no digits
+    middle, extent = float(raw.mean()), float(np.ptp(raw)) / 2.0
+    terms = np.vander((raw - middle) / extent, degree + 1, increasing=True)
+    weight = np.ones(len(raw)) if spread is None else 1.0 / spread[here]
+    fitted, *_ = np.linalg.lstsq(terms * weight[:, None], value * weight, rcond=None)
+    left = (value - terms @ fitted) * weight
+    dof = max(1, len(raw) - degree - 1)
+    scatter = float((left**2).sum()) / dof
+    # what the points scatter more than their uncertainty says counts too (Birge's ratio)
+    variance = scatter if spread is None else max(1.0, scatter)
+    inverse = np.linalg.pinv(terms * weight[:, None]) * math.sqrt(variance)
+    strengths, directions = np.linalg.eigh(inverse @ inverse.T)
+    deviations = (np.sqrt(np.maximum(strengths, 0.0)) * directions).T
+    shifted = _shift(degree, middle, extent)
+    return Calibration(
+        shifted @ fitted, deviations @ shifted.T,
+        None if units.get("raw") is None else normalize_unit(units["raw"]), angle,
+        (float(raw.min()), float(raw.max())),
+    )  # fmt: skip
+
+
+def _shift(degree: int, middle: float, extent: float) -> np.ndarray:
+    """Matrix (k, k) from coefficients in (x - middle)/extent to those in x."""
+    result = np.zeros((degree + 1, degree + 1))
+    for power in range(degree + 1):
+        for lower in range(power + 1):
+            result[lower, power] = (
+                math.comb(power, lower) * (-middle) ** (power - lower) / extent**power
+            )
+    return result

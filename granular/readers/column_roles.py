@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from granular.readers.calibration import parse_scale
+from granular.readers.calibration import Calibration, parse_calibration
 from granular.readers.headers import (
     ACCELERATION,
     FORCE,
@@ -18,34 +19,73 @@ from granular.readers.headers import (
     normalize_name,
     normalize_unit,
 )
-from granular.readers.options import ROLES, ReadOptions
+from granular.readers.options import ANGLE, ROLES, ReadOptions
+from granular.readers.role_units import SI
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
 from granular.shared.messages import quote
 
-SI = {TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N"}
-"""Of the columns that have a meaning; of an angle rad and rad/s instead of m and m/s."""
-
+NAMED = (TIME, HEIGHT, VELOCITY, FORCE)
+"""Roles that a column's name gives it; the others are said."""
 _MOST_SHOWN = 20
 _UNEVEN = 0.01
 """Relative deviation of steps from their median from which on they are not those of a clock."""
 
 
-def assign_roles(sheet: Sheet, reading: ReadOptions, notes: list[str]) -> dict[str, Column]:
-    """Return the column of each role: as the user says, by its name, or the only one that fits."""
+def assign_roles(
+    sheet: Sheet, reading: ReadOptions, notes: list[str]
+) -> tuple[dict[str, Column], dict[str, Calibration]]:
+    """Return the column of each role: as the user says, by its name, or the only one that fits.
+
+    With them the calibrations, by roles too.
+    """
     chosen = {role: _said(sheet, column) for role, column in reading.columns.items()}
+    if ANGLE in chosen:
+        if HEIGHT in chosen:
+            raise RecordError("columns: both height and angle are given; give one of them")
+        chosen[HEIGHT] = chosen.pop(ANGLE)
     if reading.rate is not None and TIME not in chosen:
         chosen[TIME] = _even_times(sheet, float(reading.rate))
-    if reading.scale is not None:
-        _free_of_unit(sheet, chosen, reading.scale)
+    calibrations = _calibrations(sheet, chosen, reading.calibrations())
+    if HEIGHT in calibrations and calibrations[HEIGHT].raw_unit is not None:
+        _choose_by_unit(sheet, chosen, str(calibrations[HEIGHT].raw_unit))
     _choose_by_name(sheet, chosen, notes)
     if TIME not in chosen:
         _choose_time(sheet, chosen, notes)
     if HEIGHT not in chosen:
         _choose_height(sheet, chosen, notes)
-    return chosen
+    return chosen, calibrations
+
+
+def _calibrations(
+    sheet: Sheet, chosen: dict[str, Column], given: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Calibration]:
+    """Return the calibration of each role; a column that is named gets one where it has none."""
+    by_role: dict[str, dict[str, Any]] = {}
+    for key, said in given.items():
+        role: str | None = key
+        if key not in ROLES and key not in chosen:
+            column = _said(sheet, key)
+            role = next((role for role, taken in chosen.items() if taken is column), None)
+            guess = guess_role(column.name)
+            if role is None and guess in NAMED and guess not in chosen:
+                role = guess
+            if role is None and HEIGHT not in chosen and _gives_a_height(said):
+                role = HEIGHT
+            role = role or column.name.lower()
+            chosen[role] = column
+        by_role.setdefault(str(role), {}).update(said)
+    return {role: parse_calibration(role, said) for role, said in by_role.items()}
+
+
+def _gives_a_height(said: Mapping[str, Any]) -> bool:
+    try:
+        parse_calibration(HEIGHT, said)
+    except RecordError:
+        return False
+    return True
 
 
 def _even_times(sheet: Sheet, rate: float) -> Column:
@@ -54,9 +94,8 @@ def _even_times(sheet: Sheet, rate: float) -> Column:
     return Column("", "s", np.arange(max(lengths, default=0)) / rate)
 
 
-def _free_of_unit(sheet: Sheet, chosen: dict[str, Column], scale: str) -> None:
-    """Take the only column in the unit of a scale for the height, where no name says more."""
-    unit = parse_scale(scale).unit
+def _choose_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -> None:
+    """Take the only column in the unit of a calibration for the height, where no name says more."""
     taken = list(map(id, chosen.values()))
     fitting = [
         column
@@ -104,7 +143,7 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
     for column in sheet.columns:
         if not column.channel:
             called.setdefault(normalize_name(column.name), []).append(column)
-    for role in (role for role in ROLES if role not in chosen):
+    for role in (role for role in NAMED if role not in chosen):
         result = [
             item
             for word in SYNONYMS[role]

@@ -7,7 +7,7 @@ import contextlib
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,10 +75,36 @@ def interpret_record_file(
         If it cannot be read as such; the message names the file.
     """
     if not is_description(path):
-        return _meaning(path, options, form)
+        return _meaning(path, _with_points(path, options), form)
     file, described = read_description(path)
+    every = _with_points(path, described.merge(options))
     with describing(path, file):
-        return _meaning(file, described.merge(options), None)
+        return _meaning(file, every, None)
+
+
+def _with_points(path: Path, options: ReadOptions) -> ReadOptions:
+    """Return the options with the numbers of the files that calibrations name."""
+    calibrations = {}
+    for column, given in options.calibrations().items():
+        if isinstance(given.get("points"), str):
+            file = Path(given["points"])
+            with describing(path, file):
+                calibrations[column] = {**given, "points": _read_points(file)}
+    return options.merge(ReadOptions(calibration=calibrations)) if calibrations else options
+
+
+def _read_points(path: Path) -> dict[str, Any]:
+    """Points of a calibration in a file: raw, value and, where it is there, uncertainty."""
+    sheet = read_sheet(path, ReadOptions())
+    with _naming(path):
+        if len(sheet.columns) < 2:
+            raise RecordError("holds one column; raw, value and uncertainty are wanted")
+        columns = dict(zip(("raw", "value", "uncertainty"), sheet.columns, strict=False))
+        points: dict[str, Any] = {
+            name: check_values(sheet, name, column).tolist() for name, column in columns.items()
+        }
+    points["units"] = {name: column.unit for name, column in columns.items() if column.unit}
+    return points
 
 
 def _meaning(path: Path, options: ReadOptions, form: Format | None) -> Interpretation:

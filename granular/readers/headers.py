@@ -6,6 +6,7 @@ import re
 
 TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"
+BASE_HEIGHT, BASE_ACCELERATION = "base_height", "base_acceleration"
 INPUT = "input"
 """Role of what is no motion: never taken for the height unasked."""
 

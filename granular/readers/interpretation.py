@@ -8,16 +8,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular.readers.calibration import calibrate_column, parse_scale
-from granular.readers.column_roles import SI, assign_roles
+from granular.readers.calibration import Calibration
+from granular.readers.column_roles import assign_roles
 from granular.readers.headers import (
+    ACCELERATION,
     HEIGHT,
     TIME,
     VELOCITY,
     normalize_name,
     normalize_unit,
 )
-from granular.readers.options import ReadOptions
+from granular.readers.options import ANGLE, ReadOptions
+from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
@@ -46,6 +48,8 @@ _TURN = 7.0
 """Angle beyond which a column without a unit is in degrees: a little more than 2 pi."""
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
+_ROW = " row"
+"""Column of a sample's row in the file while samples are left out and sorted; no file has it."""
 _LEAST_SAMPLES = 20
 _AGREEMENT = 0.3
 """Correlation of a velocity with the height's slope; noise on both leaves more than that."""
@@ -71,6 +75,8 @@ class Interpretation:
         What was guessed or done, and how to say it otherwise.
     left_out : tuple of str
         Columns that do not hold numbers everywhere.
+    deviations : dict of str to float64 (m, n)
+        Of the columns by the uncertainty of their calibration, one standard uncertainty each.
     """
 
     columns: dict[str, np.ndarray]
@@ -80,6 +86,7 @@ class Interpretation:
     form: str
     notes: tuple[str, ...]
     left_out: tuple[str, ...]
+    deviations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
 
 def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
@@ -91,27 +98,28 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         If there is no time or no coordinate, a unit does not fit, or a value is no number.
     """
     notes = list(sheet.notes)
-    chosen = assign_roles(sheet, reading, notes)
+    chosen, calibrations = assign_roles(sheet, reading, notes)
     _check_doubles(sheet, chosen, reading)
     units = _units(sheet, chosen, reading)
-    angle = _is_angle(units.get(HEIGHT))
-    values = {role: check_values(sheet, role, column) for role, column in chosen.items()}
-    scale = None if reading.scale is None else parse_scale(reading.scale)
-    if scale is not None:
-        angle = scale.angle
-        raw_unit = units.pop(HEIGHT, None)
-        raw = calibrate_column(values.pop(HEIGHT), raw_unit, scale, reading.zero)
+    raw = {role: check_values(sheet, role, column) for role, column in chosen.items()}
+    if HEIGHT in calibrations:
+        angle = calibrations[HEIGHT].angle
     else:
-        angle = angle or _is_unnamed_angle(chosen[HEIGHT], values[HEIGHT], units, notes)
-    own = {role: numbers * _size(role, units.get(role), angle) for role, numbers in values.items()}
-    if scale is not None:
-        own[HEIGHT] = raw
-        units[HEIGHT] = raw_unit or scale.unit
+        angle = _is_angle(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in reading.columns)
+    own, deviations = {}, {}
+    for role, numbers in raw.items():
+        if role in calibrations:
+            own[role], left = _calibrate(role, numbers, units, calibrations[role], notes)
+            if len(left):
+                deviations[role] = left
+        else:
+            own[role] = numbers * _size(role, units.get(role), angle)
     _check_epoch(own, chosen[TIME], notes)
     _check_velocity(own, notes)
     if reading.flip:
-        own |= {role: -own[role] for role in (HEIGHT, VELOCITY) if role in own}
+        own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
     others, left_out = _others(sheet, chosen)
+    own[_ROW] = np.arange(len(own[TIME]), dtype=float)
     own, others = _without_gaps(sheet, own, others, notes, left_out)
     if reading.sort:
         order = np.argsort(own[TIME], kind="stable")
@@ -123,11 +131,33 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         start, stop = reading.between
         inside = (own[TIME] >= start) & (own[TIME] <= stop)
         every = {name: numbers[inside] for name, numbers in every.items()}
+    rows = every.pop(_ROW).astype(int)
     return Interpretation(
         every, {role: column.name for role, column in chosen.items()},
-        {role: units.get(role) or SI[role] for role in chosen}, angle, sheet.form, tuple(notes),
-        tuple(left_out),
+        {role: units.get(role) or si_unit(role) for role in chosen}, angle, sheet.form,
+        tuple(notes), tuple(left_out),
+        {role: left[:, rows] for role, left in deviations.items() if role in every},
     )  # fmt: skip
+
+
+def _calibrate(
+    role: str,
+    numbers: np.ndarray,
+    units: dict[str, str],
+    calibration: Calibration,
+    notes: list[str],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n,) of a sensor's numbers, and their deviations (m, n)."""
+    unit = units.get(role)
+    units[role] = unit or calibration.raw_unit or "1"
+    known = numbers[np.isfinite(numbers)]
+    low, high = calibration.inside
+    if len(known) and (known.min() < low or known.max() > high):
+        notes.append(
+            f"{role} goes from {known.min():.4g} to {known.max():.4g} {units[role]}, beyond the "
+            f"calibration's points ({low:.4g} to {high:.4g})"
+        )
+    return calibration.apply(numbers, unit)
 
 
 def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> None:
@@ -151,6 +181,8 @@ def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> 
     """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
+    if ANGLE in said and ANGLE not in known:
+        said[HEIGHT] = said.pop(ANGLE)
     for name in said:
         if name not in known:
             raise RecordError(unknown(name, sorted(known), "column"))
@@ -164,15 +196,19 @@ def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> 
     return result
 
 
-def _is_angle(unit: str | None) -> bool:
-    return unit is not None and unit in ("deg", "rad", "mrad")
-
-
-def _is_unnamed_angle(
-    column: Column, values: np.ndarray, units: dict[str, str], notes: list[str]
+def _is_angle(
+    column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], said: bool
 ) -> bool:
-    """Take a column that is named after an angle, without a unit, for radians or degrees."""
-    if units.get(HEIGHT) is not None or normalize_name(column.name) not in ANGLES:
+    """Tell an angle by its unit; one by its name alone is taken for radians or degrees."""
+    unit = units.get(HEIGHT)
+    if unit in ANGLE_UNITS:
+        return True
+    if said and unit is not None:
+        raise RecordError(
+            f"the angle {quote(column.name)} has the unit {quote(unit)}; give deg or rad "
+            "(units: angle=deg), or its scale (scale: '360 deg/2048 counts')"
+        )
+    if unit is not None or not (said or normalize_name(column.name) in ANGLES):
         return False
     known = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     units[HEIGHT], other = ("deg", "rad") if known > _TURN else ("rad", "deg")
@@ -221,22 +257,26 @@ def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
 
 
 def _size(role: str, unit: str | None, angle: bool) -> float:
-    wanted = SI[role]
-    if angle and role in (HEIGHT, VELOCITY):
-        wanted = {HEIGHT: "rad", VELOCITY: "rad/s"}[role]
+    """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
     if unit is None:
         return 1.0
+    wanted = si_unit(role, angle=angle)
     try:
-        size, dimension = unit_size(unit)
+        size, dimension = role_unit_size(role, unit)
     except SceneError as error:
+        if not wanted:
+            return 1.0
         raise RecordError(
             f"{role}: {error}; if it is another, say so (units: {role}=...); of a sensor, give "
-            f"the scale (scale: '2.5 mm/{sanitize(unit, 12)}')"
+            f"the scale (scale: '2.5 {wanted}/{sanitize(unit, 12)}')"
         ) from None
+    if not wanted:
+        return size
     if dimension[3] != 0:
         raise RecordError(
             f"{role} has the unit {quote(unit)}; if it is another, say so (units: {role}=...); of "
-            f"a sensor, give the scale (scale: '2.5 mm/{sanitize(unit, 12)}')"
+            f"a sensor, give the scale (scale: '2.5 {'mm' if role == HEIGHT else wanted}/"
+            f"{sanitize(unit, 12)}')"
         )
     if dimension != unit_size(wanted)[1]:
         raise RecordError(

@@ -1,8 +1,8 @@
 """Instructions of a user on reading a file, where the guess is wrong or is to be repeated.
 
 It is said in a call, or in a *description*, ``record.toml``, which names the file by a path from
-itself, upwards too, or by a whole path. Of a file that does not lie below its description, no error
-shows what is in it: who wrote the description need not be who may read that file.
+itself, upwards too, or by an absolute path. Of a file that does not lie below its description, no
+error shows what is in it: who wrote the description need not be who may read that file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,9 +25,15 @@ T = TypeVar("T")
 
 FILE = "file"
 """Key of the file that is described, as a path from the description."""
+_CALIBRATION = ("scale", "zero", "coefficients", "points", "degree")
+"""Keys of the calibration of one column."""
 _MAX_BYTES = 2**20
 """Of a description; a scene, which may be longer, is not read to see that it is none."""
-ROLES = ("time", "height", "velocity", "force")
+ANGLE = "angle"
+"""What ``columns`` and ``units`` may call the height's column where it is an angle."""
+ROLES = (
+    "time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration",
+)  # fmt: skip
 """Columns of a record that have a meaning."""
 
 
@@ -38,8 +44,9 @@ class ReadOptions:
     Attributes
     ----------
     columns : mapping of str to str
-        Which column is the time, the height (or any other coordinate), the velocity, the force: by
-        its name in the file, or by its number from 1.
+        Which column is the time, the height (or any other coordinate), the angle, the velocity, the
+        force, the acceleration, and height or acceleration of the base: by its name in the file, or
+        by its number from 1. Any other name calls a column so, as an input of a law.
     units : mapping of str to str
         Units by those names, or by names in the file.
     decimal : str or None
@@ -52,9 +59,12 @@ class ReadOptions:
         Whether the coordinate grows downwards, as the distance from a sensor above does.
     between : tuple of float or None
         The samples from this time to that one [s].
-    scale, zero : str or None
-        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``; see
-        `granular.readers.calibration`.
+    scale, zero : str, mapping of str to str, or None
+        Calibration of the height's column, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of
+        several by their roles or names; see `granular.readers.calibration`.
+    calibration : mapping of str to any
+        The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
+        as in a description, where ``points`` names a file.
     rate : str, float or None
         Samples a second [Hz] of a file without times.
     sort : bool
@@ -73,18 +83,18 @@ class ReadOptions:
     sheet: str | None = None
     flip: bool = False
     between: tuple[float, float] | None = None
-    scale: str | None = None
-    zero: str | None = None
+    scale: str | Mapping[str, str] | None = None
+    zero: str | Mapping[str, str] | None = None
+    calibration: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     rate: str | float | None = None
     sort: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("columns", "units"):
+        for name in ("columns", "units", "calibration"):
             if not isinstance(getattr(self, name), Mapping):
                 raise RecordError(f"{name} = {quote(getattr(self, name))}; give names and values")
         for role, column in self.columns.items():
-            if role not in ROLES:
-                raise RecordError(f"columns: {unknown(str(role), ROLES, 'column of a record')}")
+            _check_role(str(role))
             if isinstance(column, bool) or not isinstance(column, str | int):
                 raise RecordError(f"columns: {role} = {quote(column)}; give a name or a number")
         for role, unit in self.units.items():
@@ -97,11 +107,7 @@ class ReadOptions:
         for name in ("flip", "sort"):
             if not isinstance(getattr(self, name), bool):
                 raise RecordError(f"{name} = {quote(getattr(self, name))}; give true or false")
-        for name in ("scale", "zero"):
-            if not isinstance(getattr(self, name), str | None):
-                raise RecordError(f"{name} = {quote(getattr(self, name))}; give a text with units")
-        if self.zero is not None and self.scale is None:
-            raise RecordError("zero without scale; give both, such as scale = '2.4894 mm/V'")
+        self.calibrations()
         if self.rate is not None:
             object.__setattr__(self, "rate", _sampling_rate(self.rate))
         if self.sheet is not None and not isinstance(self.sheet, str):
@@ -113,7 +119,46 @@ class ReadOptions:
         """Return these options, overridden by those that are given in another."""
         plain, over = self.to_plain(), more.to_plain()
         both = {key: {**plain.get(key, {}), **over.get(key, {})} for key in ("columns", "units")}
-        return options_from_plain({**plain, **over, **both})
+        calibrations = self.calibrations()
+        for column, given in more.calibrations().items():
+            before = calibrations.get(column, {})
+            same = all(key in before or key == "zero" for key in given)
+            calibrations[column] = {**before, **given} if same else given
+        for key in ("scale", "zero", "calibration"):
+            plain.pop(key, None)
+            over.pop(key, None)
+        return options_from_plain({**plain, **over, **both, "calibration": calibrations})
+
+    def calibrations(self) -> dict[str, dict[str, Any]]:
+        """Return what is said of the calibration of each column, by its role or name.
+
+        Raises
+        ------
+        RecordError
+            If a value is no text or mapping.
+        """
+        result: dict[str, dict[str, Any]] = {}
+        for name in ("scale", "zero"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            if not isinstance(given, str | Mapping):
+                raise RecordError(f"{name} = {quote(given)}; give a text with units")
+            by_column = {"height": given} if isinstance(given, str) else given
+            for column, text in by_column.items():
+                result.setdefault(_column_key(column), {})[name] = text
+        of_height = {key: value for key, value in self.calibration.items() if key in _CALIBRATION}
+        for column, given in self.calibration.items():
+            if column not in of_height:
+                if not isinstance(given, Mapping):
+                    raise RecordError(
+                        f"calibration: {unknown(str(column), _CALIBRATION, 'key')}; or give a "
+                        "table for a column"
+                    )
+                result.setdefault(_column_key(column), {}).update(given)
+        if of_height:
+            result.setdefault("height", {}).update(of_height)
+        return result
 
     def select_table(self, tables: Mapping[str, T], kind: str) -> Mapping[str, T]:
         """Table of a file that ``sheet`` names; all where it names none.
@@ -132,11 +177,17 @@ class ReadOptions:
 
     def to_plain(self) -> dict[str, Any]:
         """Instructions as plain data."""
+        calibrations = self.calibrations()
+        of_height = calibrations.get("height", {})
+        if list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}:
+            calibrations = {}
+        else:
+            of_height = {}
         plain = {
             "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
             "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
-            "between": None if self.between is None else list(self.between), "scale": self.scale,
-            "zero": self.zero, "rate": self.rate, "sort": self.sort,
+            "between": None if self.between is None else list(self.between),
+            "rate": self.rate, "sort": self.sort, **of_height, "calibration": calibrations,
         }  # fmt: skip
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 
@@ -154,6 +205,20 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
         if key not in known:
             raise RecordError(unknown(str(key), known, "key of a record"))
     return ReadOptions(**plain)
+
+
+def _check_role(role: str) -> None:
+    """Refuse a name that is no role, and is no plain word for an input or nearly a role."""
+    known = (*ROLES, ANGLE)
+    words = unknown(role, known, "column of a record")
+    if role not in known and (not role.isidentifier() or "did you mean" in words):
+        raise RecordError(f"columns: {words}")
+
+
+def _column_key(name: object) -> str:
+    """Name of a column, or its role, as the keys of a calibration have it."""
+    key = str(name).strip().lower()
+    return "height" if key == ANGLE else key
 
 
 def _sampling_rate(rate: Any) -> float:
@@ -199,9 +264,21 @@ def read_description(path: Path) -> tuple[Path, ReadOptions]:
     if not isinstance(name, str):
         raise RecordError(f"{sanitize(path)}: file = {quote(name)}; give the name of a file")
     try:
-        return path.parent / name, options_from_plain(plain)
+        options = options_from_plain(plain)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
+    return path.parent / name, _map_points(options, lambda file: str(path.parent / file))
+
+
+def _map_points(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
+    """Change the names of the files of calibration points."""
+    every = options.calibrations()
+    named = {
+        column: {**given, "points": change(given["points"])}
+        for column, given in every.items()
+        if isinstance(given.get("points"), str)
+    }
+    return options.merge(ReadOptions(calibration=named)) if named else options
 
 
 @contextlib.contextmanager
@@ -236,9 +313,12 @@ def write_description(path: Path, file: Path, options: ReadOptions) -> None:
     import tomli_w
 
     where = path.resolve().parent
-    try:
-        name = Path(os.path.relpath(file.resolve(), where))
-    except ValueError:  # on another drive
-        name = file.resolve()
-    plain: dict[str, Any] = {FILE: name.as_posix(), **options.to_plain()}
+
+    def relative(name: str | Path) -> str:
+        try:
+            return Path(os.path.relpath(Path(name).resolve(), where)).as_posix()
+        except ValueError:  # on another drive
+            return Path(name).resolve().as_posix()
+
+    plain: dict[str, Any] = {FILE: relative(file), **_map_points(options, relative).to_plain()}
     write_text(path, tomli_w.dumps(plain))

@@ -43,6 +43,9 @@ class PistonRecord:
         Further columns, as they were given.
     angle : bool
         Whether the coordinate, ``height``, is an angle [rad]; its velocity is in rad/s then.
+    deviations : mapping of str to float64 (m, n)
+        Independent deviations of columns that a sensor's calibration leaves open, of one standard
+        uncertainty each; they widen the intervals of what is fitted.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class PistonRecord:
     force: np.ndarray | None = None
     extra: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     angle: bool = False
+    deviations: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -188,7 +192,8 @@ class PistonRecord:
             Units of the columns, instead of those in the file.
         **said
             The fields of `granular.readers.options.ReadOptions`: ``columns``, ``decimal``,
-            ``skip``, ``sheet``, ``flip``, ``between``.
+            ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
+            ``rate``, ``sort``.
 
         Raises
         ------
@@ -321,6 +326,7 @@ class PistonRecord:
             force=values.pop("force", None),
             extra=values,
             angle=meaning.angle,
+            deviations=meaning.deviations,
         )
 
     def to_csv(self, path: str | Path) -> None:
@@ -501,7 +507,13 @@ class PistonRecord:
         0.011
         """
         velocity = None if self.velocity is None else self.velocity / scale
-        return dataclasses.replace(self, height=(self.height - shift) / scale, velocity=velocity)
+        deviations = {
+            name: values / scale if name == "height" else values
+            for name, values in self.deviations.items()
+        }
+        return dataclasses.replace(
+            self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
+        )
 
     def _chosen(self, samples: np.ndarray | slice) -> PistonRecord:
         return PistonRecord(
@@ -511,6 +523,7 @@ class PistonRecord:
             None if self.force is None else self.force[samples],
             {key: values[samples] for key, values in self.extra.items()},
             self.angle,
+            {key: values[:, samples] for key, values in self.deviations.items()},
         )
 
 

@@ -22,7 +22,8 @@ SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
 READING = option_group(
     option(
         "--columns", default="", metavar="ROLE=NAME,...",
-        help="which column is time, height, velocity, force: by name, or by number from 1",
+        help="which column is time, height (or angle), velocity, force, acceleration, base_height, "
+        "base_acceleration, or an input that is called so: by name, or by number from 1",
     ),
     option("--units", default="", metavar="NAME=UNIT,...", help="such as height=mm"),
     option("--decimal", metavar="SIGN", help="sign of the decimals, . or ,"),
@@ -34,8 +35,20 @@ READING = option_group(
         help="only the samples between these times [s]; ':' for all, also those before a release, "
         "which are left out otherwise",
     ),
-    option("--scale", metavar="SCALE", help="calibration of the height, such as '2.4894 mm/V'"),
-    option("--zero", metavar="VALUE", help="the column's number at the height 0: '2.513 V'"),
+    option(
+        "--scale", metavar="[COLUMN=]SCALE", action="append",
+        help="calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' "
+        "(repeatable)",
+    ),
+    option(
+        "--zero", metavar="[COLUMN=]VALUE", action="append",
+        help="the column's number at the height 0: '2.513 V' (repeatable)",
+    ),
+    option(
+        "--calibration", metavar="[COLUMN=]FILE", action="append",
+        help="instead of a scale, a file of points with the columns raw, value and uncertainty, "
+        "through which a straight line is laid (repeatable)",
+    ),
     option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
     option("--sort", action="store_true", help="put the rows in the order of their times"),
     title="how a record's file is read, where it is not to be guessed",
@@ -67,9 +80,27 @@ def reading_from(options: Any) -> ReadOptions:
         columns=_pairs("--columns", options.columns.split(",")),
         units=_pairs("--units", options.units.split(",")),
         decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
-        between=between, scale=options.scale, zero=options.zero, rate=options.rate,
-        sort=options.sort,
+        between=between, scale=_by_column("--scale", options.scale),
+        zero=_by_column("--zero", options.zero), calibration={
+            column: {"points": file}
+            for column, file in (_by_column("--calibration", options.calibration) or {}).items()
+        },
+        rate=options.rate, sort=options.sort,
     )  # fmt: skip
+
+
+def _by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | None:
+    """Read texts with a column's name before them, or that of the height without."""
+    result: dict[str, str] = {}
+    for item in items or ():
+        column, equals, text = item.rpartition("=")
+        name = column.strip() if equals else "height"
+        if not name:
+            raise InputError(f"{option} {quote(item)} is not COLUMN=VALUE; write height=...")
+        if name in result:
+            raise InputError(f"{option}: {quote(name)} is given twice; leave one out")
+        result[name] = text.strip()
+    return result or None
 
 
 def _time(words: str, missing: float) -> float:

@@ -16,8 +16,10 @@ from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,
     bootstrap_replicates,
+    calibration_shifts,
     joint_covariance,
     marginal_information,
+    normal_scores,
 )
 from reduced_models.fitting.diagnostics import autocorrelation_time, residual_structure
 from reduced_models.fitting.problem import FitProblem
@@ -87,6 +89,10 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
         joint.entries,
         joint.held,
     )
+    shifts = calibration_shifts(joint, theta)
+    covariance = covariance + shifts.T @ shifts
+    if again is not None:
+        again = again + normal_scores((len(again), len(shifts)), problem.seed) @ shifts
     free = ~joint.held
     known = [
         Information(

@@ -141,6 +141,42 @@ def joint_covariance(
     return result, independent
 
 
+def calibration_shifts(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+    """Shifts (m, q) of a joint search vector by what sensors' calibrations leave open.
+
+    They are independent, by one standard uncertainty each, so that S'S is their covariance. Each
+    deviation is laid on the records, and the vector goes where the linearised fit then ends. The
+    deviations of records that have equally many are those of one sensor, and go together.
+    """
+    size = len(joint.held)
+    free = np.flatnonzero(~joint.held)
+    matrix = np.zeros((size, size))
+    pulls: dict[tuple[int, str, int], np.ndarray] = {}
+    for grid, here in zip(joint.grids, joint.entries, strict=True):
+        left, slopes = grid.linearise(theta[here])
+        weighted = half_curvature(left, grid.loss)[:, None] * slopes
+        matrix[np.ix_(here, here)] += slopes.T @ weighted
+        for name, every in grid.record.deviations.items():
+            for k, deviation in enumerate(every):
+                shifted, _ = grid.with_column(name, deviation).linearise(theta[here])
+                pull = pulls.setdefault((len(every), name, k), np.zeros(size))
+                pull[here] += weighted.T @ (shifted - left)
+    result = np.zeros((len(pulls), size))
+    if pulls:
+        inverse = np.linalg.pinv(matrix[np.ix_(free, free)], hermitian=True)
+        result[:, free] = -np.array(list(pulls.values()))[:, free] @ inverse
+    return result
+
+
+def normal_scores(shape: tuple[int, int], seed: int) -> np.ndarray:
+    """Return standard normal numbers, each column with the quantiles of the normal law."""
+    from scipy.stats import norm
+
+    random, (count, columns) = np.random.default_rng(seed), shape
+    scores = norm.ppf((np.arange(count) + 0.5) / count)
+    return np.reshape([random.permutation(scores) for _ in range(columns)], (columns, count)).T
+
+
 def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return common variance over that of each record, where all are as noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])

@@ -257,6 +257,17 @@ class GriddedRecord:
         samples = self.samples._replace(height=padded)
         return dataclasses.replace(self, record=record, samples=samples)
 
+    def with_column(self, name: str, deviation: np.ndarray) -> GriddedRecord:
+        """Return the same with a deviation (n,) added to a column of the record."""
+        record = self.record
+        if name in record.extra:
+            record = dataclasses.replace(
+                record, extra={**record.extra, name: record.extra[name] + deviation}
+            )
+        else:
+            record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
+        return dataclasses.replace(self, record=record).on(self.grid)
+
     def on(self, grid: Grid, interpolation: Interpolation | None = None) -> GriddedRecord:
         """Return same on another grid, or with inputs that are something else between samples."""
         how = interpolation or self.interpolation

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular import PistonRecord
-from granular.readers.calibration import calibrate_column, parse_scale
+from granular.readers.calibration import Calibration, parse_calibration
+from granular.readers.options import read_description, write_description
 from granular.shared.errors import RecordError
 
 TIME = np.arange(400) / 200.0
@@ -25,44 +26,175 @@ def write(path: Path, head: str | None, *columns: np.ndarray, separator: str = "
     return path
 
 
+def scaled(text: str, zero: str | None = None, role: str = "height") -> Calibration:
+    """Calibration by a scale."""
+    return parse_calibration(role, {"scale": text} | ({} if zero is None else {"zero": zero}))
+
+
 @pytest.mark.parametrize(
     ("text", "factor", "uncertainty", "angle", "unit"),
     [
         ("2.4894 mm/V", 2.4894e-3, 0.0, False, "V"),
         ("2.4894 +- 0.003 mm/V", 2.4894e-3, 0.003 / 2.4894, False, "V"),
         ("2 ± 0.1 mm/V", 2e-3, 0.05, False, "V"),
+        ("2 +- 5 % mm/V", 2e-3, 0.05, False, "V"),
         ("360 deg/2048 counts", 2.0 * np.pi / 2048.0, 0.0, True, "counts"),
         ("-0.5 um/px", -5e-7, 0.0, False, "px"),
         ("1 in / 10 mV", 2.54e-3, 0.0, False, "mV"),
     ],
 )
 def test_scales(text: str, factor: float, uncertainty: float, angle: bool, unit: str) -> None:
-    scale = parse_scale(text)
-    assert scale.factor == pytest.approx(factor, rel=1e-14)
-    assert scale.uncertainty == pytest.approx(uncertainty, rel=1e-12)
-    assert (scale.angle, scale.unit) == (angle, unit)
+    scale = scaled(text)
+    assert scale.coefficients == pytest.approx([0.0, factor], rel=1e-14)
+    spread = np.abs(scale.deviations).sum(axis=0)
+    assert spread == pytest.approx([0.0, uncertainty * abs(factor)], rel=1e-12)
+    assert (scale.angle, scale.raw_unit) == (angle, unit)
+
+
+@pytest.mark.parametrize(
+    ("role", "text", "factor"),
+    [
+        ("force", "100 N/V", 100.0),
+        ("force", "10 lb/V", 44.482216152605),
+        ("acceleration", "2 g/V", 2.0 * 9.80665),
+        ("acceleration", "5 m/s^2/V", 5.0),
+        ("velocity", "2 mm/s / mV", 2e-3),
+        ("current", "3 mA/V", 3e-3),
+    ],
+)
+def test_scales_of_other_columns(role: str, text: str, factor: float) -> None:
+    assert scaled(text, role=role).coefficients[1] == pytest.approx(factor, rel=1e-14)
 
 
 @pytest.mark.parametrize("text", ["", "2.5", "mm/V", "2.5 kg/V", "0 mm/V", "2.5 mm", "x" * 200])
 def test_what_is_no_scale_is_refused(text: str) -> None:
     with pytest.raises(RecordError, match="scale = "):
-        parse_scale(text)
+        scaled(text)
 
 
 @given(st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
 def test_a_calibration_is_undone(size: float, zero: float) -> None:
     raw = HEIGHT / (size * 1e-3) + zero
-    heights = calibrate_column(raw, "V", parse_scale(f"{size!r} mm/V"), f"{zero!r} V")
+    heights, deviations = scaled(f"{size!r} mm/V", f"{zero!r} V").apply(raw, "V")
     assert np.abs(heights - HEIGHT).max() <= 1e-12 * (1.0 + abs(zero) * size)
+    assert not len(deviations)
 
 
 def test_zero_and_heading_may_have_another_prefix() -> None:
-    scale = parse_scale("2 mm/V")
-    assert calibrate_column(np.array([1500.0]), "mV", scale, "500 mV") == pytest.approx([2e-3])
+    heights, _ = scaled("2 mm/V", "500 mV").apply(np.array([1500.0]), "mV")
+    assert heights == pytest.approx([2e-3])
     with pytest.raises(RecordError, match="heading is in 'mm'"):
-        calibrate_column(np.array([1.0]), "mm", scale, None)
+        scaled("2 mm/V").apply(np.array([1.0]), "mm")
     with pytest.raises(RecordError, match="zero is in 'counts'"):
-        calibrate_column(np.array([1.0]), "V", scale, "3 counts")
+        scaled("2 mm/V", "3 counts")
+
+
+def test_uncertainties_of_scale_and_zero_are_independent() -> None:
+    raw = np.array([2.0, 3.0])
+    _, deviations = scaled("2 +- 0.1 mm/V", "1 +- 0.5 V").apply(raw, "V")
+    assert deviations == pytest.approx(np.array([[1e-4, 2e-4], [-1e-3, -1e-3]]))
+
+
+def test_coefficients_make_a_polynomial() -> None:
+    texts = ["1 mm", "2 +- 0.1 mm/V", "0.5 mm/V^2"]
+    heights, deviations = parse_calibration("height", {"coefficients": texts}).apply(
+        np.array([2.0]), "V"
+    )
+    assert heights == pytest.approx([7e-3])
+    assert deviations == pytest.approx(np.array([[2e-4]]))
+    for wrong in (["1 mm", "2 mm"], ["1 mm/V"], ["1 mm", "2 mm/V", "1 mm/V"], ["1 s"], []):
+        with pytest.raises(RecordError, match="coefficients"):
+            parse_calibration("height", {"coefficients": wrong})
+
+
+def test_points_say_how_well_they_know_the_line() -> None:
+    """Over many calibrations the line's error has the size of what it says of itself."""
+    random = np.random.default_rng(5)
+    raw, at, errors, claimed = np.linspace(-2.0, 7.0, 8), np.array([6.0]), [], []
+    for _ in range(300):
+        value = 2.5 * (raw - 2.5) + random.normal(0.0, 0.02, 8)
+        points = {"raw": raw, "value": value, "uncertainty": np.full(8, 0.02)}
+        points["units"] = {"raw": "V", "value": "mm"}
+        height, deviations = parse_calibration("height", {"points": points}).apply(at, "V")
+        errors.append(float(height[0]) - 2.5e-3 * 3.5)
+        claimed.append(float(np.sqrt((deviations**2).sum())))
+    assert np.std(errors) == pytest.approx(2e-5 * np.sqrt(1 / 8 + 3.5**2 / 69.4), rel=0.1)
+    assert np.mean(claimed) == pytest.approx(np.std(errors), rel=0.2)
+
+
+def test_points_of_a_file_in_a_description(tmp_path: Path) -> None:
+    write(tmp_path / "lvdt.csv", "time [s],lvdt [V]", TIME, HEIGHT / 2.5e-3 + 2.5)
+    volts = np.linspace(-2.0, 4.0, 6)
+    write(tmp_path / "points.csv", "raw [V],value [mm]", volts, 2.5 * (volts - 2.5))
+    text = 'file = "lvdt.csv"\n[calibration]\npoints = "points.csv"\ndegree = 2\n'
+    (tmp_path / "record.toml").write_text(text, encoding="utf-8")
+    with pytest.warns(UserWarning, match="beyond the calibration's points"):
+        record = PistonRecord.from_file(tmp_path / "record.toml")
+    assert np.abs(record.height - HEIGHT).max() < 1e-12
+    options = read_description(tmp_path / "record.toml")[1]
+    (tmp_path / "other").mkdir()
+    again = tmp_path / "other" / "again.toml"
+    write_description(again, tmp_path / "lvdt.csv", options)
+    with pytest.warns(UserWarning, match="beyond the calibration's points"):
+        assert np.array_equal(PistonRecord.from_file(again).height, record.height)
+
+
+def test_an_error_shows_nothing_of_points_that_lie_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "secret.csv").write_text("word,is\nxyzzy,here\n", encoding="utf-8")
+    home = tmp_path / "home"
+    home.mkdir()
+    write(home / "a.csv", "time [s],lvdt [V]", TIME, HEIGHT)
+    text = 'file = "a.csv"\n[calibration]\npoints = "../secret.csv"\n'
+    (home / "record.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match="no more is said") as caught:
+        PistonRecord.from_file(home / "record.toml")
+    assert "xyzzy" not in str(caught.value)
+
+
+def test_several_columns_have_calibrations_of_their_own(tmp_path: Path) -> None:
+    force = np.sin(TIME)
+    columns = (HEIGHT / 2.5e-3 + 2.5, 10.0 * force, 1e3 * HEIGHT)
+    path = write(tmp_path / "a.csv", "time [s],lvdt [V],cell [mV],base [mm]", TIME, *columns)
+    record = PistonRecord.from_file(
+        path,
+        columns={"force": "cell", "base_height": "base"},
+        scale={"lvdt": "2.5 mm/V", "force": "100 +- 1 N/V"},
+        zero={"height": "2.5 V"},
+    )
+    assert np.abs(record.height - HEIGHT).max() < 1e-14
+    assert record.force is not None
+    assert np.abs(record.force - force).max() < 1e-14
+    assert np.abs(record.extra["base_height"] - HEIGHT).max() < 1e-15
+    assert record.deviations["force"] == pytest.approx(0.01 * force[None], abs=1e-15)
+    with pytest.raises(RecordError, match="unknown column 'lvtd'; did you mean 'lvdt'"):
+        PistonRecord.from_file(path, scale={"lvtd": "2.5 mm/V"})
+    with pytest.raises(RecordError, match="zero of 'force' without scale"):
+        PistonRecord.from_file(path, zero={"force": "1 V"})
+
+
+def test_roles_beyond_the_motion_are_read_in_si(tmp_path: Path) -> None:
+    head = "time [s],height [mm],acc [g],table [mm/s^2],valve [mA]"
+    path = write(tmp_path / "a.csv", head, TIME, 1e3 * HEIGHT, HEIGHT, HEIGHT, HEIGHT)
+    said = {"acceleration": "acc", "base_acceleration": "table", "current": "valve"}
+    record = PistonRecord.from_file(path, columns=said)
+    for name, size in (("acceleration", 9.80665), ("base_acceleration", 1e-3), ("current", 1e-3)):
+        assert record.extra[name] == pytest.approx(size * HEIGHT, rel=1e-12), name
+    with pytest.raises(RecordError, match="did you mean 'acceleration'"):
+        PistonRecord.from_file(path, columns={"acelleration": "acc"})
+
+
+def test_deviations_follow_their_samples(tmp_path: Path) -> None:
+    raw = HEIGHT / 2.5e-3 + 2.5
+    raw[7] = np.nan
+    order = np.random.default_rng(3).permutation(len(TIME))
+    path = write(tmp_path / "a.csv", "time [s],lvdt [V]", TIME[order], raw[order])
+    with pytest.warns(UserWarning, match="left out"):
+        record = PistonRecord.from_file(
+            path, scale="2.5 +- 0.1 mm/V", zero="2.5 V", sort=True, between=(0.1, 1.0)
+        )
+    assert len(record) == 181
+    assert np.abs(record.deviations["height"] - 0.04 * record.height).max() < 1e-15
+    assert np.abs(record.first(9).deviations["height"] - 0.04 * record.height[:9]).max() < 1e-15
 
 
 def test_a_voltage_becomes_a_height(tmp_path: Path) -> None:
