@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,8 +11,12 @@ import numpy as np
 from granular.readers.calibration import Calibration, parse_calibration
 from granular.readers.headers import (
     ACCELERATION,
+    ANGLES,
+    COUNTERS,
     FORCE,
     HEIGHT,
+    LOADS,
+    PREFERRED,
     SYNONYMS,
     TIME,
     VELOCITY,
@@ -25,11 +30,16 @@ from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, SceneError
-from granular.shared.messages import quote
+from granular.shared.messages import quote, sanitize
 
 NAMED = (TIME, HEIGHT, VELOCITY, FORCE)
 """Roles that a column's name gives it; the others are said."""
 _MOST_SHOWN = 20
+_LONGEST_NAME = 40
+_ALIKE = 0.1
+"""Fraction of the largest swing from which on another column of its unit moves alike."""
+_LEAST_STEPS = 10
+"""Samples from which on even steps tell that two columns may be the time."""
 _UNEVEN = 0.01
 """Relative deviation of steps from their median from which on they are not those of a clock."""
 
@@ -152,6 +162,11 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
         ]
         if role in (HEIGHT, VELOCITY):
             result = [item for item in result if item.name.lower() == role or _fits(item, role)]
+        if role == FORCE and not result:
+            loads = [item for word in LOADS for item in called.get(word, [])]
+            result = [item for item in loads if item.unit and has_dimension(item.unit, "N")]
+        if role == HEIGHT:
+            _refuse_alike(result)
         if not result:
             continue
         chosen[role] = result[0]
@@ -161,6 +176,39 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
             notes.append(
                 f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)"
             )
+
+
+def _refuse_alike(candidates: Sequence[Column]) -> None:
+    """Refuse to choose between columns that may be the coordinate and move alike."""
+    if not candidates or normalize_name(candidates[0].name) in PREFERRED:
+        return
+    moving = [item for item in candidates if _spread(item) > 0.0]
+    kinds = {(item.unit, normalize_name(item.name) in ANGLES) for item in moving}
+    if len(kinds) == 1:
+        largest = max(map(_spread, moving))
+        moving = [item for item in moving if _spread(item) > _ALIKE * largest]
+    names = {item.name.lower() for item in candidates}
+    if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
+        raise RecordError(_which(HEIGHT, [item.name for item in moving]))
+
+
+def _which(role: str, names: Sequence[str | int]) -> str:
+    """Return the words of an error that leaves the choice between columns, with each option."""
+    shown = [sanitize(name, _LONGEST_NAME) for name in names[:_MOST_SHOWN]]
+    columns = " or ".join(f"column {name}" if name.isdigit() else quote(name) for name in shown)
+    options = " or ".join(f"--columns {shlex.quote(f'{role}={name}')}" for name in shown)
+    return f"{role} may be {columns}; say which: {options}"
+
+
+def _count(column: Column) -> int:
+    return 0 if column.values is None else int(np.isfinite(column.values).sum())
+
+
+def _spread(column: Column) -> float:
+    if column.values is None:
+        return 0.0
+    known = column.values[np.isfinite(column.values)]
+    return float(known.std()) if len(known) else 0.0
 
 
 def _fits(column: Column, role: str) -> bool:
@@ -186,16 +234,36 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
         item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)
     ]
     nameless = [item for item in free if not item.name and _increases(item)]
-    result = (stamps or timed or sorted(nameless, key=_is_uneven))[:1]
+    even = [item for item in nameless if not _is_uneven(item)]
+    if not stamps and not timed and len(even) > 1 and _count(even[0]) >= _LEAST_STEPS:
+        raise RecordError(_which(TIME, [sheet.columns.index(item) + 1 for item in even]))
+    result = (stamps or timed or even or nameless)[:1]
     if not result:
-        raise RecordError(
-            f"no column 'time'; found: {_names(sheet)}; name the columns in the first line, such "
-            "as 'time [s], height [mm]', or say which is which (columns: time=NAME)"
-        )
+        raise RecordError(f"no column 'time'; found: {_names(sheet)}; {_time_advice(free)}")
     chosen[TIME] = result[0]
     if not stamps and not timed:
         number = sheet.columns.index(result[0]) + 1
         notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
+
+
+def _time_advice(free: Sequence[Column]) -> str:
+    """Return what to say of the time, by the columns that are there."""
+    counted = [item for item in free if normalize_name(item.name) in COUNTERS]
+    if counted:
+        return (
+            f"{quote(counted[0].name)} counts samples: give how many there are in a second "
+            "(rate: '100 Hz')"
+        )
+    even = [item for item in free if item.name and _increases(item) and not _is_uneven(item)]
+    if even:
+        return (
+            f"{quote(even[0].name)} rises in even steps: if it is the time, say so and its unit "
+            f"(columns: time={sanitize(even[0].name, _LONGEST_NAME)}, units: time=s)"
+        )
+    return (
+        "name the columns in the first line, such as 'time [s], height [mm]', or say which is "
+        "which (columns: time=NAME)"
+    )
 
 
 def _is_uneven(column: Column) -> bool:
@@ -244,23 +312,9 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]
     if not result:
-        accelerations = [item for item in free if _is_acceleration(item)]
-        if accelerations and not lengths:
-            raise RecordError(
-                f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
-                "integrated, its offset grows with the square of the time; record a position"
-            )
-        sensors = [item for item in free if item.unit and not _fits(item, HEIGHT)]
-        calibrated = (
-            f"; of a sensor in {quote(sensors[0].unit)}, give the scale "
-            f"(scale: '2.5 mm/{sensors[0].unit}')"
-            if sensors
-            else ""
-        )
-        raise RecordError(
-            f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
-            "as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + calibrated
-        )
+        if len(lengths) > 1:
+            raise RecordError(_which(HEIGHT, [item.name for item in lengths]))
+        raise RecordError(_no_height(sheet, free))
     chosen[HEIGHT] = result[0]
     if result[0].name:
         notes.append(
@@ -269,7 +323,40 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
         )
     else:
         number = sheet.columns.index(result[0]) + 1
-        notes.append(f"height is column {number}, in m (columns: height=..., units: height=mm)")
+        unit = normalize_unit(result[0].unit or "m")
+        notes.append(
+            f"height is column {number}, in {unit} (columns: height=..., units: height=mm)"
+        )
+
+
+def _no_height(sheet: Sheet, free: Sequence[Column]) -> str:
+    """Return the words of an error where no column can be the coordinate."""
+    accelerations = [item for item in free if _is_acceleration(item)]
+    if accelerations:
+        return (
+            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
+            "integrated, its offset grows with the square of the time; record a position"
+        )
+    sensors = [item for item in free if item.unit and _is_sensor(normalize_unit(item.unit))]
+    advice = (
+        f"; of a sensor in {quote(sensors[0].unit)}, say which it is and its scale (columns: "
+        f"height={sanitize(sensors[0].name, _LONGEST_NAME)}, scale: '2.5 mm/{sensors[0].unit}')"
+        if sensors
+        else ""
+    )
+    return (
+        f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
+        "as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + advice
+    )
+
+
+def _is_sensor(unit: str) -> bool:
+    """Return True for a unit of what sensors give: electrical, a pressure, or unknown."""
+    try:
+        dimension = unit_size(unit)[1]
+    except SceneError:
+        return True
+    return dimension[3] != 0 or dimension == unit_size("Pa")[1]
 
 
 def _check_channels(columns: Sequence[Column]) -> None:

@@ -29,6 +29,8 @@ from granular.shared.messages import quote, sanitize
 
 COMMENTS = "#%!"
 """Characters that begin a comment."""
+JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
+"""Beginning of a file of JSON."""
 _MOST_COLUMNS = 50_000
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
@@ -59,6 +61,11 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
     ]
     if not lines:
         raise RecordError("is empty; a header and samples are wanted")
+    if lines[0].text.lstrip()[0] in "{[" and JSON.match(text):
+        raise RecordError(
+            "is JSON, which is not read; write it as CSV, with pandas: "
+            "pandas.read_json(FILE).to_csv('record.csv')"
+        )
     _check_width(lines)
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:

@@ -13,7 +13,8 @@ INPUT = "input"
 SYNONYMS = {
     TIME: (
         "time", "t", "times", "elapsed time", "elapsed", "relative time", "time stamp", "timestamp",
-        "datetime", "date time", "x value", "zeit", "temps", "tiempo", "tempo", "tijd",
+        "datetime", "date time", "x value", "zeit", "temps", "tiempo", "tempo", "tijd", "messzeit",
+        "zeitstempel", "uhrzeit", "durée", "duree", "instant", "horodatage", "tiempo transcurrido",
     ),
     HEIGHT: (
         "height", "z", "h", "piston height", "piston position", "höhe", "hoehe", "hauteur",
@@ -22,22 +23,50 @@ SYNONYMS = {
         "φ", "winkel", "rotation", "encoder", "laser", "lvdt", "amplitude", "heave", "roll",
         "pitch", "deplacement", "déplacement", "desplazamiento", "posición", "posicion",
         "verplaatsing", "spostamento", "deslocamento", "elongation", "elongación", "ort",
+        "élongation", "hub", "durchbiegung", "federweg", "verschiebung", "abstand", "lage",
+        "drehwinkel", "neigung", "longueur", "course", "flèche", "écart", "ángulo", "angulo",
+        "distancia", "recorrido", "elongacion", "axial displacement", "ax displ", "extension",
+        "damper displacement", "piston displacement", "β", "alpha", "α",
     ),
     VELOCITY: (
         "velocity", "v", "vel", "speed", "piston velocity", "geschwindigkeit", "vitesse",
         "velocidad", "omega", "angular velocity", "gyro", "gyroscope", "winkelgeschwindigkeit",
+        "velocidad angular", "vitesse angulaire", "ω", "damper velocity", "axial velocity",
     ),
-    FORCE: ("force", "f", "piston force", "kraft", "load cell", "fuerza"),
+    FORCE: (
+        "force", "f", "piston force", "kraft", "load cell", "fuerza", "effort", "axial force",
+        "ax force", "damper force",
+    ),
     ACCELERATION: (
         "acceleration", "accel", "acc", "a", "az", "ay", "ax", "beschleunigung", "accelerometer",
-        "aceleracion", "aceleración",
+        "aceleracion", "aceleración", "accélération",
     ),
     INPUT: (
         "input", "control", "control voltage", "voltage", "current", "spannung", "strom", "u", "i",
         "tension", "corriente", "drive", "command", "setpoint", "temperature", "temperatur",
+        "voltaje", "tensión", "courant", "intensidad", "température", "temperatura",
+        "steuerspannung", "stellgröße", "sollwert", "consigne", "consigna", "pressure", "druck",
+        "pression", "presión",
     ),
 }  # fmt: skip
 """Names of columns in lower case, without punctuation; the first that is there is taken."""
+
+ANGLES = (
+    "angle", "theta", "θ", "phi", "φ", "winkel", "rotation", "angulo", "ángulo", "roll", "pitch",
+    "drehwinkel", "neigung", "alpha", "α", "β",
+)  # fmt: skip
+"""Names of columns that hold an angle."""
+PREFERRED = (
+    "height", "z", "h", "piston height", "piston position", "höhe", "hoehe", "hauteur", "altura",
+)  # fmt: skip
+"""Names of the height that go before the other ones."""
+LOADS = ("load", "last", "charge", "carga", "axial load")
+"""Names of a force where the unit is one of a force."""
+COUNTERS = (
+    "frame", "frames", "sample", "samples", "index", "n", "no", "nr", "number", "step", "bild",
+    "image", "muestra", "échantillon",
+)  # fmt: skip
+"""Names of columns that count samples."""
 
 UNITS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "sekunden": "s",
@@ -51,6 +80,12 @@ UNITS = {
     "micrometers": "um", "micrometre": "um", "micrometres": "um",
     "count": "counts", "cnt": "counts", "cts": "counts", "ticks": "counts",
     "pixel": "px", "pixels": "px", "volt": "V", "volts": "V", "millivolt": "mV", "micros": "us",
+    "millis": "ms", "segundo": "s", "segundos": "s", "seconde": "s", "secondes": "s",
+    "sekunde": "s", "millisekunden": "ms", "milisegundos": "ms", "millisecondes": "ms",
+    "metro": "m", "metros": "m", "mètre": "m", "mètres": "m", "zentimeter": "cm",
+    "milímetros": "mm", "milimetros": "mm", "millimètres": "mm", "centímetros": "cm",
+    "centimètres": "cm", "grado": "deg", "grados": "deg", "degré": "deg", "degrés": "deg",
+    "bogenmaß": "rad", "radianes": "rad", "voltios": "V",
     "inch": "in", "inches": "in", "feet": "ft", "foot": "ft",
     "newton": "N", "newtons": "N", "kilonewton": "kN",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg",
@@ -72,12 +107,16 @@ _LONGEST = 100
 _TIMES = ("s", "ms", "us")
 _BRACKETS = re.compile(r"([^\[\]\(\)\{\}]*)[\[\(\{]([^\[\]\(\)\{\}]*)[\]\)\}]")
 _WITHIN = re.compile(r"([^\[\]\(\)]+)[\[\(]([^\[\]\(\)]+)[\]\)]([^\[\]\(\)]+)")
-_RUN = re.compile(r"^(latest|run \d+) | run \d+$")
+_RUN = re.compile(
+    r"^(latest|run \d+|letzter durchgang|última) | (run|durchgang|essai|ensayo|serie)( nr)? \d+$"
+)
 """What programs for schools put before or behind a name."""
-_IN = re.compile(r"(.*)\bin\s+([^\s_,:]+)")
+_INPUT = re.compile(r"(\w) ?[ab][12]")
+"""Quantity, and the input of CASSY Lab that it was measured at, as in sA1."""
+_IN = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
 _OVER = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
 """A quantity over its unit, with spaces about the stroke."""
-_TEX = re.compile(r"_\{?\w+\}?|[\${}\\]")
+_TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
 _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
@@ -101,6 +140,8 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     header that is a unit of time alone, such as ``ms`` or ``in s``, is the time in it.
     """
     cell = cell.strip()
+    if "$" in cell and len(cell) <= _LONGEST:
+        cell = _TEX.sub("", cell).strip()
     match = _BRACKETS.fullmatch(cell)
     if match is not None:
         return match[1].strip(), match[2].strip() or None
@@ -111,8 +152,6 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     if match is not None and is_unit(match[2]):
         name = match[1].strip()
         return name or (TIME if normalize_unit(match[2]) in _TIMES else ""), match[2]
-    if cell.startswith("$"):
-        cell = _TEX.sub("", cell)
     match = _OVER.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None and is_unit(match[2]):
         return match[1], match[2]
@@ -126,7 +165,9 @@ def parse_header(cell: str) -> tuple[str, str | None]:
 
 def normalize_name(name: str) -> str:
     """Name in lower case, without a run's number; one space for characters that are no letters."""
-    return _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
+    words = _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
+    match = _INPUT.fullmatch(words)
+    return match[1] if match else words
 
 
 def guess_role(name: str) -> str | None:

@@ -12,6 +12,7 @@ from granular.readers.calibration import Calibration
 from granular.readers.column_roles import assign_roles
 from granular.readers.headers import (
     ACCELERATION,
+    ANGLES,
     HEIGHT,
     TIME,
     VELOCITY,
@@ -30,20 +31,6 @@ TICK = 0.2
 """Fraction of equal neighbours from which on times are taken for rounded to a clock's tick."""
 
 
-ANGLES = (
-    "angle",
-    "theta",
-    "θ",
-    "phi",
-    "φ",
-    "winkel",
-    "rotation",
-    "angulo",
-    "ángulo",
-    "roll",
-    "pitch",
-)
-"""Names of columns that hold an angle."""
 _TURN = 7.0
 """Angle beyond which a column without a unit is in degrees: a little more than 2 pi."""
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
@@ -51,6 +38,10 @@ _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
 _ROW = " row"
 """Column of a sample's row in the file while samples are left out and sorted; no file has it."""
 _LEAST_SAMPLES = 20
+_LONG_STEP, _LONG_WAY = 0.5, 1.0
+"""Step [s] and extent [m] from which on numbers without a unit are noted."""
+_ABSURD = 1e6
+"""From here on an error says more."""
 _AGREEMENT = 0.3
 """Correlation of a velocity with the height's slope; noise on both leaves more than that."""
 
@@ -112,9 +103,16 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
             own[role], left = _calibrate(role, numbers, units, calibrations[role], notes)
             if len(left):
                 deviations[role] = left
+        elif role == HEIGHT and units.get(role) == "1" and "1" in reading.units.values():
+            own[role] = numbers
+            notes.append(
+                "the height is a pure number: what is called m is its own unit; a frequency and a "
+                "damping ratio need no other"
+            )
         else:
             own[role] = numbers * _size(role, units.get(role), angle)
     _check_epoch(own, chosen[TIME], notes)
+    _check_sizes(own, chosen, units, notes)
     _check_velocity(own, notes)
     if reading.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
@@ -232,6 +230,32 @@ def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -
             return
 
 
+def _check_sizes(
+    own: Mapping[str, np.ndarray],
+    chosen: Mapping[str, Column],
+    units: Mapping[str, str],
+    notes: list[str],
+) -> None:
+    """Note numbers without a unit that are large for those of a laboratory in SI."""
+    known = {role: own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT)}
+    if min(map(len, known.values())) < _LEAST_SAMPLES:
+        return
+    if TIME not in units and not chosen[TIME].clock and chosen[TIME].name:
+        usual = float(np.median(np.abs(np.diff(known[TIME]))))
+        if _LONG_STEP <= usual <= _ABSURD:
+            notes.append(
+                f"{quote(chosen[TIME].name)} has no unit and is taken for s, a sample each "
+                f"{usual:.3g} s (units: time=ms)"
+            )
+    if HEIGHT not in units and chosen[HEIGHT].name:
+        extent = float(np.ptp(known[HEIGHT]))
+        if _LONG_WAY <= extent <= _ABSURD:
+            notes.append(
+                f"{quote(chosen[HEIGHT].name)} has no unit and is taken for m, over {extent:.3g} m "
+                "(units: height=mm)"
+            )
+
+
 def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
     """Note a velocity that is not the slope of the height."""
     if VELOCITY not in own:
@@ -276,7 +300,7 @@ def _size(role: str, unit: str | None, angle: bool) -> float:
         raise RecordError(
             f"{role} has the unit {quote(unit)}; if it is another, say so (units: {role}=...); of "
             f"a sensor, give the scale (scale: '2.5 {'mm' if role == HEIGHT else wanted}/"
-            f"{sanitize(unit, 12)}')"
+            f"{sanitize(unit, 12)}'), or take plain numbers (units: {role}=1)"
         )
     if dimension != unit_size(wanted)[1]:
         raise RecordError(

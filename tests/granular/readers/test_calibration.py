@@ -230,46 +230,6 @@ def test_rows_are_sorted_where_asked(tmp_path: Path) -> None:
     assert np.allclose(PistonRecord.from_file(path, sort=True).height, HEIGHT)
 
 
-@pytest.mark.parametrize(
-    ("head", "time", "height"),
-    [
-        ("t / s;s / mm", TIME, 1e3 * HEIGHT),
-        ("t / ms;s / mm", 1e3 * TIME, 1e3 * HEIGHT),
-        ("$t_{1}$;$z_{1}$ [mm]", TIME, 1e3 * HEIGHT),
-        ("Zeit in s;Auslenkung in mm", TIME, 1e3 * HEIGHT),
-        ("temps (s);déplacement (mm)", TIME, 1e3 * HEIGHT),
-        ("tiempo [s];desplazamiento [mm]", TIME, 1e3 * HEIGHT),
-        ("time;height [mm]", 1.6e12 + 1e3 * TIME, 1e3 * HEIGHT),
-        ("timestamp;height [mm]", 1.6e9 + TIME, 1e3 * HEIGHT),
-        ("time [s];displacement (mil)", TIME, HEIGHT / 2.54e-5),
-    ],
-)
-@pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWarning")
-def test_headings_of_engineers(
-    tmp_path: Path, head: str, time: np.ndarray, height: np.ndarray
-) -> None:
-    record = PistonRecord.from_file(write(tmp_path / "a.csv", head, time, height, separator=";"))
-    assert np.allclose(record.time - record.time[0], TIME, atol=1e-6)
-    assert np.allclose(record.height, HEIGHT, atol=1e-12)
-
-
-@pytest.mark.parametrize("head", ["time,control voltage", "time [s],gyro [rad/s]", "time,omega"])
-def test_what_is_no_position_is_never_taken_for_one(tmp_path: Path, head: str) -> None:
-    with pytest.raises(RecordError, match="no column 'height'"):
-        PistonRecord.from_file(write(tmp_path / "a.csv", head, TIME, HEIGHT))
-
-
-@pytest.mark.parametrize(("size", "unit"), [(5600.0, "deg"), (50.0, "rad")])
-def test_an_angle_without_a_unit_is_told_by_its_size(
-    tmp_path: Path, size: float, unit: str
-) -> None:
-    path = write(tmp_path / "a.csv", "time,theta", TIME, size * HEIGHT)
-    with pytest.warns(UserWarning, match=f"an angle in {unit}"):
-        record = PistonRecord.from_file(path)
-    assert record.angle
-    assert np.allclose(record.height, np.radians(size * HEIGHT) if unit == "deg" else size * HEIGHT)
-
-
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_regular_steps_make_the_time(tmp_path: Path) -> None:
     rising = np.linspace(1.0, 2.0, len(TIME)) ** 2

@@ -1,0 +1,249 @@
+"""Headings of engineers, trades and programs: read right, or refused with what to say instead.
+
+``python -m pytest -s tests/granular/readers/test_headings.py`` lists what was read from each.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import RecordError
+
+TIME = np.arange(400) / 200.0
+HEIGHT = 0.01 * np.exp(-0.5 * TIME) * np.cos(25.0 * TIME)
+SPEED = np.gradient(HEIGHT, TIME)
+ACCELERATION = np.gradient(SPEED, TIME)
+MM, ANGLE = 1e3 * HEIGHT, 50.0 * HEIGHT
+DEG = np.degrees(ANGLE)
+RISING = np.linspace(1.0, 2.0, len(TIME)) ** 2
+
+
+class Head(NamedTuple):
+    """Heading, columns below it, and what is to come of them: ``right``, or words of an error."""
+
+    head: str
+    columns: tuple[np.ndarray, ...]
+    outcome: str = "right"
+    note: str = ""
+    angle: bool = False
+    comma: bool = False
+
+
+HEADS = {
+    "DIN 461": Head("t / s;s / mm", (TIME, MM), comma=True),
+    "DIN 461 in ms": Head("t / ms;s / mm", (1e3 * TIME, MM)),
+    "ISO 80000 without spaces": Head("t/s;x/mm", (TIME, MM), comma=True),
+    "braces": Head("t {s},y {mm}", (TIME, MM)),
+    "TeX names": Head("$t_{1}$,$z_{1}$ [mm]", (TIME, MM)),
+    "TeX upright units": Head(r"$t$ [$\mathrm{s}$];$x_1$ [$\mathrm{mm}$]", (TIME, MM)),
+    "TeX quotients": Head(r"$t$ / s;$x_1$ / mm", (TIME, MM)),
+    "a row of units": Head("Zeit;Weg\ns;mm", (TIME, MM), comma=True),
+    "a row of units in brackets": Head("Zeit;Weg\n[s];[mm]", (TIME, MM), comma=True),
+    "German, in": Head("Zeit in s;Auslenkung in mm", (TIME, MM), comma=True),
+    "German stroke and force": Head("Zeit [ms];Hub [mm];Kraft [N]", (1e3 * TIME, MM, HEIGHT)),
+    "German deflection": Head("Messzeit[s];Durchbiegung[µm]", (TIME, 1e6 * HEIGHT), comma=True),
+    "German angle": Head("Zeit in s;Winkel in Grad", (TIME, DEG), angle=True, comma=True),
+    "French": Head("temps (s);déplacement (mm)", (TIME, MM), comma=True),
+    "French, en": Head("temps en s;position en mm", (TIME, MM), comma=True),
+    "French elongation": Head("Durée (s);Élongation (mm)", (TIME, MM), comma=True),
+    "French angle": Head("temps (s);angle (°)", (TIME, DEG), angle=True, comma=True),
+    "Spanish": Head("Tiempo (s);Posición (mm)", (TIME, MM), comma=True),
+    "Spanish displacement": Head("tiempo [s];desplazamiento [mm]", (TIME, MM)),
+    "Spanish angle": Head("tiempo/s;ángulo/grados", (TIME, DEG), angle=True, comma=True),
+    "epoch seconds": Head("timestamp,height [mm]", (1.6e9 + TIME, MM), note="since 1970"),
+    "epoch milliseconds": Head("time,height [mm]", (1.6e12 + 1e3 * TIME, MM), note="since 1970"),
+    "micros and millimetres": Head("micros,height_mm", (1e6 * TIME, MM)),
+    "inches": Head("time (s),stroke (in)", (TIME, HEIGHT / 0.0254)),
+    "mil": Head("time (s),displacement (mil)", (TIME, HEIGHT / 2.54e-5)),
+    "heave": Head("time [s],heave [m]", (TIME, HEIGHT)),
+    "amplitude": Head("time [s],amplitude [mm]", (TIME, MM)),
+    "roll": Head("time [s],roll [deg]", (TIME, DEG), angle=True),
+    "degrees without a unit": Head("time,theta", (TIME, DEG), note="angle in deg", angle=True),
+    "radians without a unit": Head("time,theta", (TIME, ANGLE), note="angle in rad", angle=True),
+    "SI without units": Head("time,height", (TIME, HEIGHT)),
+    "units alone": Head("[s],[mm]", (TIME, MM), note="height is column 2"),
+    "angle and its velocity": Head(
+        "time [s],omega [rad/s],theta [rad]", (TIME, 50.0 * SPEED, ANGLE), angle=True
+    ),
+    "a control next to a position": Head("time,control voltage,position", (TIME, RISING, HEIGHT)),
+    "CASSY Lab": Head("t / s\tsA1 / m\tvA1 / m/s", (TIME, HEIGHT, SPEED), comma=True),
+    "phyphox sonar": Head('"Time (s)","Distance (cm)"', (TIME, 100.0 * HEIGHT)),
+    "Logger Pro": Head(
+        "Latest: Time (s),Latest: Position (m),Latest: Velocity (m/s),Latest: Acceleration (m/s²)",
+        (TIME, HEIGHT, SPEED, ACCELERATION),
+    ),
+    "Capstone": Head("Time (s) Run #1,Position (m) Run #1", (TIME, HEIGHT)),
+    "Capstone in German": Head(
+        "Zeit (s) Durchgang Nr. 1;Position (m) Durchgang Nr. 1", (TIME, HEIGHT), comma=True
+    ),
+    "Tracker, x at rest": Head("t\tx\ty", (TIME, 0.0 * HEIGHT, HEIGHT), note="not 'x'"),
+    "a damper dynamometer": Head(
+        "Time (s),Stroke (mm),Load (kN),Velocity (m/s)", (TIME, MM, HEIGHT, SPEED)
+    ),
+    "a servohydraulic machine": Head(
+        "Time,Ax Displ,Ax Force\nSec,mm,kN", (TIME, MM, HEIGHT)
+    ),
+    "a testing machine": Head('"Time","Extension","Load"\n"(s)","(mm)","(N)"', (TIME, MM, HEIGHT)),
+    # what cannot be known is refused, with what to say
+    "counter, time and height without names": Head(
+        "", (np.arange(400.0), TIME, HEIGHT), "--columns time=1 or --columns time=2"
+    ),
+    "two sensors": Head(
+        "time [s],laser [mm],lvdt [mm]", (TIME, MM, 1.01 * MM),
+        "--columns height=laser or --columns height=lvdt",
+    ),
+    "Tracker, both move": Head(
+        "t,x,y", (TIME, 0.3 * HEIGHT, HEIGHT), "--columns height=y or --columns height=x"
+    ),
+    "position and angle": Head(
+        "time [s],position [mm],angle [deg]", (TIME, MM, MM), "height=position or .*height=angle"
+    ),
+    "unknown names": Head(
+        "time [s],left [mm],right [mm]", (TIME, MM, MM), "height=left or --columns height=right"
+    ),
+    "x over x": Head("x,y", (TIME, HEIGHT), r"'x' rises in even steps.*columns: time=x"),
+    "frames of a camera": Head("frame,x [px]", (np.arange(400.0), MM), "rate: '100 Hz'"),
+    "pixels": Head("time [s],x [px]", (TIME, MM), r"scale: '2.5 mm?/px'"),
+    "counts": Head("time [s],encoder [counts]", (TIME, MM), r"scale: '2.5 mm?/counts'"),
+    "volts": Head("Time (s)\tPosition (V)", (TIME, HEIGHT), "scale: '2.5 mm/V'"),
+    "a control voltage": Head("time,control voltage", (TIME, HEIGHT), "columns: height=NAME"),
+    "German voltage": Head("Zeit (s);Spannung (V)", (TIME, HEIGHT), "scale: '2.5 mm/V'"),
+    "French voltage": Head("temps (s);tension (mV)", (TIME, HEIGHT), "scale: '2.5 mm/mV'"),
+    "Spanish voltage": Head("tiempo (s);voltaje (V)", (TIME, HEIGHT), "scale: '2.5 mm/V'"),
+    "a pressure": Head("time [s],pressure [psi]", (TIME, HEIGHT), "scale: '2.5 mm/psi'"),
+    "a current": Head("time [s],current [mA]", (TIME, HEIGHT), "scale: '2.5 mm/mA'"),
+    "a velocity": Head("temps (s);vitesse (m/s)", (TIME, SPEED), "no column 'height'"),
+    "a gyroscope": Head("time [s],gyro [rad/s]", (TIME, SPEED), "no column 'height'"),
+    "phyphox gyroscope": Head(
+        '"Time (s)","Gyroscope x (rad/s)","Absolute (rad/s)"', (TIME, SPEED, SPEED),
+        "no column 'height'",
+    ),
+    "an acceleration": Head("time [s],acc [g]", (TIME, ACCELERATION), "only the acceleration"),
+    "French acceleration": Head(
+        "temps (s);accélération (m/s²)", (TIME, ACCELERATION), "only the acceleration"
+    ),
+    "a temperature": Head("time,temperature", (TIME, HEIGHT), "no column 'height'"),
+    "a force": Head("time [s],force [N]", (TIME, HEIGHT), "no column 'height'"),
+}  # fmt: skip
+
+
+def write(path: Path, head: Head) -> Path:
+    """Write the columns below their heading, separated as it is."""
+    separator = next((mark for mark in (";", "\t") if mark in head.head), ",")
+    rows = [
+        separator.join(f"{value:.16g}" for value in row) for row in zip(*head.columns, strict=True)
+    ]
+    if head.comma:
+        rows = [row.replace(".", ",") for row in rows]
+    path.write_text("\n".join([*([head.head] if head.head else []), *rows, ""]), encoding="utf-8")
+    return path
+
+
+def read(path: Path) -> tuple[PistonRecord, str]:
+    """The record, and what was said."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        record = PistonRecord.from_file(path)
+    return record, "; ".join(str(one.message) for one in caught)
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_heads_are_read_right_or_refused(name: str, tmp_path: Path) -> None:
+    head = HEADS[name]
+    path = write(tmp_path / "lab.csv", head)
+    if head.outcome != "right":
+        with pytest.raises(RecordError, match=head.outcome) as caught:
+            read(path)
+        print(f"{name}: refused: {str(caught.value).split(': ', 1)[1]}")
+        return
+    record, said = read(path)
+    print(f"{name}: right {[*record.columns]}, {said.split(': ', 1)[-1] or 'nothing said'}")
+    assert record.angle == head.angle
+    assert np.abs(record.time - record.time[0] - TIME).max() < 1e-6
+    assert np.abs(record.height - (ANGLE if head.angle else HEIGHT)).max() < 1e-12
+    assert head.note in said
+    if record.velocity is not None:
+        assert np.abs(record.velocity - SPEED * (50.0 if head.angle else 1.0)).max() < 1e-12
+    if "force" in head.head.lower() or "Load" in head.head:
+        assert record.force is not None
+
+
+def test_there_are_forty_of_them() -> None:
+    right = sum(head.outcome == "right" for head in HEADS.values())
+    print(f"{right} read right, {len(HEADS) - right} refused")
+    assert right >= 40
+    assert len(HEADS) >= 60
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [((TIME, 6.0 * MM), "taken for m, over 116 m"), ((1e3 * TIME, HEIGHT), "a sample each 5 s")],
+)
+def test_large_numbers_without_a_unit_are_said(
+    columns: tuple[np.ndarray, ...], words: str, tmp_path: Path
+) -> None:
+    assert words in read(write(tmp_path / "lab.csv", Head("time,height", columns)))[1]
+
+
+def test_plain_numbers_are_taken_where_the_user_says_so(tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", Head("time [s],lvdt [V]", (TIME, HEIGHT)))
+    with pytest.warns(UserWarning, match="a frequency and a damping ratio need no other"):
+        record = PistonRecord.from_file(path, units={"height": "1"})
+    assert np.abs(record.height - HEIGHT).max() < 1e-15
+    with pytest.raises(RecordError, match="unit '1' does not fit"):
+        read(write(path, Head("time [s],strain [1]", (TIME, HEIGHT))))
+
+
+@pytest.mark.parametrize("angle", ["angle=theta", "3"])
+def test_an_angle_may_be_called_so(angle: str, tmp_path: Path) -> None:
+    path = write(tmp_path / "lab.csv", Head("time [s],position [mm],theta", (TIME, MM, DEG)))
+    with pytest.warns(UserWarning, match="angle in deg"):
+        record = PistonRecord.from_file(path, columns={"angle": angle.removeprefix("angle=")})
+    assert np.abs(record.height - ANGLE).max() < 1e-12
+    with pytest.raises(RecordError, match="both height and angle"):
+        PistonRecord.from_file(path, columns={"angle": "theta", "height": "position"})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"time": TIME.tolist(), "height": HEIGHT.tolist()},
+        [{"time": 0.0, "height": 1.0}, {"time": 0.1, "height": 2.0}],
+        [[0.0, 1.0], [0.1, 2.0]],
+    ],
+)
+@pytest.mark.parametrize("indent", [None, 1])
+def test_json_is_refused_in_one_line(content: object, indent: int | None, tmp_path: Path) -> None:
+    path = tmp_path / "lab.json"
+    path.write_text(json.dumps(content, indent=indent), encoding="utf-8")
+    with pytest.raises(RecordError, match="is JSON, which is not read"):
+        PistonRecord.from_file(path)
+
+
+STRUCTURES = {
+    "structure": {"data": {"time": TIME, "height": HEIGHT}},
+    "time series": {"ts": {"Time": TIME, "Data": HEIGHT}},
+    "Simulink's scope": {
+        "scope": {"time": TIME, "signals": {"values": HEIGHT[:, None], "label": "height"}}
+    },
+    "array of structures": {
+        "d": np.array([(TIME, HEIGHT)], dtype=[("t", "O"), ("z", "O")])
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_structures_of_matlab(name: str, tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "lab.mat", STRUCTURES[name])
+    record, _ = read(tmp_path / "lab.mat")
+    assert np.array_equal(record.time, TIME)
+    assert np.array_equal(record.height, HEIGHT)
