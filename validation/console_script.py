@@ -180,14 +180,14 @@ def completion(options: Any) -> None:
         raise InputError(
             "completion needs shtab: pip install 'granular-damper[completion]'"
         ) from None
-    whole = Parser(prog=PROG)
-    add_version_option(whole)
-    parsers = whole.add_subparsers(metavar="COMMAND")
+    top = Parser(prog=PROG)
+    add_version_option(top)
+    parsers = top.add_subparsers(metavar="COMMAND")
     for program in _programs().values():
         for entry in program.commands:
             parser = parsers.add_parser(entry.name, help=entry.summary)
             option_group(*entry.options)(parser)
-    print(shtab.complete(whole, shell=options.shell))
+    print(shtab.complete(top, shell=options.shell))
 
 
 OWN = Program(PROG, "About the toolkit.", "", (cite, completion))

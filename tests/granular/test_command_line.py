@@ -210,7 +210,7 @@ BAD = [
     ("granular run {run}", "scene"),
     ("granular show {long}", "unknown scene"),
     ("granular show {long}.toml", "there is no scene file"),
-    ("granular run bed --sett a=b", "unrecognized arguments"),
+    ("granular run bed --sett a=b", "did you mean '--set'"),
     ("granular run bed --set grains.count", "is not KEY=VALUE"),
     ("granular run bed --set grains.cuont=3", "did you mean 'count'"),
     ("granular run bed --set grains.count=inf", "must be an integer"),
