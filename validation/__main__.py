@@ -43,16 +43,18 @@ UNTIL = option(
 )
 
 
-def _length(parser: argparse._ActionsContainer) -> None:
+def _full_or_quick_option(parser: argparse._ActionsContainer) -> None:
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
     length.add_argument("--full", action="store_true", help="everything, an hour or so")
 
 
-def _measuring(default: str = "") -> Option:
+def _measuring_options(default: str = "") -> Option:
     """Options of what measures sections of the report."""
     words = "directory for the report; what is measured is kept there and found again"
-    return option_group(option("-o", "--out", metavar="DIR", help=words + default), _length, OUTPUT)
+    return option_group(
+        option("-o", "--out", metavar="DIR", help=words + default), _full_or_quick_option, OUTPUT
+    )
 
 
 @command(
@@ -67,7 +69,7 @@ def _measuring(default: str = "") -> Option:
         "printed, and written where -o says so",
     ),
     CHANGES,
-    _measuring(f" ({REPORT} if not given)"),
+    _measuring_options(f" ({REPORT} if not given)"),
     examples="""\
 examples:
   %(prog)s damper --quick                # what accuracy and effects cost in one scene
@@ -85,36 +87,36 @@ def report(options: Any) -> None:
         raise InputError("--set changes a scene; name one, such as: report damper")
     if options.overview:
         refuse_options(options, "--overview, which is of packaged scenes", scenes="SCENE")
-        _measure(options, [OVERVIEW], options.out)
+        _measure_sections(options, [OVERVIEW], options.out)
     elif options.scenes:
         scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
-        _measure(options, [make_overview(scenes)], options.out or REPORT)
+        _measure_sections(options, [make_overview(scenes)], options.out or REPORT)
     else:
-        _measure(options, SECTIONS.values(), options.out or REPORT)
+        _measure_sections(options, SECTIONS.values(), options.out or REPORT)
 
 
-def _section(name: str, summary: str, *options: Option, examples: str = "") -> Command:
+def _section_command(name: str, summary: str, *options: Option, examples: str = "") -> Command:
     """Command that measures one section of the report."""
 
     def carry_out(chosen: Any) -> None:
         from validation.report import SECTIONS
 
         wanted = "depaula" if getattr(chosen, "depaula", False) else name
-        _measure(chosen, [SECTIONS[wanted]], chosen.out)
+        _measure_sections(chosen, [SECTIONS[wanted]], chosen.out)
 
     examples = examples or "example:\n  %(prog)s --quick"
-    return command(name, summary, *options, _measuring(), examples=examples)(carry_out)
+    return command(name, summary, *options, _measuring_options(), examples=examples)(carry_out)
 
 
-def _measure(options: Any, sections: Iterable[Section], out: str | None) -> None:
+def _measure_sections(options: Any, sections: Iterable[Section], out: str | None) -> None:
     from validation.report import report as measure
 
-    _show(
+    _show_sections(
         measure(out, tuple(sections), full=options.full, progress=not options.quiet), out, options
     )
 
 
-def _show(result: dict[str, Any], out: str | None, options: Any) -> None:
+def _show_sections(result: dict[str, Any], out: str | None, options: Any) -> None:
     from validation.report import report_text
 
     text = report_text(result)
@@ -160,7 +162,7 @@ def method(options: Any) -> None:
         options.out, options.names, scene=options.scene and scene_from_options(options),
         quantities=options.quantities, until=options.t_end, progress=not options.quiet,
     )  # fmt: skip
-    _show(result, options.out, options)
+    _show_sections(result, options.out, options)
 
 
 @command(
@@ -202,13 +204,13 @@ how far to trust it, and what accuracy costs:
   %(prog)s cheapest damper "rest height" 0.01""",
     (
         report,
-        _section(
+        _section_command(
             "convergence", "orders of convergence against exact solutions", DEPAULA,
             examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick",
         ),
-        _section("energy", "energy over long runs, tested for trends"),
-        _section("work-precision", "error against wall time"),
-        _section("stability", "the catalogue of hard cases"),
+        _section_command("energy", "energy over long runs, tested for trends"),
+        _section_command("work-precision", "error against wall time"),
+        _section_command("stability", "the catalogue of hard cases"),
         method, cheapest,
     ),
 )  # fmt: skip

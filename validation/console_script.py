@@ -73,12 +73,14 @@ def run(arguments: Sequence[str]) -> None:
     if command in _FORMER:
         raise InputError(f"there is no command '{command}'; did you mean '{_FORMER[command]}'?")
     if command == _VALIDATE:
-        named = bool(words) and words[0] in _names(programs["validation"])
+        named = bool(words) and words[0] in _command_names(programs["validation"])
         programs["validation"].main(
             words if named else ["report", *words], f"{PROG} {_VALIDATE}" if named else PROG
         )
         return
-    homes = {name: package for package, program in programs.items() for name in _names(program)}
+    homes = {
+        name: package for package, program in programs.items() for name in _command_names(program)
+    }
     if command not in homes:
         raise InputError(f"{unknown(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)")
     programs[homes[command]].main(arguments, PROG)
@@ -89,7 +91,7 @@ def _programs() -> dict[str, Program]:
     return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
 
-def _names(program: Program) -> list[str]:
+def _command_names(program: Program) -> list[str]:
     return [entry.name for entry in program.commands]
 
 
@@ -108,7 +110,7 @@ def _top_parser(programs: dict[str, Program]) -> Parser:
         usage=f"{PROG} [-h] [--version] COMMAND ...",
         description="Simulate beds of repelling magnets, find the equation of the damper that they "
         "make, and prove the numbers.",
-        epilog=_listing(programs),
+        epilog=_list_all_commands(programs),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_version_option(parser)
@@ -116,7 +118,7 @@ def _top_parser(programs: dict[str, Program]) -> Parser:
     return parser
 
 
-def _listing(programs: dict[str, Program]) -> str:
+def _list_all_commands(programs: dict[str, Program]) -> str:
     titles = {name: f"{title} (also python -m {name}):" for name, title in _PACKAGES.items()}
     lines = []
     for package, program in programs.items():
@@ -138,11 +140,11 @@ def cite(options: Any) -> None:
     """Print BibTeX entries."""
     from granular.shared.citing import cite as bibtex
 
-    text = bibtex(*map(_cited, options.things))
+    text = bibtex(*map(_resolve_cited_name, options.things))
     print_result({"bibtex": text}, text, options.json)
 
 
-def _cited(name: str) -> Any:
+def _resolve_cited_name(name: str) -> Any:
     """Return what a name or a path stands for: a scene, a run, a method, a law or a model."""
     from granular import load_scene, load_trajectory
     from granular.methods import METHODS, method_named

@@ -266,13 +266,15 @@ def convergence_holds(convergence_result: ConvergenceResult) -> bool:
         and convergence_result.fit.value > convergence_result.order
     ):
         # On a motion that is symmetric in time the leading error of an odd order may cancel.
-        return clear and convergence_result.fit.value < convergence_result.order + 1 + _tolerance(
-            convergence_result.order
+        return (
+            clear
+            and convergence_result.fit.value
+            < convergence_result.order + 1 + _slope_tolerance(convergence_result.order)
         )
-    return clear and convergence_result.holds(_tolerance(convergence_result.order))
+    return clear and convergence_result.holds(_slope_tolerance(convergence_result.order))
 
 
-def _tolerance(order: int) -> float:
+def _slope_tolerance(order: int) -> float:
     return next(workspace for highest, workspace in TOLERANCES.items() if order <= highest)
 
 

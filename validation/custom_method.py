@@ -90,27 +90,29 @@ def method_report(
     ]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
     sections = (
-        CONVERGENCE._replace(tasks=lambda full: list(_slopes(every, full))),
-        ENERGY._replace(tasks=lambda _: list(_energies((*every, CONTROL)))),
-        WORK_PRECISION._replace(tasks=lambda _: [_cost(every, scene, quantities, until)]),
+        CONVERGENCE._replace(tasks=lambda full: list(_convergence_of_methods(every, full))),
+        ENERGY._replace(tasks=lambda _: list(_energy_of_methods((*every, CONTROL)))),
+        WORK_PRECISION._replace(
+            tasks=lambda _: [_cost_of_methods(every, scene, quantities, until)]
+        ),
     )
     return report(directory, sections, progress=progress)
 
 
-def _slopes(names: Sequence[str], full: bool) -> Iterator[Task]:
+def _convergence_of_methods(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
             if method_suits_problem(exact_problem(problem), name):
                 yield convergence_task(shown_method(name), problem, full, **_table(name))
 
 
-def _energies(names: Sequence[str]) -> Iterator[Task]:
+def _energy_of_methods(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
             yield energy_task(wall_swing(name, PERIODS), **_table(name))
 
 
-def _cost(
+def _cost_of_methods(
     names: Sequence[str],
     scene: Scene | None,
     quantities: Sequence[str] | None,

@@ -254,12 +254,12 @@ def depaula_experiment(*, full: bool = True) -> DepaulaExperiment:
     steps = STEPS if full else STEPS[:4]
     problem = bounce.bounce_problem()
     exact = float(problem.exact(bounce.TIME).positions[0, 1])
-    runs = [_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
-    runs += [_toolkit(step, exact) for step in (steps if full else steps[:2])]
+    runs = [_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
+    runs += [_run_toolkit(step, exact) for step in (steps if full else steps[:2])]
     return DepaulaExperiment(tuple(runs))
 
 
-def _form(form: str, step: float, exact: float) -> DepaulaRun:
+def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     scene = bounce.bounce_problem().scene
     scales = Scales.of(scene.grains)
     assert scene.effects.gravity is not None
@@ -280,7 +280,7 @@ def _form(form: str, step: float, exact: float) -> DepaulaRun:
     )  # fmt: skip
 
 
-def _toolkit(step: float, exact: float) -> DepaulaRun:
+def _run_toolkit(step: float, exact: float) -> DepaulaRun:
     from granular.run.simulation import simulate
 
     start_time = time.perf_counter()

@@ -96,17 +96,17 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     """
     names = effect_names(scene)
     held = scene.replace(**_HELD)
-    builds = _builds(held, names)
+    builds = _scenes_to_time(held, names)
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            list(pool.map(_compiled, builds.values()))
-    calls, steps = _calls(builds)
+            list(pool.map(_compile_engine, builds.values()))
+    calls, steps = _timed_calls(builds)
     seconds = _time_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     rows = []
     for name in names:
-        first = _difference(value.get(f"{name} alone"), value[NOTHING])
-        last = _difference(value[FULL], value.get(f"without {name}"))
+        first = _median_difference(value.get(f"{name} alone"), value[NOTHING])
+        last = _median_difference(value[FULL], value.get(f"without {name}"))
         rows.append({"effect": name, "first": first[0], "first_doubt": first[1],
                      "last": last[0], "last_doubt": last[1]})  # fmt: skip
     return {
@@ -116,7 +116,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     }  # fmt: skip
 
 
-def _builds(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
+def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
     """Scenes to time; those that cannot be run are left out."""
     none = {f"effects.{name}": None for name in names}
     wanted: dict[str, Callable[[], Scene]] = {
@@ -145,11 +145,11 @@ def _replace_effect(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return scene.replace(**changes)
 
 
-def _compiled(scene: Scene) -> None:
+def _compile_engine(scene: Scene) -> None:
     EngineSteps(scene, step=STILL).make(1)
 
 
-def _calls(
+def _timed_calls(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
     """Return the calls that take about `BURST` each, and the steps of each."""
@@ -176,7 +176,7 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
     return result
 
 
-def _difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
+def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
     """Median of the differences of pairs, and half its 95 % interval; NaN without a pair."""
     if more is None or less is None:
         return math.nan, math.nan

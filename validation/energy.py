@@ -107,8 +107,8 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     )
     if not full:
         return swings
-    bounces = tuple(_bounce(*bounce) for bounce in _BOUNCES)
-    return (*swings, *bounces, variable_bounces(), *(_bed(*bounce) for bounce in _BEDS))
+    bounces = tuple(_bounce_run(*bounce) for bounce in _BOUNCES)
+    return (*swings, *bounces, variable_bounces(), *(_bed_run(*bounce) for bounce in _BEDS))
 
 
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
@@ -133,7 +133,7 @@ def wall_swing(method: str, periods: int) -> EnergyRun:
     return EnergyRun("swing above the wall", _with_records(start.scene, dt, time), method, dt, time)
 
 
-def _bounce(method: str, dt: float, time: float) -> EnergyRun:
+def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
     scene = _with_records(bounce.bounce_problem().scene, dt, time)
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
@@ -146,7 +146,7 @@ def variable_bounces() -> EnergyRun:
     return EnergyRun("bouncing grain", scene.replace(**records), "adaptive-verlet", "auto*4", time)
 
 
-def _bed(method: str, dt: float, time: float) -> EnergyRun:
+def _bed_run(method: str, dt: float, time: float) -> EnergyRun:
     scene = load_scene("bed").replace(**{"effects.drag": None})
     return EnergyRun("bed without friction", _with_records(scene, dt, time), method, dt, time)
 
@@ -205,14 +205,14 @@ def _study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy
     )  # fmt: skip
 
 
-def _kind(name: str) -> str:
+def _method_kind(name: str) -> str:
     method = method_named(name)
     if method.symplectic:
         return "symplectic"
     return "reversible" if method.variable else "control"
 
 
-def _step(dt: float | str) -> str:
+def _step_text(dt: float | str) -> str:
     return dt if isinstance(dt, str) else f"{dt:.3g}"
 
 
@@ -220,7 +220,8 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
     """Return a table with a row a study."""
     rows = [
         (
-            study.system, study.method, _kind(study.method), _step(study.dt), study.steps,
+            study.system, study.method, _method_kind(study.method), _step_text(study.dt),
+            study.steps,
             f"{study.trend.swing:.1e}", f"{study.trend.drift:+.1e}", f"{study.trend.p_value:.2g}",
             study.trend.verdict(), "" if study.stopped is None else study.stopped.split(":", 1)[0],
         )
@@ -280,7 +281,7 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
         with figure(width=WIDTH, height=4.2) as (drawing, axes):
             for k, run in enumerate(runs):
                 axes.semilogy(
-                    *_envelope(run),
+                    *_error_envelope(run),
                     color=COLOURS[k % len(COLOURS)],
                     linestyle=STYLES[k // len(COLOURS)],
                     label=f"{run.method}, {run.steps:.2g} steps",
@@ -293,19 +294,19 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             page.figure(
                 drawing,
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
-                f"{_lengths(runs)}), over the energy turned over.",
+                f"{_run_lengths(runs)}), over the energy turned over.",
             )
     portraits = [run for run in group if run.heights]
     if portraits:
         _phase_portraits(page, system, portraits)
 
 
-def _lengths(runs: Sequence[EnergyStudy]) -> str:
+def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
     lengths = sorted({f"{run.times[-1]:.3g}" for run in runs}, key=float)
     return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
 
 
-def _envelope(energy_study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+def _error_envelope(energy_study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     """Middle of each part of the run, over its length, and the greatest error in it."""
     bins = min(BINS, len(energy_study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(energy_study.errors), bins)])
@@ -323,7 +324,7 @@ def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> N
             for axes in column:
                 axes.plot(run.heights, run.velocities, ".", color=COLOURS[0], markersize=1.2)
             column[0].set_title(run.method, fontsize=9)
-            _zoom(column[1], run)
+            _turning_point_limits(column[1], run)
             column[1].set_xlabel("height [D]")
         panels[0, 0].set_ylabel("velocity [m/s]")
         panels[1, 0].set_ylabel("velocity [m/s], zoom")
@@ -333,7 +334,7 @@ def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> N
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
 
 
-def _zoom(axes: Axes, energy_study: EnergyStudy) -> None:
+def _turning_point_limits(axes: Axes, energy_study: EnergyStudy) -> None:
     """Upper turning point, wide enough for a drift of a hundredth."""
     top, fastest = energy_study.heights[0], max(map(abs, energy_study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)

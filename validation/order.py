@@ -117,13 +117,15 @@ def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) 
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest / (LONGER if order >= HIGH_ORDER else 1.0)
-    while start < MOST_STEPS / 16 and not _is_fine(problem, solver, round(start), exact, coarse):
+    while start < MOST_STEPS / 16 and not _is_resolved(
+        problem, solver, round(start), exact, coarse
+    ):
         start *= math.sqrt(2.0)
     start *= LATER if order == 1 else 1.0
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
 
 
-def _is_fine(
+def _is_resolved(
     problem: Problem, solver: Solver, count: int, exact: np.ndarray, coarse: float
 ) -> bool:
     try:
@@ -194,22 +196,22 @@ def convergence(
     steps, errors, seconds = [], [], []
     for count in counts:
         started = time.perf_counter()
-        neighbours = [solve(problem, near) for near in _neighbours(problem, count)]
+        neighbours = [solve(problem, near) for near in _neighbouring_counts(problem, count)]
         seconds.append((time.perf_counter() - started) / len(neighbours))
         errors.append(max(float(np.abs(state.positions - exact).max()) for state in neighbours))
         steps.append(problem.time / (neighbours[0].steps or count))
-    rounding = _rounding(problem, solve, counts[-1], neighbours[0].positions)
+    rounding = _rounding_error(problem, solve, counts[-1], neighbours[0].positions)
     return ConvergenceResult(
         problem.name, method, order, problem.smooth, tuple(steps), tuple(errors), rounding,
         fitted_slope(steps, errors, rounding), tuple(seconds),
     )  # fmt: skip
 
 
-def _neighbours(problem: Problem, count: int) -> range:
+def _neighbouring_counts(problem: Problem, count: int) -> range:
     return range(count, count + (1 if problem.smooth else NEIGHBOURS))
 
 
-def _rounding(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
+def _rounding_error(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
     differences = [solve(problem.nudge_start(bits), count).positions - plain for bits in NUDGES]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
@@ -243,10 +245,10 @@ def fitted_slope(steps: Sequence[float], errors: Sequence[float], rounding: floa
         return None
     last = clear[-1]
     first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
-    return _line(steps, errors, first, last)
+    return _fit_line(steps, errors, first, last)
 
 
-def _line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> Slope:
+def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> Slope:
     from scipy import stats
 
     chosen = slice(first, last + 1)
@@ -286,7 +288,7 @@ def convergence_tasks(full: bool) -> list[Task]:
 def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task:
     """Return the method on an exact problem; ``more`` tells it from others of the name."""
     key = {"problem": problem, "method": method, "full": full, **more}
-    return Task(f"{method} on {problem}", key, partial(_converge, problem, method, full))
+    return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
 def shown_method(name: str) -> str:
@@ -299,7 +301,7 @@ def shown_method(name: str) -> str:
     return f"{name}{COMPENSATED}" if high else name
 
 
-def _converge(name: str, method: str, full: bool) -> Plain:
+def _measure_convergence(name: str, method: str, full: bool) -> Plain:
     # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
     # order have too few steps that are short enough for every turn and still clear of rounding.
     reference = method in outside.ORDERS

@@ -98,7 +98,7 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
         fall = (1.0 - alone) / (square * square * arrays.sqrt(square))
         return 0.75 * (apart * fall[:, :, None]).sum(axis=1)
 
-    walls = _walls(scene, scales)
+    walls = _wall_planes(scene, scales)
 
     def motion(_: Any, state: Any) -> Any:
         x, v = state[: 2 * count].reshape(-1, 2), state[2 * count :].reshape(-1, 2)
@@ -113,7 +113,7 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
     return motion
 
 
-def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
+def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
     """Axis, direction of the force and place [D] of each wall."""
     walls, result = scene.effects.walls, []
     if walls is None:
@@ -131,7 +131,7 @@ def _walls(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]:
 
 def outside_solver(name: str) -> Callable[[Problem, int], Snapshot]:
     """Outside reference at equal steps, to see its order with `validation.order`."""
-    solve = _scipy if name == SCIPY else _diffrax
+    solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
     def fixed(problem: Problem, count: int) -> Snapshot:
         return solve(problem.scene, problem.time, count, None)
@@ -141,18 +141,20 @@ def outside_solver(name: str) -> Callable[[Problem, int], Snapshot]:
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
     """Grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
-    solve = _scipy if name == SCIPY else _diffrax
+    solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 
 
-def _snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
+def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
     positions, velocities = np.split(np.asarray(state), 2)
     return Snapshot(
         positions.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
     )
 
 
-def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
+def _solve_with_scipy(
+    scene: Scene, time: float, count: int | None, tolerance: float | None
+) -> Snapshot:
     from scipy.integrate import DOP853
 
     begin = initial_state(scene)
@@ -170,25 +172,27 @@ def _scipy(scene: Scene, time: float, count: int | None, tolerance: float | None
         while run.status == "running":
             run.step()
             steps += 1
-    return _snapshot(run.y, begin.scales, steps)
+    return _make_snapshot(run.y, begin.scales, steps)
 
 
 _SOLVES: dict[str, Any] = {}
 """Compiled by JAX, for each set of forces and kind of step."""
 
 
-def _diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
+def _solve_with_diffrax(
+    scene: Scene, time: float, count: int | None, tolerance: float | None
+) -> Snapshot:
     begin = initial_state(scene)
     until = time / begin.scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
     if repr(parts) not in _SOLVES:
-        _SOLVES[repr(parts)] = _compiled(scene, equal=count is not None)
+        _SOLVES[repr(parts)] = _compiled_solver(scene, equal=count is not None)
     given = tolerance if count is None else until / count
     state, steps = _SOLVES[repr(parts)](begin.state, until, given)
-    return _snapshot(state, begin.scales, int(steps))
+    return _make_snapshot(state, begin.scales, int(steps))
 
 
-def _compiled(scene: Scene, *, equal: bool) -> Any:
+def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
     """Compile a solver of state, time and step (or tolerance); it gives end state and steps."""
     from reduced_models.jax_setup import jax  # sets double precision; isort: skip
     import diffrax

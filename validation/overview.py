@@ -70,18 +70,18 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
         key = {"scene": scene.digest(), "name": scene.name}
         tasks += [
             Task(f"{scene.name}: accuracy", {**key, "seconds": seconds},
-                 partial(_accuracy, scene, seconds)),
+                 partial(_measure_accuracy, scene, seconds)),
             Task(f"{scene.name}: effects", {**key, "what": "effects"},
-                 partial(_effects, scene)),
+                 partial(_measure_effects, scene)),
         ]  # fmt: skip
-    return [*tasks, Task("hard cases", {"what": "hard cases"}, _hard)] if hard else tasks
+    return [*tasks, Task("hard cases", {"what": "hard cases"}, _run_hard_cases)] if hard else tasks
 
 
-def _effects(scene: Scene) -> Plain:
+def _measure_effects(scene: Scene) -> Plain:
     return {"effects": finite_or_none(effect_costs(scene))}
 
 
-def _hard() -> Plain:
+def _run_hard_cases() -> Plain:
     light = [case for case in catalogue() if not any(word in case.name for word in COSTLY)]
     return {"outcomes": [outcome(case).to_plain() for case in light]}
 
@@ -96,7 +96,7 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
     return (*result, *(("period", "damping ratio") if swings else ()), "energy")
 
 
-def _accuracy(scene: Scene, seconds: float) -> Plain:
+def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
     """Studies of a scene's quantities, and how one fresh start met what they advise."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
@@ -108,7 +108,9 @@ def _accuracy(scene: Scene, seconds: float) -> Plain:
         make_study(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
     ]
-    fresh = _fresh(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
+    fresh = (
+        _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
+    )
     return {
         "studies": [study.to_plain() for study in studies],
         "fresh": fresh,
@@ -124,7 +126,7 @@ def plan_runs(
     Steps are halved from the longest one on, each at twice the time of the one before.
     """
     steps = [dt for dt in STEPS if is_allowed(scene, dt, "stormer-verlet")]
-    took = _seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
+    took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
@@ -142,7 +144,7 @@ def plan_runs(
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
-def _seconds(scene: Scene, setting: SolverSettings, until: float | None) -> float:
+def _run_seconds(scene: Scene, setting: SolverSettings, until: float | None) -> float:
     """Time of a run, compiled before [s]."""
     run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
     start = time.perf_counter()
@@ -150,7 +152,7 @@ def _seconds(scene: Scene, setting: SolverSettings, until: float | None) -> floa
     return time.perf_counter() - start
 
 
-def _fresh(
+def _check_with_fresh_start(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     truth: Sequence[Truth],
@@ -177,13 +179,13 @@ def _fresh(
             if label not in runs:
                 runs[label] = run_setting(other, best.setting, until)
             mean = sum(item.values) / len(item.values)
-            error = _error(quantity, runs[label], mean)
+            error = _error_of_quantity(quantity, runs[label], mean)
             result.append({"scene": other.name, "quantity": quantity.name, "level": words,
                           "setting": label, "error": error, "holds": error <= level})  # fmt: skip
     return result
 
 
-def _error(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
+def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
     try:
         return quantity.error(quantity.measure(item), reference)
     except GranularError:
@@ -268,12 +270,17 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
         advised = [study.advice(level) for level in LEVELS.values()]
         scatter = f"{study.floor:.1g}" if study.floor else "none"
         rows.append(
-            (study.quantity, *map(_take, advised), scatter, price_of_digit(study, advised[0].point))
+            (
+                study.quantity,
+                *map(_setting_and_price, advised),
+                scatter,
+                price_of_digit(study, advised[0].point),
+            )
         )
     return text_table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
-def _take(advice: Advice) -> str:
+def _setting_and_price(advice: Advice) -> str:
     """Return the setting to take for a level, and its price."""
     if advice.point is None:
         return str(advice)
@@ -306,7 +313,7 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
     """Row an effect: one price, or what it adds first and what it saves last."""
     rows = []
     for effect in plain["effects"]:
-        first, last = _price(effect, "first"), _price(effect, "last")
+        first, last = _price_text(effect, "first"), _price_text(effect, "last")
         both = effect["first"] is not None and effect["last"] is not None
         shown = "yes" if both and costs_agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
@@ -315,7 +322,7 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
     return text_table(header, rows)
 
 
-def _price(mapping: Mapping[str, Any], which: str) -> str:
+def _price_text(mapping: Mapping[str, Any], which: str) -> str:
     value, doubt = mapping[which], mapping[f"{which}_doubt"]
     return "cannot be run" if value is None else f"{value:.3g} ± {doubt:.1g}"
 

@@ -169,10 +169,10 @@ def recommend_settings(
         raise InputError(f"seeds = {seeds}; give a number of further starts, 0 or more")
     scenes = scenes_with_other_seeds(scene, seeds)
     if quantity_is_scattered(chosen, len(scenes)):
-        study = _by_halving(scenes, chosen, tolerance, until, progress)
+        study = _study_by_halving(scenes, chosen, tolerance, until, progress)
     else:
         reference = None if chosen.exact is not None else finest_setting(scene)
-        study = _study(
+        study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )
     return recommendation(study, tolerance)
@@ -183,7 +183,7 @@ def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
     return quantity.exact is None and not quantity.of_start and starts > 1
 
 
-def _by_halving(
+def _study_by_halving(
     scenes: Sequence[Scene],
     quantity: MeasuredQuantity,
     tolerance: float,
@@ -204,7 +204,7 @@ def _by_halving(
         ]
         if not any(setting.method == REFERENCE for setting in settings):
             continue
-        study = _study(
+        study = _measure_until_decided(
             scenes, quantity, settings, SolverSettings(REFERENCE, dt), tolerance, until, progress
         )
         own = [point for point in study.points if point.setting.method == REFERENCE]
@@ -218,7 +218,7 @@ def _by_halving(
     return study
 
 
-def _study(
+def _measure_until_decided(
     scenes: Sequence[Scene],
     quantity: MeasuredQuantity,
     settings: Sequence[SolverSettings],
@@ -237,9 +237,9 @@ def _study(
             own: list[Point] = []
             for setting in (setting for setting in settings if setting.family == family):
                 best = advice(tried + own, truth.floor, tolerance)
-                if _is_settled(own, truth.floor, tolerance) or _too_dear(own, best):
+                if _is_settled(own, truth.floor, tolerance) or _next_step_too_dear(own, best):
                     break
-                if not own and _hopeless(setting, tried, best):
+                if not own and _family_too_dear(setting, tried, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.words}")
                 own += measure_points(scenes, [quantity], setting, [truth], until, REPEATS)
@@ -256,7 +256,7 @@ def _is_settled(points: Sequence[Point], floor: float, tolerance: float, count: 
     return len(accurate_points(last, tolerance)) == count
 
 
-def _too_dear(points: Sequence[Point], best: Advice) -> bool:
+def _next_step_too_dear(points: Sequence[Point], best: Advice) -> bool:
     """Tell if the next step of a family would cost far more than the best one so far."""
     done = [point for point in points if not point.failed]
     if not done or best.point is None or best.point in points[-1:]:
@@ -264,7 +264,7 @@ def _too_dear(points: Sequence[Point], best: Advice) -> bool:
     return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
 
 
-def _hopeless(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> bool:
+def _family_too_dear(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> bool:
     """Tell if already a family's longest step must cost far more than the best one so far.
 
     By its force calls: a run's time is that of its steps times those of each.

@@ -75,14 +75,15 @@ def report(
 def report_page(results: Results, *, full: bool) -> Page:
     """Return the report as a page."""
     read = {
-        SECTIONS[name]: _read(name, section_entries) for name, section_entries in results.items()
+        SECTIONS[name]: _read_results(name, section_entries)
+        for name, section_entries in results.items()
     }
     verdicts = summarise(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
     shown = Page("Proof of the numbers", lead)
     if OVERVIEW in read:
-        _show(shown, OVERVIEW, read[OVERVIEW], results)
+        _add_section(shown, OVERVIEW, read[OVERVIEW], results)
         if STABILITY in read:
             shown.section("Hard cases at a glance")
             tabulate(shown, hard_table(read[STABILITY]))
@@ -101,7 +102,7 @@ def report_page(results: Results, *, full: bool) -> Page:
         if section is not OVERVIEW
     }
     for section, section_entries in below.items():
-        _show(shown, section, section_entries, results)
+        _add_section(shown, section, section_entries, results)
     if any(section.behind for section in below):
         shown.section("All measurements")
     for section, section_entries in below.items():
@@ -117,12 +118,12 @@ def report_page(results: Results, *, full: bool) -> Page:
     return shown
 
 
-def _read(name: str, results: Sequence[Plain]) -> list[Any]:
+def _read_results(name: str, results: Sequence[Plain]) -> list[Any]:
     """Results that did not fail."""
     return [SECTIONS[name].read(result) for result in results if FAILED not in result]
 
 
-def _show(page: Page, section: Section, items: Sequence[Any], results: Results) -> None:
+def _add_section(page: Page, section: Section, items: Sequence[Any], results: Results) -> None:
     """Section's texts and figures, its tables unless they stand behind, and what failed."""
     if section.title:
         page.section(section.title)
@@ -143,7 +144,7 @@ def summarise(results: Results) -> dict[str, Any]:
     """Return a verdict for each section, whether it holds, and whether all of them do."""
     verdicts, held = {}, {}
     for name, result in results.items():
-        verdicts[name], right = SECTIONS[name].verdict(_read(name, result))
+        verdicts[name], right = SECTIONS[name].verdict(_read_results(name, result))
         failed = len(_failures(result))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"
@@ -161,6 +162,6 @@ def report_text(plain: Mapping[str, Any]) -> str:
 
 def section_text(name: str, results: Sequence[Plain]) -> str:
     """Return the tables of a section for the console, and what failed."""
-    tables = SECTIONS[name].tables(_read(name, results))
+    tables = SECTIONS[name].tables(_read_results(name, results))
     texts = [f"{title}\n{table.text()}\n" for title, table in tables]
     return "\n".join([*texts, *_failures(results)])

@@ -150,8 +150,8 @@ def run_tasks(
     """
     results = []
     saved = None if directory is None else ResultCache(directory / "pieces")
-    for task in _in_turn(name, tasks, progress):
-        key = _key(name, task)
+    for task in _run_in_turn(name, tasks, progress):
+        key = _task_key(name, task)
         result: Plain | None = None if saved is None else saved.read(key)
         if result is None:
             try:
@@ -164,7 +164,7 @@ def run_tasks(
     return results
 
 
-def _in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
+def _run_in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]:
     from granular.shared.progress import progress_bar
 
     with progress_bar(
@@ -177,7 +177,7 @@ def _in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[Task]
             bar.update()
 
 
-def _key(name: str, task: Task) -> str:
+def _task_key(name: str, task: Task) -> str:
     content = {"key": task.key, "part": name, "sources": source_digest(), "on": machine_info()}
     return f"{name}-{digest(content, KEY_LENGTH)}"
 
@@ -207,11 +207,15 @@ def machine_info() -> dict[str, str]:
 
     from granular.shared.version import versions
 
-    here = {"processor": _processor(), "cores": str(os.cpu_count()), "system": platform.system()}
+    here = {
+        "processor": _processor_name(),
+        "cores": str(os.cpu_count()),
+        "system": platform.system(),
+    }
     return here | versions()
 
 
-def _processor() -> str:
+def _processor_name() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -90,7 +90,7 @@ def outcome(
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()
-    kind, error, said = _attempt(case, method, dt, case.full if full else case.quick)
+    kind, error, said = _run_case(case, method, dt, case.full if full else case.quick)
     name = said.split(":", 1)[0]
     allowed = (
         kind == ACCURATE
@@ -103,7 +103,7 @@ def outcome(
     )  # fmt: skip
 
 
-def _attempt(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
+def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
     from granular import simulate
 
     with warnings.catch_warnings(record=True) as caught:
@@ -162,28 +162,28 @@ def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
     first: dict[str, Outcome] = {}
     for outcome in outcomes:
         new = first.setdefault(outcome.case, outcome) is outcome
-        column = own if new else _column(outcome)
+        column = own if new else _table_column(outcome)
         columns[column] = None
-        rows.setdefault(outcome.case, {})[column] = _ending(outcome)
+        rows.setdefault(outcome.case, {})[column] = _how_it_ended(outcome)
     return text_table(
         ("case", "error of what [unit]", "accurate up to", *columns),
         [
-            (case, _with_unit(first[case].measured), f"{first[case].limit:.0e}",
+            (case, _split_unit(first[case].measured), f"{first[case].limit:.0e}",
              *(row.get(column, "") for column in columns))
             for case, row in rows.items()
         ],
     )  # fmt: skip
 
 
-def _with_unit(words: str) -> str:
+def _split_unit(words: str) -> str:
     return words if words.endswith("]") or not words else f"{words} [1]"
 
 
-def _column(outcome: Outcome) -> str:
+def _table_column(outcome: Outcome) -> str:
     return f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
 
 
-def _ending(outcome: Outcome) -> str:
+def _how_it_ended(outcome: Outcome) -> str:
     wrong = "" if outcome.allowed else " (!)"
     if outcome.kind == STOPPED:
         return f"stopped: {outcome.said.split(':', 1)[0]}{wrong}"
@@ -239,7 +239,7 @@ def stability_tasks(full: bool) -> list[Task]:
     tasks = [task(case, "stormer-verlet", None, late=full) for case in cases]
     if full:
         tasks += [
-            task(_vary(case, times), method, dt, late=False)
+            task(_vary_settings(case, times), method, dt, late=False)
             for method, dt, times in VARIATIONS
             for case in cases
             if case.dt == "auto"
@@ -247,7 +247,7 @@ def stability_tasks(full: bool) -> list[Task]:
     return tasks
 
 
-def _vary(case: HardCase, times: float) -> HardCase:
+def _vary_settings(case: HardCase, times: float) -> HardCase:
     """Case with other settings than its own, which may end it, but never silently."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True,

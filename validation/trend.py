@@ -110,7 +110,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
-    return _trend(positions, means, duration, _swing(energy))
+    return _fit_trend(positions, means, duration, _swing_of_series(energy))
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
@@ -121,20 +121,20 @@ def _block_edges(length: int, blocks: int) -> np.ndarray:
     return np.concatenate([[0], edges, [length]])
 
 
-def _swing(series: np.ndarray) -> float:
+def _swing_of_series(series: np.ndarray) -> float:
     index = np.arange(len(series))
     line = np.polynomial.Polynomial.fit(index, series, 1)
     return float((series - line(index)).std())
 
 
-def _trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> Trend:
+def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> Trend:
     from scipy import stats
 
     count = len(means)
     away = positions - positions.mean()
     slope = float(away @ means / (away @ away))
     rest = means - means.mean() - slope * away
-    error = float(np.sqrt(rest @ rest / (count - 2) / (away @ away) * _inflation(rest)))
+    error = float(np.sqrt(rest @ rest / (count - 2) / (away @ away) * _variance_inflation(rest)))
     rates = np.diff(means) * (count - 1) / (positions[-1] - positions[0])
     walk = float(rates.mean())
     walk_error = float(rates.std(ddof=1) * np.sqrt(_WORKING / (count - 1)))
@@ -149,7 +149,7 @@ def _trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: flo
     )
 
 
-def _inflation(rest: np.ndarray) -> float:
+def _variance_inflation(rest: np.ndarray) -> float:
     """Factor of the slope's variance, for first-order autocorrelation of the residuals."""
     power = float(rest @ rest)
     if power == 0.0:

@@ -74,39 +74,39 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
-        _check_surroundings()
+        _check_working_directory()
         with handle_sigterm():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
     except InputError as error:
-        return _complain(str(error), BAD_INPUT)
+        return _print_error(str(error), BAD_INPUT)
     except GranularError as error:
-        return _complain(str(error), FAILED)
+        return _print_error(str(error), FAILED)
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
         saved = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
-        return _complain(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
+        return _print_error(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing_module_message(error)
         if advice is None:
             raise
-        return _complain(str(advice), BAD_INPUT)
+        return _print_error(str(advice), BAD_INPUT)
     except Warning as warning:  # where Python was told to take warnings for errors
-        return _complain(f"warning taken for an error: {warning}", FAILED)
+        return _print_error(f"warning taken for an error: {warning}", FAILED)
     except BrokenPipeError:
         sys.stderr.close()  # the reader went away; nothing is left to say
         return 0
     except (KeyboardInterrupt, Exception) as error:
-        ending = _stop_behind(error)
+        ending = _find_wrapped_interruption(error)
         if ending is not None:
-            return _complain(*ending)
+            return _print_error(*ending)
         if not isinstance(error, OSError) or error.errno is None:
             raise
-        return _complain(_of_system(error), FAILED)
+        return _print_error(_explain_system_error(error), FAILED)
     return 0
 
 
-def _stop_behind(error: BaseException) -> tuple[str, int] | None:
+def _find_wrapped_interruption(error: BaseException) -> tuple[str, int] | None:
     """Message and exit code of a stop that Python wrapped, as it does while it makes a class."""
     while error.__cause__ is not None:
         error = error.__cause__
@@ -115,7 +115,7 @@ def _stop_behind(error: BaseException) -> tuple[str, int] | None:
     return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
 
 
-def _of_system(error: OSError) -> str:
+def _explain_system_error(error: OSError) -> str:
     """Say what the machine could not do, such as write to a full disk."""
     if error.filename is None:
         with contextlib.suppress(OSError):  # what is left to print would fail once more at the exit
@@ -124,7 +124,7 @@ def _of_system(error: OSError) -> str:
     return f"{target}: {error.strerror}; see to its place, and try again"
 
 
-def _complain(message: str, code: int) -> int:
+def _print_error(message: str, code: int) -> int:
     print(f"error: {one_line(message)}", file=sys.stderr)
     return code
 
@@ -224,12 +224,12 @@ class Program(NamedTuple):
         parser = self.parser(name)
         options, rest = parser.parse_known_args(arguments)
         if rest:
-            raise InputError(_not_understood(rest, parser.parsers[options.command]))
+            raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
         chosen = next(offered for offered in self.commands if offered.name == options.command)
         chosen.carry_out(options)
 
 
-def _not_understood(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
+def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
     """Message for arguments that a command does not know, with the nearest option."""
     option_names = [name for action in parser._actions for name in action.option_strings]
     wrong = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
@@ -303,7 +303,7 @@ def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     print(json.dumps(finite_or_none(result), allow_nan=False) if as_json else printable(text))
 
 
-def _check_surroundings() -> None:
+def _check_working_directory() -> None:
     """Refuse surroundings that no command can run in, before what stumbles over them is imported.
 
     Raises

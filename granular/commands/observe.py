@@ -97,7 +97,7 @@ def defects(options: Any) -> None:
     given = {name: getattr(options, name) for name in ("stop", "reach", "memory", "least")}
     chosen = {name: value for name, value in given.items() if value is not None}
     motion = track_defects(run, options.start, **chosen)
-    tracks, events = _tracks(motion), _events(motion)
+    tracks, events = _track_rows(motion), _event_rows(motion)
     if options.out is not None:
         times = motion["frame_time"].values
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
@@ -110,7 +110,7 @@ def defects(options: Any) -> None:
     print_result(result, text if options.out is None else f"written to {options.out}", options.json)
 
 
-def _tracks(motion: xarray.Dataset) -> pandas.DataFrame:
+def _track_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     import pandas
 
     columns = {"kind": motion["kind"].values}
@@ -122,7 +122,7 @@ def _tracks(motion: xarray.Dataset) -> pandas.DataFrame:
     return pandas.DataFrame(columns)
 
 
-def _events(motion: xarray.Dataset) -> pandas.DataFrame:
+def _event_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     import pandas
 
     columns = {"kind": motion["event_kind"].values, "time [s]": motion["event_time"].values}
@@ -132,7 +132,7 @@ def _events(motion: xarray.Dataset) -> pandas.DataFrame:
     return pandas.DataFrame(columns)
 
 
-def _paths(motion: xarray.Dataset) -> pandas.DataFrame:
+def _path_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     table = motion["position"].to_dataframe()["position"].unstack("axis").dropna()
     times = motion["frame_time"].to_series()
     table.insert(0, "time [s]", times.loc[table.index.get_level_values("frame")].to_numpy())
@@ -145,7 +145,7 @@ def _write(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
     from granular.shared.plotting import figure
 
     make_directory(directory)
-    for name, table in (("tracks", _tracks), ("events", _events), ("paths", _paths)):
+    for name, table in (("tracks", _track_rows), ("events", _event_rows), ("paths", _path_rows)):
         write_text(directory / f"{name}.csv", table(motion).to_csv(index=False))
     with figure(width=7.2, height=5.4) as (drawing, axes):
         plot_defect_paths(motion, positions, axes)

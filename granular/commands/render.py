@@ -93,7 +93,7 @@ def _render_movie(options: Any) -> None:
         options.out,
         colour=options.colour,
         fps=25.0 if options.fps is None else options.fps,
-        speed=_speed(options.speed),
+        speed=_parse_playback_speed(options.speed),
         stage=options.stage,
         width=WIDTH if options.width is None else options.width,
         overwrite=options.force,
@@ -102,7 +102,7 @@ def _render_movie(options: Any) -> None:
     print_result({"file": str(path), "colour": options.colour}, f"drawn to {path}", options.json)
 
 
-def _speed(words: str | None) -> float | None:
+def _parse_playback_speed(words: str | None) -> float | None:
     if words == "frames":
         return None
     from granular.schema.units import si_value

@@ -87,12 +87,12 @@ Each sine is a run; --sweep makes one run of all. report.html in DIR shows what 
 def response(options: Any) -> None:
     """Shake or strike the machine, and say what is left."""
     if options.impulse:
-        _strike(options)
+        _measure_impulse_response(options)
     else:
-        _shake(options)
+        _measure_frequency_response(options)
 
 
-def _shake(options: Any) -> None:
+def _measure_frequency_response(options: Any) -> None:
     """Run the sines, or the sweep, and say what is left."""
     require_options(options, lowest="--from", highest="--to")
     refuse_options(options, "sines", "length", "fraction")
@@ -121,7 +121,7 @@ def _shake(options: Any) -> None:
     print_result(figures, "\n".join(lines), options.json)
 
 
-def _strike(options: Any) -> None:
+def _measure_impulse_response(options: Any) -> None:
     """Strike the machine and say how soon it is down."""
     from granular.response.transients import run_impulse
 

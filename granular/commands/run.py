@@ -64,10 +64,10 @@ def run(options: Any) -> None:
         progress=not options.quiet,
         **pick_options(options, "t_end", "method", "out", "resume", "threads", "accuracy"),
     )
-    print_result(*_outcome(done), options.json)
+    print_result(*_run_outcome_text(done), options.json)
 
 
-def _outcome(done: Trajectory) -> tuple[dict[str, Any], str]:
+def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.price_table import price_text
     from granular.run.summary import run_statistics, run_text
 
@@ -132,10 +132,10 @@ def sweep(options: Any) -> None:
     )
     print_result(figures, text, options.json)
     if done.unfinished:
-        raise GranularError(_causes(done))
+        raise GranularError(_failure_cause_lines(done))
 
 
-def _causes(study: Study) -> str:
+def _failure_cause_lines(study: Study) -> str:
     errors = [outcome["error"] for outcome in study.outcomes if "cause" in outcome]
     return (
         f"{len(errors)} of {len(study.cases)} cases could not be computed, the first because of "

@@ -52,10 +52,10 @@ def kernel_cache_folder() -> Path | None:
 def digest_of_sources() -> str:
     """Digest of all that the code of kernels depends on, but for arguments and processor."""
     versions = f"{sys.version} {numba.__version__} {llvmlite.__version__}"
-    return hashlib.sha256(f"{versions} {_known_syntax_digest()}".encode()).hexdigest()
+    return hashlib.sha256(f"{versions} {_load_or_compute_syntax_digest()}".encode()).hexdigest()
 
 
-def _known_syntax_digest() -> str:
+def _load_or_compute_syntax_digest() -> str:
     """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
     files, folder = read_kernel_files(), kernel_cache_folder()
     if folder is None:
@@ -82,7 +82,7 @@ def _warn_once(why: str) -> None:
 
 
 @functools.cache
-def _tidy(folder: Path) -> None:
+def _delete_outdated_files(folder: Path) -> None:
     """Take out what former sources left, and parts of files that nobody will finish."""
     stamp = digest_of_sources()[:16]
     with contextlib.suppress(OSError):
@@ -119,7 +119,7 @@ class KernelCache(_Cache):
         """Keep a form."""
         entry = self._entry(sig, data.codegen)
         if entry is not None and not data.library.has_dynamic_globals:
-            _tidy(entry[0].parent)
+            _delete_outdated_files(entry[0].parent)
             _write(*entry, dumps((sig, data._reduce())))
 
     def _entry(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:

@@ -54,11 +54,13 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
         return sum(result[1:], start=result[0]) if result else empty
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _classes(laws), backward)
-        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _unroll(calls, empty, _sum, (laws, workspaces, *others))
+        indices = _indices_with(hook, _law_classes(laws), backward)
+        calls = [
+            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
+        ]
+        return _emit_unrolled_calls(calls, empty, _emit_sum, (laws, workspaces, *others))
 
-    return _made(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
 
 
 def greatest_of_hooks(hook: str, rest: str) -> Kernel:
@@ -74,11 +76,13 @@ def greatest_of_hooks(hook: str, rest: str) -> Kernel:
         )
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _classes(laws))
-        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        return _unroll(calls, 0.0, _greater, (laws, workspaces, *others))
+        indices = _indices_with(hook, _law_classes(laws))
+        calls = [
+            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
+        ]
+        return _emit_unrolled_calls(calls, 0.0, _emit_maximum, (laws, workspaces, *others))
 
-    return _made(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
 
 
 def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
@@ -93,12 +97,14 @@ def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
         return otherwise(*others)
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
-        indices = _indices_with(hook, _classes(laws), backward=True)[:1]
-        calls = [_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
-        calls = calls or [_call(context, otherwise, others, range(2, 2 + len(others)))]
-        return _unroll(calls, 0, _sum, (laws, workspaces, *others))
+        indices = _indices_with(hook, _law_classes(laws), backward=True)[:1]
+        calls = [
+            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
+        ]
+        calls = calls or [_emit_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
+        return _emit_unrolled_calls(calls, 0, _emit_sum, (laws, workspaces, *others))
 
-    return _made(call, choose, f"laws rooms {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
 
 
 def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
@@ -112,13 +118,13 @@ def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
     def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(law.instance_class, hook, otherwise)
-        call_law = _call(context, kernel, (law, *others), range(1 + len(others)))
-        return _unroll([call_law], 0, _sum, (law, *others))
+        call_law = _emit_kernel_call(context, kernel, (law, *others), range(1 + len(others)))
+        return _emit_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
 
-    return _made(call, choose, f"law {rest}")
+    return _make_intrinsic_wrapper(call, choose, f"law {rest}")
 
 
-def _classes(laws: types.BaseTuple) -> list[type]:
+def _law_classes(laws: types.BaseTuple) -> list[type]:
     return [law.instance_class for law in laws.types]
 
 
@@ -147,7 +153,7 @@ class _Call(NamedTuple):
     number: int | None
 
 
-def _call(
+def _emit_kernel_call(
     context: Any, kernel: Kernel, given: Sequence[Any], sources: Sequence[int | tuple[int, int]],
     number: int | None = None,
 ) -> _Call:  # fmt: skip
@@ -155,26 +161,26 @@ def _call(
     return _Call(known, known.get_call_type(context, tuple(given), {}), sources, number)
 
 
-def _hook_call(
+def _resolve_hook_call(
     context: Any, hook: str, laws: Any, workspaces: Any, index: int, rest: Sequence[Any]
 ) -> _Call:
     kernel = getattr(laws.types[index].instance_class, hook)
     given = (laws.types[index], workspaces.types[index], types.int64, *rest)
     sources = ((0, index), (1, index), *range(2, 2 + len(rest)))
-    return _call(context, kernel, given, sources, index)
+    return _emit_kernel_call(context, kernel, given, sources, index)
 
 
-def _sum(builder: Any, first: Any, second: Any) -> Any:
+def _emit_sum(builder: Any, first: Any, second: Any) -> Any:
     """Sum of two numbers of one type."""
     is_integer = isinstance(first.type, ir.IntType)
     return builder.add(first, second) if is_integer else builder.fadd(first, second)
 
 
-def _greater(builder: Any, first: Any, second: Any) -> Any:
+def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", first, second), first, second)
 
 
-def _unroll(
+def _emit_unrolled_calls(
     calls: Sequence[_Call], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
     """Return the calls, one after another, and what joins their results."""
@@ -187,7 +193,7 @@ def _unroll(
             return context.get_constant(none, empty)
         total = None
         for call in calls:
-            output = _write_call(context, builder, call, values, given)
+            output = _emit_call(context, builder, call, values, given)
             if result == types.none:
                 total = context.get_dummy_value()
             else:
@@ -198,7 +204,7 @@ def _unroll(
     return signature(result, *given), write
 
 
-def _write_call(
+def _emit_call(
     context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]
 ) -> Any:
     arguments = []
@@ -221,7 +227,7 @@ def _write_call(
     return function(builder, cast)
 
 
-def _made(call: Kernel, choose: Any, names: str) -> Kernel:
+def _make_intrinsic_wrapper(call: Kernel, choose: Any, names: str) -> Kernel:
     """Return a function that plain Python or kernels call, with arguments of these names."""
     if numba.config.DISABLE_JIT:
         return call

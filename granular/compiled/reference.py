@@ -41,10 +41,10 @@ class Reference(types.Type):
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)
-        return number, _refer(self.integer.types[number])
+        return number, _make_reference_type(self.integer.types[number])
 
 
-def _refer(kind: Any) -> Any:
+def _make_reference_type(kind: Any) -> Any:
     return Reference(kind) if _is_named_tuple(kind) else kind
 
 
@@ -86,12 +86,12 @@ def _read_field(context: Any, builder: Any, kind: Reference, value: Any, name: s
     return impl_ret_borrowed(context, builder, read, result)
 
 
-def _put(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
+def _store_fields(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
     """Write a value field by field."""
     if _is_named_tuple(kind):
         for position, field_type in enumerate(kind.types):
             part = builder.extract_value(value, position)
-            _put(
+            _store_fields(
                 context,
                 builder,
                 field_type,
@@ -102,19 +102,19 @@ def _put(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> Non
         builder.store(context.data_model_manager[kind].as_data(builder, value), pointer)
 
 
-def _same(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+def _cast_reference(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     return impl_ret_borrowed(context, builder, signature.return_type, values[0])
 
 
 @intrinsic
-def _by_reference(typing: Any, total: Any) -> Any:
+def _pass_by_reference(typing: Any, total: Any) -> Any:
     if not _is_named_tuple(total):
-        return total(total), _same
+        return total(total), _cast_reference
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         workspace = context.data_model_manager[total].get_data_type()
         pointer = cgutils.alloca_once(builder, workspace)
-        _put(context, builder, total, values[0], pointer)
+        _store_fields(context, builder, total, values[0], pointer)
         # Behind what the optimiser cannot look through, the fields are as they are now.
         kind = ir.FunctionType(pointer.type, [pointer.type])
         return builder.asm(kind, "", "=r,0,~{memory}", [pointer], side_effect=True)
@@ -122,9 +122,11 @@ def _by_reference(typing: Any, total: Any) -> Any:
     return Reference(total)(total), generate
 
 
-def _itself(total: T) -> T:
+def _return_unchanged(total: T) -> T:
     return total
 
 
-by_reference: Any = numba.njit(_itself) if PLAIN or numba.config.DISABLE_JIT else _by_reference
+by_reference: Any = (
+    numba.njit(_return_unchanged) if PLAIN or numba.config.DISABLE_JIT else _pass_by_reference
+)
 """The address of a named tuple, good until the kernel returns; of anything else, that itself."""

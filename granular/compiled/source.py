@@ -36,7 +36,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
     trees = {name: ast.parse(content) for name, content in files.items()}
     digest = hashlib.sha256()
     for name in sorted(_reachable_files(trees)):
-        _take_texts_out(trees[name])
+        _remove_docstrings(trees[name])
         digest.update(f"{name}\0{ast.dump(trees[name])}\0".encode())
     return digest.hexdigest()
 
@@ -77,14 +77,14 @@ def _imports_of(tree: ast.Module) -> Iterator[str]:
                 yield from (f"{base}.py", f"{base}/__init__.py")
 
 
-def _take_texts_out(tree: ast.Module) -> None:
+def _remove_docstrings(tree: ast.Module) -> None:
     """Take out docstrings: texts that stand as statements of their own."""
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            body[:] = [statement for statement in body if not _is_text(statement)]
+            body[:] = [statement for statement in body if not _is_docstring(statement)]
 
 
-def _is_text(node: ast.stmt) -> bool:
+def _is_docstring(node: ast.stmt) -> bool:
     value = node.value if isinstance(node, ast.Expr) else None
     return isinstance(value, ast.Constant) and isinstance(value.value, str)

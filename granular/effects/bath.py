@@ -133,7 +133,7 @@ class BathLaw(NamedTuple):
 
 
 @compiled
-def _round(
+def _philox_round(
     a: np.uint64, b: np.uint64, c: np.uint64, d: np.uint64, k: np.uint64, m: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
     first, second = _FIRST * a, _SECOND * c
@@ -148,7 +148,7 @@ def philox(
     a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
     k, m = seed & LOW, seed >> HALF
     for _ in range(_ROUNDS):
-        a, b, c, d = _round(a, b, c, d, k, m)
+        a, b, c, d = _philox_round(a, b, c, d, k, m)
         k, m = (k + _WEYL) & LOW, (m + _OTHER_WEYL) & LOW
     return a, b, c, d
 

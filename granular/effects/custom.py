@@ -130,10 +130,10 @@ class CustomSection(Section):
         """Any process can have it so: by the file's text, or by the class as it was written."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
-            return _of_file, (self.origin, self.definition.key, values)
+            return _definition_from_file, (self.origin, self.definition.key, values)
         if self.__module__ != "__main__":
-            return _of_module, (type(self), values)
-        return _of_script, (type(self).made_by, self.written, values)
+            return _definition_from_module, (type(self), values)
+        return _definition_from_script, (type(self).made_by, self.written, values)
 
 
 class CustomEffect(CustomSection, Force, Flow):
@@ -273,15 +273,17 @@ def mark_origin(file: UserFile) -> dict[str, type[CustomSection]]:
     return result
 
 
-def _of_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
+def _definition_from_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
     return mark_origin(file)[key](**values)
 
 
-def _of_module(made: type, values: dict[str, Any]) -> Any:
+def _definition_from_module(made: type, values: dict[str, Any]) -> Any:
     return made(**values)
 
 
-def _of_script(made_by: Callable[[type], Any], written: type, values: dict[str, Any]) -> Any:
+def _definition_from_script(
+    made_by: Callable[[type], Any], written: type, values: dict[str, Any]
+) -> Any:
     return made_by(written)(**values)
 
 

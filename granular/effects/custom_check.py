@@ -49,10 +49,12 @@ def check_wall_functions(definition: Definition, p: Any) -> None:
     for w in _DISTANCES:
 
         def energy(distance: float) -> float:
-            return float(_value(definition, "energy", p, distance))
+            return float(_call_with_grain(definition, "energy", p, distance))
 
-        result = _value(definition, "force", p, w)
-        _compare(definition, "force", result, -_slope(energy, w), 1e-6 * abs(energy(w)))
+        result = _call_with_grain(definition, "force", p, w)
+        _compare_with_derivative(
+            definition, "force", result, -_numerical_derivative(energy, w), 1e-6 * abs(energy(w))
+        )
 
 
 def check_compiling(definition: Definition, p: Any) -> None:
@@ -70,12 +72,12 @@ def check_compiling(definition: Definition, p: Any) -> None:
             kernel(*arguments.get(name, (p, grain, 0.0)))
         except NumbaError as error:
             raise InputError(
-                f"{definition.title}: {name!r} does not compile: {_reason(error)}; take "
+                f"{definition.title}: {name!r} does not compile: {_most_telling_line(error)}; take "
                 "arithmetic, math, and functions that are compiled themselves"
             ) from None
 
 
-def _reason(error: BaseException) -> str:
+def _most_telling_line(error: BaseException) -> str:
     """Line of the compiler's message that tells the most."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [
@@ -84,7 +86,7 @@ def _reason(error: BaseException) -> str:
     return one_line(shown[0] if shown else type(error).__name__)
 
 
-def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:
+def _call_with_grain(definition: Definition, name: str, *arguments: Any, count: int = 1) -> Any:
     try:
         result = definition.functions[name](*arguments)
         values = (result,) if count == 1 else tuple(result)
@@ -96,7 +98,7 @@ def _value(definition: Definition, name: str, *arguments: Any, count: int = 1) -
     return numbers[0] if count == 1 else numbers
 
 
-def _slope(function: Callable[[float], float], at: float) -> float:
+def _numerical_derivative(function: Callable[[float], float], at: float) -> float:
     """Return the derivative, to the fourth order in the step."""
     h = _STEP * max(1.0, abs(at))
     near = function(at + h) - function(at - h)
@@ -104,7 +106,9 @@ def _slope(function: Callable[[float], float], at: float) -> float:
     return (8.0 * near - far) / (12.0 * h)
 
 
-def _compare(definition: Definition, name: str, result: float, slope: float, size: float) -> None:
+def _compare_with_derivative(
+    definition: Definition, name: str, result: float, slope: float, size: float
+) -> None:
     if not (math.isfinite(result) and math.isfinite(slope)):
         return  # a place where it cannot be evaluated says nothing
     if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
@@ -116,48 +120,58 @@ def _compare(definition: Definition, name: str, result: float, slope: float, siz
 
 def _check_force(definition: Definition, p: Any, grain: Grain, time: float) -> None:
     def energy(position: Grain, moment: float) -> float:
-        return float(_value(definition, "energy", p, position, moment))
+        return float(_call_with_grain(definition, "energy", p, position, moment))
 
-    fx, fy = _value(definition, "force", p, grain, time, count=2)
+    fx, fy = _call_with_grain(definition, "force", p, grain, time, count=2)
     size = 1e-6 * abs(energy(grain, time))
-    across = _slope(lambda x: energy(grain._replace(x=x), time), grain.x)
-    along = _slope(lambda y: energy(grain._replace(y=y), time), grain.y)
-    _compare(definition, "force", fx, -across, size + 1e-3 * abs(fy))
-    _compare(definition, "force", fy, -along, size + 1e-3 * abs(fx))
-    rate = _slope(lambda moment: energy(grain, moment), time)
-    power = _value(definition, "power", p, grain, time) if "power" in definition.functions else 0.0
-    _compare(definition, "power", power, rate, size)
+    across = _numerical_derivative(lambda x: energy(grain._replace(x=x), time), grain.x)
+    along = _numerical_derivative(lambda y: energy(grain._replace(y=y), time), grain.y)
+    _compare_with_derivative(definition, "force", fx, -across, size + 1e-3 * abs(fy))
+    _compare_with_derivative(definition, "force", fy, -along, size + 1e-3 * abs(fx))
+    rate = _numerical_derivative(lambda moment: energy(grain, moment), time)
+    power = (
+        _call_with_grain(definition, "power", p, grain, time)
+        if "power" in definition.functions
+        else 0.0
+    )
+    _compare_with_derivative(definition, "power", power, rate, size)
     if "stiffness" in definition.functions:
-        _value(definition, "stiffness", p, grain, time)
+        _call_with_grain(definition, "stiffness", p, grain, time)
 
 
 def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -> None:
     for first, second in itertools.combinations_with_replacement(grains, 2):
 
         def energy(distance: float, first: Grain = first, second: Grain = second) -> float:
-            return float(_value(definition, "pair_energy", p, distance, first, second))
+            return float(_call_with_grain(definition, "pair_energy", p, distance, first, second))
 
-        result = _value(definition, "pair_force", p, r, first, second)
-        _compare(definition, "pair_force", result, -_slope(energy, r), 1e-6 * abs(energy(r)))
-        other = _value(definition, "pair_force", p, r, second, first)
+        result = _call_with_grain(definition, "pair_force", p, r, first, second)
+        _compare_with_derivative(
+            definition,
+            "pair_force",
+            result,
+            -_numerical_derivative(energy, r),
+            1e-6 * abs(energy(r)),
+        )
+        other = _call_with_grain(definition, "pair_force", p, r, second, first)
         if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
             raise InputError(
                 f"{definition.title}: 'pair_force' gives {result:.6g} and, with the grains "
                 f"exchanged, {other:.6g}; a pair must pull and push equally"
             )
         if "pair_stiffness" in definition.functions:
-            _value(definition, "pair_stiffness", p, r, first, second)
+            _call_with_grain(definition, "pair_stiffness", p, r, first, second)
 
 
 def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
     for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
-        wx, wy = _value(definition, "flow", p, grain, vx, vy, dt, count=2)
+        wx, wy = _call_with_grain(definition, "flow", p, grain, vx, vy, dt, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
             raise InputError(
                 f"{definition.title}: 'flow' makes a grain faster; it may only take energy"
             )
-        twice = _value(definition, "flow", p, grain, wx, wy, dt, count=2)
-        total = _value(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
+        twice = _call_with_grain(definition, "flow", p, grain, wx, wy, dt, count=2)
+        total = _call_with_grain(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
             raise InputError(
                 f"{definition.title}: 'flow' over two spans is not that over both together; "

@@ -105,12 +105,12 @@ def functions_digest(functions: dict[str, Any], fields: list[str]) -> str:
     digest, seen = hashlib.sha256(repr(fields).encode()), set[int]()
     for name in sorted(functions):
         digest.update(f"\0{name}\0".encode())
-        for part in _parts(functions[name], seen):
+        for part in _iterate_code_and_values(functions[name], seen):
             digest.update(f"{part}\0".encode())
     return digest.hexdigest()[:24]
 
 
-def _parts(function: Any, seen: set[int]) -> Iterator[str]:
+def _iterate_code_and_values(function: Any, seen: set[int]) -> Iterator[str]:
     """Yield the code of a function, and the values and functions that it names."""
     function = getattr(function, "py_func", function)
     if id(function) in seen:
@@ -123,16 +123,16 @@ def _parts(function: Any, seen: set[int]) -> Iterator[str]:
     yield repr(function.__defaults__)
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     for used in cells:
-        yield from _parts(used, seen) if callable(used) else (repr(used),)
-    yield from _code_parts(function.__code__, function.__globals__, seen)
+        yield from _iterate_code_and_values(used, seen) if callable(used) else (repr(used),)
+    yield from _iterate_code_constants(function.__code__, function.__globals__, seen)
 
 
-def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[str]:
+def _iterate_code_constants(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[str]:
     yield code.co_code.hex()
     yield repr((code.co_names, code.co_varnames))
     for value in code.co_consts:
         if isinstance(value, python_types.CodeType):
-            yield from _code_parts(value, names, seen)
+            yield from _iterate_code_constants(value, names, seen)
         else:
             yield repr(value)
     for name in code.co_names:
@@ -140,7 +140,7 @@ def _code_parts(code: Any, names: dict[str, Any], seen: set[int]) -> Iterator[st
         if isinstance(used, python_types.ModuleType):
             yield used.__name__
         elif callable(used):
-            yield from _parts(used, seen)
+            yield from _iterate_code_and_values(used, seen)
         elif used is not None:
             yield repr(used.tolist() if isinstance(used, np.ndarray) else used)
 

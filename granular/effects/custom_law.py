@@ -103,12 +103,12 @@ def dispatch_by_kind(make: Callable[[Definition], Loop]) -> Loop:
     return call
 
 
-def _nothing(*arguments: Any) -> float:
+def _empty_hook(*arguments: Any) -> float:
     return 0.0
 
 
 if not numba.config.DISABLE_JIT:
-    _nothing = numba.njit(**OPTIONS)(_nothing)
+    _empty_hook = numba.njit(**OPTIONS)(_empty_hook)
 
 
 def _make_grain_forces(definition: Definition) -> Loop:
@@ -129,7 +129,7 @@ def _make_grain_forces(definition: Definition) -> Loop:
 
 def _make_grain_energy(definition: Definition) -> Loop:
     energy, values_of = definition.kernels.get("energy"), definition.parameters
-    stiffness: Loop = definition.kernels.get("stiffness", _nothing)
+    stiffness: Loop = definition.kernels.get("stiffness", _empty_hook)
     if energy is None:
         return lambda kind, law, state, constants, time, slopes: 0.0
 
@@ -187,13 +187,13 @@ def _make_flow(definition: Definition) -> Loop:
 
 
 @compiled
-def _ready(law: CustomLaw, cells: Cells | None, state: State, count: int) -> bool:
+def _sort_grains_into_cells(law: CustomLaw, cells: Cells | None, state: State, count: int) -> bool:
     """Sort the grains, where pairs end; False where a position is no number."""
     return True if cells is None else sort_into_cells(cells, state.x, state.y, count, law.reach)
 
 
 @compiled
-def _partners(law: CustomLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
+def _count_partners(law: CustomLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
     """Return the number of a grain's partners: those within reach, or all that follow it."""
     if cells is None:
         return count - 1 - i
@@ -201,7 +201,7 @@ def _partners(law: CustomLaw, cells: Cells | None, state: State, i: int, count: 
 
 
 @compiled
-def _partner(cells: Cells | None, i: int, k: int) -> int:
+def _partner_index(cells: Cells | None, i: int, k: int) -> int:
     return i + 1 + k if cells is None else cells.partners[k]
 
 
@@ -215,12 +215,12 @@ def _make_pair_forces(definition: Definition) -> Loop:
     ) -> int:
         p, count = values_of(*law.values), constants.grains
         masses, moments = constants.masses, relative_moments(constants)
-        if not _ready(law, cells, state, count):
+        if not _sort_grains_into_cells(law, cells, state, count):
             return 1
         for i in range(count):
             first = make_grain(state, masses, moments, i)
-            for k in range(_partners(law, cells, state, i, count)):
-                j = _partner(cells, i, k)
+            for k in range(_count_partners(law, cells, state, i, count)):
+                j = _partner_index(cells, i, k)
                 dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 if r < law.reach:
@@ -236,7 +236,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
 
 def _make_pair_energy(definition: Definition) -> Loop:
     energy, values_of = definition.kernels.get("pair_energy"), definition.parameters
-    stiffness: Loop = definition.kernels.get("pair_stiffness", _nothing)
+    stiffness: Loop = definition.kernels.get("pair_stiffness", _empty_hook)
     if energy is None:
         return lambda kind, law, cells, state, constants, slopes: 0.0
 
@@ -246,12 +246,12 @@ def _make_pair_energy(definition: Definition) -> Loop:
     ) -> float:  # fmt: skip
         p, count, total = values_of(*law.values), constants.grains, 0.0
         masses, moments = constants.masses, relative_moments(constants)
-        if not _ready(law, cells, state, count):
+        if not _sort_grains_into_cells(law, cells, state, count):
             return math.nan
         for i in range(count):
             first = make_grain(state, masses, moments, i)
-            for k in range(_partners(law, cells, state, i, count)):
-                j = _partner(cells, i, k)
+            for k in range(_count_partners(law, cells, state, i, count)):
+                j = _partner_index(cells, i, k)
                 dx, dy = state.x[i] - state.x[j], state.y[i] - state.y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 if r < law.reach:

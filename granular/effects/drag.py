@@ -91,7 +91,7 @@ class DragLaw(NamedTuple):
     ) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
-        _kick(
+        _kick_with_drag(
             state.rounding, workspace.values, law.rate, dt, state, constants.grains,
             constants.masses, LOSSES + index,
         )  # fmt: skip
@@ -115,7 +115,7 @@ class DragLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def _kick(
+def _kick_with_drag(
     rounding: Array | None, last: Array, rate: float, dt: float, state: State, count: int,
     masses: Array | None, loss_entry: int,
 ) -> None:  # fmt: skip

@@ -101,7 +101,7 @@ class Excitation(Section):
         if self.kind == "table":
             self._check_table()
         if self.kind == "noise":
-            _knots(self)
+            _table_knots(self)
 
     def _read_record(self) -> None:
         from granular.readers.formats import read_series
@@ -129,7 +129,7 @@ class Excitation(Section):
             )
         if len(self.times) < LEAST_ROWS or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase, with at least four values", "times")
-        _table_count(self)
+        _table_point_count(self)
 
     @property
     def of_base(self) -> bool:
@@ -148,11 +148,13 @@ class Excitation(Section):
         """Convert to natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
-        size, swings = self._size(scales)
+        size, swings = self._amplitude_in_natural_units(scales)
         start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
-            times, values, slopes = _noise(self) if self.kind == "noise" else _table(self)
+            times, values, slopes = (
+                _noise_sines(self) if self.kind == "noise" else _spline_table(self)
+            )
             start, duration = start + times[0], times[-1] - times[0]
             times = times - times[0]
         return Drive(
@@ -169,7 +171,7 @@ class Excitation(Section):
             slopes=slopes * tau,
         )
 
-    def _size(self, scales: Scales) -> tuple[float, bool]:
+    def _amplitude_in_natural_units(self, scales: Scales) -> tuple[float, bool]:
         if self.force is not None:
             return self.force / scales.force, False
         if self.acceleration is not None:
@@ -215,7 +217,7 @@ class Drive(NamedTuple):
 def evaluate_excitation(drive: Drive, time: float) -> float:
     """Force, or the acceleration of the base, at a time since the start of the run [tau]."""
     t = time - drive.start
-    return _while_it_acts(drive, t) if 0.0 <= t <= drive.duration else 0.0
+    return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
@@ -229,18 +231,18 @@ def excitation_of_kick(drive: Drive, time: float, dt: float, opening: bool) -> f
     other = t + dt if opening else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
-        return _while_it_acts(drive, t)
+        return _value_during_excitation(drive, t)
     fraction = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
     if not fraction > 0.0:
         return 0.0
-    return fraction * _while_it_acts(drive, min(max(t, 0.0), drive.duration))
+    return fraction * _value_during_excitation(drive, min(max(t, 0.0), drive.duration))
 
 
 @compiled
-def _while_it_acts(drive: Drive, t: float) -> float:
+def _value_during_excitation(drive: Drive, t: float) -> float:
     """Value at a time since its begin [tau]."""
     if drive.kind == TABLE:
-        return drive.size * _tabulate(drive, t)
+        return drive.size * _interpolate_table(drive, t)
     if drive.kind == IMPULSE:
         inside = t < drive.duration
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0
@@ -255,7 +257,7 @@ def _while_it_acts(drive: Drive, t: float) -> float:
 
 
 @compiled
-def _tabulate(drive: Drive, t: float) -> float:
+def _interpolate_table(drive: Drive, t: float) -> float:
     h = drive.times[1]
     k = min(int(t / h), drive.times.size - 2)
     s = t / h - k
@@ -269,7 +271,7 @@ Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Times [s], values, and slopes [1/s]."""
 
 
-def _table_count(excitation: Excitation) -> int:
+def _table_point_count(excitation: Excitation) -> int:
     spacing = float(np.diff(excitation.times).min())
     count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
     if count > MOST_KNOTS:
@@ -281,16 +283,16 @@ def _table_count(excitation: Excitation) -> int:
     return count
 
 
-def _table(excitation: Excitation) -> Knots:
+def _spline_table(excitation: Excitation) -> Knots:
     """Cubic spline through the table, on times that are equally far from each other."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(excitation.times, excitation.values)
-    times = np.linspace(excitation.times[0], excitation.times[-1], _table_count(excitation))
+    times = np.linspace(excitation.times[0], excitation.times[-1], _table_point_count(excitation))
     return times, spline(times), spline(times, 1)
 
 
-def _knots(excitation: Excitation) -> int:
+def _table_knots(excitation: Excitation) -> int:
     assert excitation.to is not None
     assert excitation.duration is not None
     count = math.ceil(excitation.duration * excitation.to * KNOTS_A_PERIOD) + 1
@@ -303,7 +305,7 @@ def _knots(excitation: Excitation) -> int:
     return count
 
 
-def _noise(excitation: Excitation) -> Knots:
+def _noise_sines(excitation: Excitation) -> Knots:
     """Sines of one amplitude and random phases, the lines of a period as long as the noise."""
     assert excitation.frequency is not None
     assert excitation.to is not None
@@ -316,7 +318,7 @@ def _noise(excitation: Excitation) -> Knots:
         + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
     )
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
-    times = np.linspace(0.0, excitation.duration, _knots(excitation))
+    times = np.linspace(0.0, excitation.duration, _table_knots(excitation))
     size = math.sqrt(2.0 / lines)
     values, slopes = np.zeros(len(times)), np.zeros(len(times))
     for rate, phase in zip(omega, phases, strict=True):

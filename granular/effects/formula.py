@@ -81,7 +81,9 @@ class Formula(Parametric):
     def definition(self) -> Definition:
         """Definition by which kernels know the formula."""
         kind: Any = type(self)
-        result: Definition = _definition(kind, self.energy, tuple(name for name, _ in self.values))
+        result: Definition = _make_definition(
+            kind, self.energy, tuple(name for name, _ in self.values)
+        )
         DEFINITIONS[result.digest] = result
         return result
 
@@ -123,20 +125,22 @@ class Listed(Force):
 
 
 @functools.cache
-def _definition(kind: type[Formula], energy: str, parameters: tuple[str, ...]) -> Definition:
+def _make_definition(kind: type[Formula], energy: str, parameters: tuple[str, ...]) -> Definition:
     key = kind.__name__.lower()
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
     functions = _Derived(kind, energy, parameters)
-    return Definition("effect", key, f"{key}_{digest}", _as_given, functions, _Compiled(functions))
+    return Definition(
+        "effect", key, f"{key}_{digest}", _given_value_field, functions, _Compiled(functions)
+    )
 
 
-def _as_given(*values: float) -> tuple[float, ...]:
+def _given_value_field(*values: float) -> tuple[float, ...]:
     return values
 
 
 if not numba.config.DISABLE_JIT:
-    _as_given = numba.njit(**OPTIONS)(_as_given)
+    _given_value_field = numba.njit(**OPTIONS)(_given_value_field)
 
 
 class _Derived(Mapping[str, Callable[..., Any]]):
@@ -176,13 +180,16 @@ class _Derived(Mapping[str, Callable[..., Any]]):
         if forms["force"].has(sympy.DiracDelta):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
-        made = {name: compile_function(arguments, _smooth(form)) for name, form in forms.items()}
+        made = {
+            name: compile_function(arguments, _remove_delta_of_kink(form))
+            for name, form in forms.items()
+        }
         if not numba.config.DISABLE_JIT:
             made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
         return self.kind.functions_of(made)
 
 
-def _smooth(form: sympy.Expr) -> sympy.Expr:
+def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
     """Without the infinite stiffness of a kink, at the one point where it is.
 
     A step stands as a sign: SymPy writes it as a choice from lists, which Numba does not compile.

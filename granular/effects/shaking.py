@@ -42,18 +42,18 @@ class Shaking(Frame):
 
     def greatest_speed(self, scales: Scales) -> float:
         """Greatest speed of the cell [D/tau]."""
-        swing = self._swing(scales)
+        swing = self._natural_swing(scales)
         return math.hypot(swing.x, swing.y) / swing.omega
 
     def drive_frequency(self, scales: Scales) -> float:
         """Angular frequency of the motion [1/tau]."""
-        return self._swing(scales).omega
+        return self._natural_swing(scales).omega
 
     def law(self, setting: EffectContext) -> Swing:
         """Apparent acceleration in natural units."""
-        return self._swing(setting.scales)
+        return self._natural_swing(setting.scales)
 
-    def _swing(self, scales: Scales) -> Swing:
+    def _natural_swing(self, scales: Scales) -> Swing:
         omega = 2.0 * math.pi * self.frequency * scales.time
         size = self.amplitude / scales.length * omega**2
         return Swing(size * math.cos(self.angle), size * math.sin(self.angle), omega)

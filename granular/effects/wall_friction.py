@@ -108,7 +108,9 @@ class WallFrictionLaw(NamedTuple):
         rubbed, dragged = 0.0, 0.0
         for i in range(constants.grains):
             mass, x = value_or_one(masses, i), state.x[i]
-            normal = _normal(law.left, x) + _normal(law.right, constants.width - x)
+            normal = _wall_normal_force(law.left, x) + _wall_normal_force(
+                law.right, constants.width - x
+            )
             hold = law.coefficient * value_or_one(moments, i) * normal
             v, push = state.vx[i], state.fx[i] / mass
             state.vx[i] = decay * v + gain * push
@@ -124,20 +126,20 @@ class WallFrictionLaw(NamedTuple):
 
 
 @compiled
-def _none(law: Any, w: float) -> float:
+def _zero_normal_force(law: Any, w: float) -> float:
     return 0.0
 
 
-_force = call_hook("force", "w", _none)
+_force = call_hook("force", "w", _zero_normal_force)
 
 
 @compiled
-def _normal(law: Any, w: float) -> float:
+def _wall_normal_force(law: Any, w: float) -> float:
     return 0.0 if law is None else _force(law, w)
 
 
 @compiled
-def _coast(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
+def _coast_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     displacement = drag.displacement_under_drag(
@@ -161,7 +163,7 @@ def slide_along_wall(
     if v != 0.0:
         sign = math.copysign(1.0, v)
         net = push - sign * hold
-        after, path, lost = _coast(rate, dt, v, net)
+        after, path, lost = _coast_with_drag(rate, dt, v, net)
         if sign * after > 0.0:
             return after, (path, lost)
         brake = -sign * net
@@ -170,6 +172,6 @@ def slide_along_wall(
         dt = max(dt - drag.stopping_time(rate, abs(v), brake), 0.0)
         v = 0.0
     if abs(push) > hold:
-        v, path, lost = _coast(rate, dt, 0.0, push - math.copysign(hold, push))
+        v, path, lost = _coast_with_drag(rate, dt, 0.0, push - math.copysign(hold, push))
         return v, (displacement + abs(path), dragged + lost)
     return 0.0, (displacement, dragged)

@@ -37,18 +37,18 @@ class Side(NamedTuple):
 
 
 @compiled
-def _none(law: Any, w: float) -> float:
+def _zero_at_distance(law: Any, w: float) -> float:
     return 0.0
 
 
 @compiled
-def _behind(law: Any, w: float) -> bool:
+def _never_behind(law: Any, w: float) -> bool:
     return not w > 0.0
 
 
-_is_behind = call_hook("is_behind", "w", _behind)
+_is_behind = call_hook("is_behind", "w", _never_behind)
 _force, _energy, _stiffness = (
-    call_hook(name, "w", _none) for name in ("force", "energy", "stiffness")
+    call_hook(name, "w", _zero_at_distance) for name in ("force", "energy", "stiffness")
 )
 
 

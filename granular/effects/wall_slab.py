@@ -25,14 +25,14 @@ from granular.effects.wall_side import Side
 
 
 @compiled
-def _pull(w: float, a: float) -> float:
+def _end_energy_decrease(w: float, a: float) -> float:
     """(1 - a/sqrt(w^2 + a^2))/w^2: decrease of an endless wall's energy at an end, times 4."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
-def _steep(w: float, a: float) -> float:
+def _end_force_decrease(w: float, a: float) -> float:
     """Decrease of an endless wall's normal force at an end, times 4; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
@@ -46,7 +46,7 @@ def energy(w: float, a: float, b: float) -> float:
         return 0.25 / w2 * (a / math.sqrt(w2 + a * a) + b / math.sqrt(w2 + b * b))
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_pull(w, -b) - _pull(w, a))
+    return 0.25 * (_end_energy_decrease(w, -b) - _end_energy_decrease(w, a))
 
 
 @entry
@@ -60,7 +60,7 @@ def normal_force(w: float, a: float, b: float) -> float:
         return 0.25 * (near + far) / (w2 * w)
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_steep(w, -b) - _steep(w, a))
+    return 0.25 * (_end_force_decrease(w, -b) - _end_force_decrease(w, a))
 
 
 @entry

@@ -74,7 +74,7 @@ class WallLaws(NamedTuple):
     ) -> int:  # fmt: skip
         """Enter the energy of the grains at the walls."""
         state, constants = bed.state, bed.constants
-        _under_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        _multiply_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_walls(
             law, constants.grains, relative_moments(constants), state.x, state.y,
             constants.width, state.piston[HEIGHT], stiffness, state.scratch,
@@ -108,7 +108,9 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
 
 
 @compiled
-def _under_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+def _multiply_by_mass(
+    stiffness: Array, moments: Array | None, masses: Array | None, count: int
+) -> None:
     """Undo `divide_by_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):

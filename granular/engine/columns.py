@@ -83,17 +83,17 @@ def record_width(laws: int) -> int:
 
 def total_potentials(rows: np.ndarray) -> np.ndarray:
     """Potential energy of the grains in each record (r,), as a whole."""
-    return np.asarray(_terms(rows).sum(axis=1))
+    return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 
 
 def summed_potential_magnitudes(rows: np.ndarray) -> np.ndarray:
     """Sum of the sizes of the potential energies in each record (r,)."""
-    return np.asarray(np.abs(_terms(rows)).sum(axis=1))
+    return np.asarray(np.abs(_potential_energy_columns(rows)).sum(axis=1))
 
 
 def total_energies(rows: np.ndarray) -> np.ndarray:
     """Energy of grains and piston in each record (r,)."""
-    terms = [rows[:, [KINETIC]], _terms(rows), rows[:, [PISTON]]]
+    terms = [rows[:, [KINETIC]], _potential_energy_columns(rows), rows[:, [PISTON]]]
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
@@ -104,13 +104,15 @@ def total_energy(row: np.ndarray) -> float:
 
 def total_losses(rows: np.ndarray) -> np.ndarray:
     """Energy lost up to each record (r,)."""
-    return np.asarray(rows[:, _middle(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
+    return np.asarray(rows[:, _middle_columns(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 
-def _middle(rows: np.ndarray) -> int:
+def _middle_columns(rows: np.ndarray) -> int:
     return (ENERGIES + rows.shape[1]) // 2
 
 
-def _terms(rows: np.ndarray) -> np.ndarray:
+def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
     """Potential energies in each record: of the pairs, and of the laws from the last one on."""
-    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _middle(rows)][:, ::-1]], axis=1)
+    return np.concatenate(
+        [rows[:, [PAIR]], rows[:, ENERGIES : _middle_columns(rows)][:, ::-1]], axis=1
+    )

@@ -32,11 +32,13 @@ def compute_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
     far.moment[TIME] = time
     far.moment[CALLS] = 0.0
     far.moment[CHANGING] = 0.0
-    return _find(far.mesh, far.direct, far, bed)
+    return _find_far_forces_of_bed(far.mesh, far.direct, far, bed)
 
 
 @compiled(inline=True)
-def _find(mesh: Mesh | None, direct: DirectWorkspace | None, far: FarForces, bed: Bed) -> int:
+def _find_far_forces_of_bed(
+    mesh: Mesh | None, direct: DirectWorkspace | None, far: FarForces, bed: Bed
+) -> int:
     state, constants = bed.state, bed.constants
     assert state.stripes is not None
     crowded, grains, threaded = 0, constants.grains, constants.threaded
@@ -68,11 +70,11 @@ def refresh_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
     """
     if far is None:
         return 0
-    return _refresh(far.held, far, bed, time)
+    return _refresh_if_moved(far.held, far, bed, time)
 
 
 @compiled(inline=True)
-def _refresh(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _refresh_if_moved(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     if held is None:
         return _refresh_rubbing(far.met, far, bed, time)
     return 0
@@ -87,28 +89,28 @@ def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -
     if far.moment[CHANGING] > 0.0 and far.moment[CALLS] < far.ahead:
         return 0
     if any_grain_moved(met, state.x, state.y, constants.grains, far.still):
-        return _find_course(far.trajectory, far, bed, time)
+        return _update_far_trajectory(far.trajectory, far, bed, time)
     far.moment[CHANGING] = 0.0
     return 0
 
 
 @compiled(inline=True)
-def _find_course(trajectory: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _update_far_trajectory(trajectory: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     """Compute the far field, and its rate of change where the last one is recent."""
     if trajectory is None:
         return compute_far_field(far, bed, time)
     lapse = time - far.moment[TIME]
     goes_on = far.moment[CALLS] <= far.ahead and lapse > 0.0
-    _keep(trajectory, far)
+    _store_far_forces(trajectory, far)
     crowded = compute_far_field(far, bed, time)
     if goes_on:
-        _find_slopes(trajectory, far, lapse)
+        _far_force_rates(trajectory, far, lapse)
         far.moment[CHANGING] = 1.0
     return crowded
 
 
 @compiled
-def _keep(trajectory: Array, far: FarForces) -> None:
+def _store_far_forces(trajectory: Array, far: FarForces) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = far.fx[i]
         trajectory[1, i] = far.fy[i]
@@ -116,7 +118,7 @@ def _keep(trajectory: Array, far: FarForces) -> None:
 
 
 @compiled
-def _find_slopes(trajectory: Array, far: FarForces, lapse: float) -> None:
+def _far_force_rates(trajectory: Array, far: FarForces, lapse: float) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
         trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
@@ -127,13 +129,17 @@ def _find_slopes(trajectory: Array, far: FarForces, lapse: float) -> None:
 def add_far_field(far: FarForces | None, state: State, count: int, time: float) -> None:
     """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
-        _add(far.held, far, state.load, state, count)
+        _add_held_forces(far.held, far, state.load, state, count)
         if far.moment[CHANGING] > 0.0:
-            _add_course(far.trajectory, state.load, time - far.moment[TIME], state, count)
+            _add_extrapolated_forces(
+                far.trajectory, state.load, time - far.moment[TIME], state, count
+            )
 
 
 @compiled
-def _add(held: Array | None, far: FarForces, load: Array | None, state: State, count: int) -> None:
+def _add_held_forces(
+    held: Array | None, far: FarForces, load: Array | None, state: State, count: int
+) -> None:
     if held is None:
         for i in range(count):
             state.fx[i] += far.fx[i]
@@ -148,7 +154,7 @@ def _add(held: Array | None, far: FarForces, load: Array | None, state: State, c
 
 
 @compiled
-def _add_course(
+def _add_extrapolated_forces(
     trajectory: Array | None, load: Array | None, lapse: float, state: State, count: int
 ) -> None:
     if trajectory is not None:
@@ -171,11 +177,13 @@ def kick_by_far_field(far: FarForces | None, dt: float, bed: Bed) -> None:
     """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
-        _kick(state.rounding, far.held, far, dt, state, constants.masses, constants.grains)
+        _kick_by_held_forces(
+            state.rounding, far.held, far, dt, state, constants.masses, constants.grains
+        )
 
 
 @compiled
-def _kick(
+def _kick_by_held_forces(
     rounding: Array | None, held: Array | None, far: FarForces, dt: float, state: State,
     masses: Array | None, count: int,
 ) -> None:  # fmt: skip

@@ -97,11 +97,11 @@ def kinetic_energy(bed: Bed) -> tuple[float, float]:
         square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
         fastest = max(fastest, square)
         state.scratch[i] = square
-    return 0.5 * _mass_sum(state, constants.masses), fastest
+    return 0.5 * _sum_times_mass(state, constants.masses), fastest
 
 
 @compiled
-def _mass_sum(state: State, masses: Array | None) -> float:
+def _sum_times_mass(state: State, masses: Array | None) -> float:
     """Sum of the masses times what is in the scratch."""
     if masses is not None:
         for i in range(masses.size):

@@ -60,10 +60,10 @@ def kick_host(
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
     if apart and not opening:
-        _damp(law, workspace, dt, state)
-    _kick(law, workspace, dt, bed, motion, time, start, opening)
+        _damp_chain(law, workspace, dt, state)
+    _kick_chain(law, workspace, dt, bed, motion, time, start, opening)
     if apart and opening:
-        _damp(law, workspace, dt, state)
+        _damp_chain(law, workspace, dt, state)
 
 
 @compiled(inline=True)
@@ -98,7 +98,7 @@ def record_host(
 
 
 @compiled
-def _momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: float) -> float:
+def _coupled_momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: float) -> float:
     """Momentum of the whole over the base; ``grains`` is that of the grains in the frame."""
     last = law.chain.masses.size - 1
     total = grains + law.piston_mass * speed
@@ -110,7 +110,7 @@ def _momentum(law: HostLaw, workspace: HostWorkspace, grains: float, speed: floa
 
 
 @compiled
-def _power(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
+def _driven_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> float:
     """Velocity of what the outer force acts on."""
     last = law.chain.masses.size - 1
     total = 0.0
@@ -146,7 +146,7 @@ def _secant_factor(first: float, second: float) -> float:
 
 
 @compiled
-def _keep(workspace: HostWorkspace, bed: Bed) -> None:
+def _store_velocities(workspace: HostWorkspace, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         workspace.speeds[0, i], workspace.speeds[1, i] = state.vx[i], state.vy[i]
@@ -155,7 +155,7 @@ def _keep(workspace: HostWorkspace, bed: Bed) -> None:
 
 
 @compiled
-def _take_back(workspace: HostWorkspace, bed: Bed, speed: float) -> None:
+def _restore_velocities(workspace: HostWorkspace, bed: Bed, speed: float) -> None:
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         state.vx[i], state.vy[i] = workspace.speeds[0, i], workspace.speeds[1, i]
@@ -165,7 +165,7 @@ def _take_back(workspace: HostWorkspace, bed: Bed, speed: float) -> None:
 
 
 @compiled
-def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
+def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     law: HostLaw, workspace: HostWorkspace, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
@@ -196,13 +196,16 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         weight += law.piston_mass
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
-    power, total = _power(law, workspace, state), _momentum(law, workspace, grains, speed)
+    power, total = (
+        _driven_velocity(law, workspace, state),
+        _coupled_momentum(law, workspace, grains, speed),
+    )
     frame = workspace.persistent[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
     dashpots, held = not (law.mount == PISTON_MOUNT and free), 0.0
     if passes > 1:
-        _keep(workspace, bed)
+        _store_velocities(workspace, bed)
     before, first = push, 0.0
     for attempt in range(passes):
         held = _kick_bodies(law.chain, workspace, dt, base, dt * (push - base), dashpots)
@@ -219,7 +222,7 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
             push += missing
         else:
             push += missing * _secant_factor(first, missing)
-        _take_back(workspace, bed, speed)
+        _restore_velocities(workspace, bed, speed)
     if law.mount != FIXED:
         taken = bed_momentum(bed) - grains
         if free:
@@ -228,17 +231,17 @@ def _kick(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         change = (dt * (chain + held + outer) - taken) / mass - dt * base
         workspace.changes[last] = change
         if dashpots:
-            _enter_dashpots(law, workspace, dt, state)
+            _record_dashpot_loss(law, workspace, dt, state)
         for k in range(last + 1):
             workspace.persistent[1, k] += workspace.changes[k]
         state.ledger[WORK] += dt * outer * 0.5 * (frame + workspace.persistent[1, last])
-    power += _power(law, workspace, state)
-    total += _momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
+    power += _driven_velocity(law, workspace, state)
+    total += _coupled_momentum(law, workspace, bed_momentum(bed), state.piston[SPEED])
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 
 
 @compiled
-def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
+def _damp_chain(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
     """Dashpots alone over ``dt``, of a chain that carries the piston of a free cell."""
     chain, count = law.chain, law.chain.masses.size
     half = 0.5 * dt
@@ -246,11 +249,12 @@ def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> No
         mass = chain.masses[k] if k < count - 1 else law.piston_mass
         above = chain.damping[k + 1] if k + 1 < count else 0.0
         drag = -chain.damping[k] * (
-            _speed(law, workspace, state, k) - _speed(law, workspace, state, k - 1)
+            _body_velocity(law, workspace, state, k) - _body_velocity(law, workspace, state, k - 1)
         )
         if k + 1 < count:
             drag += above * (
-                _speed(law, workspace, state, k + 1) - _speed(law, workspace, state, k)
+                _body_velocity(law, workspace, state, k + 1)
+                - _body_velocity(law, workspace, state, k)
             )
         workspace.diagonal[k] = mass + half * (chain.damping[k] + above)
         workspace.changes[k] = dt * drag
@@ -265,7 +269,7 @@ def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> No
         workspace.changes[k] /= workspace.diagonal[k]
     below = 0.0
     for k in range(count):
-        mean = _speed(law, workspace, state, k) + 0.5 * workspace.changes[k]
+        mean = _body_velocity(law, workspace, state, k) + 0.5 * workspace.changes[k]
         state.ledger[law.entry] += dt * chain.damping[k] * (mean - below) * (mean - below)
         below = mean
     for k in range(count - 1):
@@ -274,7 +278,7 @@ def _damp(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> No
 
 
 @compiled
-def _speed(law: HostLaw, workspace: HostWorkspace, state: State, k: int) -> float:
+def _body_velocity(law: HostLaw, workspace: HostWorkspace, state: State, k: int) -> float:
     """Velocity of a body over the base; 0 of the base."""
     if k < 0:
         return 0.0
@@ -338,7 +342,7 @@ def _kick_bodies(
 
 
 @compiled
-def _enter_dashpots(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
+def _record_dashpot_loss(law: HostLaw, workspace: HostWorkspace, dt: float, state: State) -> None:
     """Enter what the dashpots take at the mean velocities of a kick."""
     below = 0.0
     for k in range(law.chain.masses.size):

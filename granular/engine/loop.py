@@ -122,7 +122,7 @@ def record_measurement(
 
 
 @compiled
-def _anyone_below(y: Array, count: int, height: float) -> bool:
+def _any_grain_below(y: Array, count: int, height: float) -> bool:
     for i in range(count):  # noqa: SIM110 (a loop is what compiles)
         if y[i] < height:
             return True
@@ -130,7 +130,7 @@ def _anyone_below(y: Array, count: int, height: float) -> bool:
 
 
 @compiled
-def _resting(watch: StopCriteria, tick: int, row: Array) -> bool:
+def _has_come_to_rest(watch: StopCriteria, tick: int, row: Array) -> bool:
     """Return whether piston and grains have been at rest for the window."""
     height = row[columns.HEIGHT]
     watch.band[LOWEST] = min(watch.band[LOWEST], height)
@@ -177,7 +177,7 @@ def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
 
 
 @compiled
-def _make_tick(
+def _advance_one_tick(
     fraction: float | None, every: int | None, tick: int, window: Window, pace: StepSchedule,
     plan: Plan, bed: Bed, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
@@ -261,7 +261,7 @@ def advance_ticks(
     tuple of int
         Status; ticks made; records written.
     """
-    return _advance(
+    return _advance_window(
         by_reference(window), by_reference(pace), by_reference(plan),
         by_reference(Bed(state, constants)), by_reference(motion), by_reference(measurement),
         by_reference(watch), rows,
@@ -269,7 +269,9 @@ def advance_ticks(
 
 
 @compiled
-def _look(window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> int:
+def _check_and_record(
+    window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array
+) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
     outside = compute_forces_and_sums(bed, time, measurement)
@@ -278,16 +280,16 @@ def _look(window: Window, bed: Bed, motion: Motion, measurement: Measurement, ro
 
 
 @compiled
-def _advance(
+def _advance_window(
     window: Window, pace: StepSchedule, plan: Plan, bed: Bed, motion: Motion,
     measurement: Measurement, watch: StopCriteria, rows: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
     state, constants = bed.state, bed.constants
     if window.ticks == 0:
-        return _look(window, bed, motion, measurement, rows[0]), 0, 0
+        return _check_and_record(window, bed, motion, measurement, rows[0]), 0, 0
     saved, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
-        outside = _make_tick(
+        outside = _advance_one_tick(
             plan.fraction,
             plan.far_every,
             tick,
@@ -308,14 +310,14 @@ def _advance(
         turned = _energy_turnover(watch, laws, row)
         watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
-        resting = watch.rest >= 0.0 and _resting(watch, done, row)
+        resting = watch.rest >= 0.0 and _has_come_to_rest(watch, done, row)
         if done % pace.every == 0:
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
         if state.wall_forces[TOP] >= motion.limit:
             return REACHED, done - window.first, saved
-        if _anyone_below(state.y, constants.grains, constants.exit):
+        if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved
         if row[columns.STIFFEST] * pace.h > watch.stiff:
             return STIFF, done - window.first, saved

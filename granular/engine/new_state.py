@@ -45,17 +45,17 @@ def new_state(
         wall_forces=np.zeros(4),
         label=np.arange(x.size),
         load=None if acting.weight is None else np.zeros_like(x),
-        stripes=_stripes(x.size, acting),
+        stripes=_new_stripes(x.size, acting),
         verlet_list=None
         if acting.listing is None
         else verlet_list_workspace(x.size, acting.listing.radius),
-        far_forces=_far_forces(x.size, acting),
+        far_forces=_new_far_forces(x.size, acting),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
         buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
         rounding=np.zeros((4, x.size)) if method.compensated else None,
-        slopes=None if method.tableau is None else _slopes(len(method.tableau), x.size),
+        slopes=None if method.tableau is None else _new_slopes(len(method.tableau), x.size),
     )
 
 
@@ -63,7 +63,7 @@ def _workspace(law: Any, size: int, count: int) -> Any:
     return law.workspace(size, count) if hasattr(law, "workspace") else None
 
 
-def _stripes(size: int, acting: Acting) -> Stripes | None:
+def _new_stripes(size: int, acting: Acting) -> Stripes | None:
     if acting.cut is None:
         return None
     cut = acting.cut
@@ -72,13 +72,13 @@ def _stripes(size: int, acting: Acting) -> Stripes | None:
     )
 
 
-def _far_forces(size: int, acting: Acting) -> FarForces | None:
+def _new_far_forces(size: int, acting: Acting) -> FarForces | None:
     if acting.far is None:
         return None
     return far_forces_workspace(acting.far, size, loaded=acting.weight is not None)
 
 
-def _slopes(rows: int, size: int) -> Slopes:
+def _new_slopes(rows: int, size: int) -> Slopes:
     return Slopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
 
 

@@ -40,7 +40,7 @@ def _inertial_force(workspace: HostWorkspace | None, constants: Constants) -> fl
 
 
 @compiled
-def _raise_speed(rounding: Array | None, by: float, state: State) -> None:
+def _add_to_piston_speed(rounding: Array | None, by: float, state: State) -> None:
     if rounding is None:
         state.piston[SPEED] += by
     else:
@@ -50,7 +50,7 @@ def _raise_speed(rounding: Array | None, by: float, state: State) -> None:
 
 
 @compiled
-def _raise_height(rounding: Array | None, by: float, state: State) -> None:
+def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> None:
     if rounding is None:
         state.piston[HEIGHT] += by
     else:
@@ -60,24 +60,26 @@ def _raise_height(rounding: Array | None, by: float, state: State) -> None:
 
 
 @compiled(inline=True)
-def _free_kick(
+def _kick_undamped_piston(
     resistance: Resistance | None, force: float, dt: float, mass: float, state: State,
     opening: bool,
 ) -> None:  # fmt: skip
     if resistance is None:
-        _raise_speed(state.rounding, dt * force / mass, state)
-    elif _slow(resistance, force, dt, mass, state):
-        _slide(resistance, force, dt, mass, state)
+        _add_to_piston_speed(state.rounding, dt * force / mass, state)
+    elif _stops_within_step(resistance, force, dt, mass, state):
+        _slide_with_friction(resistance, force, dt, mass, state)
     elif opening:
-        _push(resistance, force, dt, mass, state)
-        _rub(resistance, dt, mass, state)
+        _accelerate_with_drag(resistance, force, dt, mass, state)
+        _slow_by_friction(resistance, dt, mass, state)
     else:
-        _rub(resistance, dt, mass, state)
-        _push(resistance, force, dt, mass, state)
+        _slow_by_friction(resistance, dt, mass, state)
+        _accelerate_with_drag(resistance, force, dt, mass, state)
 
 
 @compiled
-def _slow(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> bool:
+def _stops_within_step(
+    resistance: Resistance, force: float, dt: float, mass: float, state: State
+) -> bool:
     """Return whether the force and twice the friction would stop the piston within ``dt``."""
     v = state.piston[SPEED]
     against = max(-math.copysign(force, force * v), 0.0)
@@ -85,7 +87,9 @@ def _slow(resistance: Resistance, force: float, dt: float, mass: float, state: S
 
 
 @compiled
-def _push(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> None:
+def _accelerate_with_drag(
+    resistance: Resistance, force: float, dt: float, mass: float, state: State
+) -> None:
     """Force and drag, exactly."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(resistance.rate, dt)
     v, push = state.piston[SPEED], force / mass
@@ -94,7 +98,9 @@ def _push(resistance: Resistance, force: float, dt: float, mass: float, state: S
 
 
 @compiled
-def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: State) -> None:
+def _slide_with_friction(
+    resistance: Resistance, force: float, dt: float, mass: float, state: State
+) -> None:
     """Force, drag and friction together, where friction alone could stop the piston.
 
     As for grains: one after the other, they would stop for good a piston that is pushed on, and
@@ -108,7 +114,7 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
         if sign * (decay * v + gain * net / mass) > 0.0:
             displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), sign * net / mass)
             state.ledger[PISTON] += friction * displacement
-            _push(resistance, net, dt, mass, state)
+            _accelerate_with_drag(resistance, net, dt, mass, state)
             return
         brake = -sign * net / mass
         displacement = drag.stopping_distance(rate, abs(v), brake)
@@ -121,11 +127,11 @@ def _slide(resistance: Resistance, force: float, dt: float, mass: float, state: 
         state.ledger[PISTON] += friction * drag.displacement_under_drag(
             rate, dt, gain, 0.0, abs(net) / mass
         )
-        _push(resistance, net, dt, mass, state)
+        _accelerate_with_drag(resistance, net, dt, mass, state)
 
 
 @compiled
-def _rub(resistance: Resistance, dt: float, mass: float, state: State) -> None:
+def _slow_by_friction(resistance: Resistance, dt: float, mass: float, state: State) -> None:
     """Sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:
@@ -135,7 +141,7 @@ def _rub(resistance: Resistance, dt: float, mass: float, state: State) -> None:
 
 
 @compiled
-def _path_speed(motion: Motion, time: float, dt: float, opening: bool) -> float:
+def _prescribed_speed(motion: Motion, time: float, dt: float, opening: bool) -> float:
     """Speed on the path [D/tau].
 
     On a table, whose speed jumps from row to row, it is the mean one over the half step that the
@@ -164,10 +170,14 @@ def kick_piston(
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
-        _free_kick(constants.resistance, force, dt, constants.piston_mass, state, opening)
+        _kick_undamped_piston(
+            constants.resistance, force, dt, constants.piston_mass, state, opening
+        )
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _path_speed(motion, time, dt, opening)
+        state.ledger[WORK] -= (
+            dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opening)
+        )
     enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
@@ -176,7 +186,7 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
     """Move the piston by ``dt`` [tau], up to ``time`` in the stage."""
     state = bed.state
     if motion.free:
-        _raise_height(state.rounding, dt * state.piston[SPEED], state)
+        _add_to_piston_height(state.rounding, dt * state.piston[SPEED], state)
     else:
         before = piston_energy(bed, start + time)
         height, velocity = piston_path(motion, time)

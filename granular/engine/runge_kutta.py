@@ -33,7 +33,7 @@ def _resistance_rate(resistance: Resistance | None) -> float:
 
 
 @compiled
-def _mass(masses: Array | None, i: int) -> float:
+def _mass_of_grain(masses: Array | None, i: int) -> float:
     return 1.0 if masses is None else masses[i]
 
 
@@ -42,7 +42,7 @@ def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
     """Slopes of positions and velocities; losses are entered with the weight ``dt``."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
-        mass = _mass(constants.masses, i)
+        mass = _mass_of_grain(constants.masses, i)
         slopes[X, i] = state.vx[i]
         slopes[Y, i] = state.vy[i]
         slopes[VX, i] = state.fx[i] / mass

@@ -67,7 +67,7 @@ def drift_grains(rounding: Array | None, dt: float, state: State, count: int) ->
 
 
 @compiled(inline=True)
-def _kick(
+def _kick_bed(
     host: HostLaw | None, workspace: HostWorkspace | None, dt: float, bed: Bed,
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
@@ -126,7 +126,9 @@ def make_step(
                 if kicks[k] != 0.0:
                     opening = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    _kick(constants.acting.host, state.host, dt, bed, motion, stage, start, opening)
+                    _kick_bed(
+                        constants.acting.host, state.host, dt, bed, motion, stage, start, opening
+                    )
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt

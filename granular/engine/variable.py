@@ -25,7 +25,9 @@ _POWER = 4
 
 
 @compiled
-def _enter(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
+def _fourth_power_and_rate(
+    gap: float, rate: float, fraction: float, square: float
+) -> tuple[float, float]:
     """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
@@ -64,7 +66,7 @@ def step_density(
                 dx, dy = x[i] - x[j], y[i] - y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
-                value, change = _enter(r, closing, 3.0 * (qi + qj), 4.0 * square)
+                value, change = _fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
                 total += value
                 rate += change
         for gap, speed in (
@@ -74,36 +76,36 @@ def step_density(
             (top - y[i], piston_speed - vy[i]),
         ):
             if gap < math.inf:
-                value, change = _enter(gap, speed, 1.75, square)
+                value, change = _fourth_power_and_rate(gap, speed, 1.75, square)
                 total += value
                 rate += change
     return total**0.125, 0.125 * rate / total
 
 
 @compiled
-def _edge(here: bool, value: float, away: float) -> float:
+def _add_wall_density(here: bool, value: float, away: float) -> float:
     return value if here else away
 
 
 @compiled
-def _sides(
+def _wall_sides(
     walls: tuple[Any, ...], width: float, height: float
 ) -> tuple[float, float, float, float]:
     return (
-        _edge(walls[LEFT] is not None, 0.0, -math.inf),
-        _edge(walls[RIGHT] is not None, width, math.inf),
-        _edge(walls[BOTTOM] is not None, 0.0, -math.inf),
-        _edge(walls[TOP] is not None, height, math.inf),
+        _add_wall_density(walls[LEFT] is not None, 0.0, -math.inf),
+        _add_wall_density(walls[RIGHT] is not None, width, math.inf),
+        _add_wall_density(walls[BOTTOM] is not None, 0.0, -math.inf),
+        _add_wall_density(walls[TOP] is not None, height, math.inf),
     )
 
 
 @compiled
-def _density(bed: Bed) -> tuple[float, float]:
+def _bed_step_density(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     return step_density(
         state.x, state.y, state.vx, state.vy, constants.grains, relative_moments(constants),
         state.clock[SQUARE], state.clock[LEAST],
-        _sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
+        _wall_sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
         state.piston[SPEED], constants.acting.dipole is not None,
     )  # fmt: skip
 
@@ -122,7 +124,7 @@ def initialise_step_density(
     bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
-    density, rate = _density(bed)
+    density, rate = _bed_step_density(bed)
     state.clock[DENSITY] = max(density - 0.5 * fraction * rate, state.clock[LEAST])
 
 
@@ -130,6 +132,6 @@ def initialise_step_density(
 def advance_step_density(fraction: float, bed: Bed) -> float:
     """Advance the density by one step; the step [tau]."""
     state = bed.state
-    _, rate = _density(bed)
+    _, rate = _bed_step_density(bed)
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])
     return fraction / state.clock[DENSITY]

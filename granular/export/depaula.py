@@ -141,7 +141,7 @@ def _warn_of_coarse_frames(run: Trajectory, cadence: DepaulaCadence) -> None:
         )
 
 
-def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int]:
+def _nearest_record_indices(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int]:
     """Return the indices of the records nearest to every so many steps of de Paula, each once."""
     interval = every * cadence.step
     instants = np.arange(np.floor(times[-1] / interval + 1e-9) + 1.0) * interval
@@ -152,7 +152,7 @@ def _nearest(times: np.ndarray, cadence: DepaulaCadence, every: int) -> list[int
     return [int(grain) for grain in np.unique(nearer)]
 
 
-def _rows(table: np.ndarray) -> str:
+def _table_lines(table: np.ndarray) -> str:
     """Lines of a table (k, columns), to the last bit."""
     line = " ".join(["%.17g"] * table.shape[1]) + "\n"
     return line * len(table) % tuple(table.ravel().tolist())
@@ -175,7 +175,9 @@ def _particle_files(
             lambda frame: _compression(run, frame) / force,
         )
     times = run.dataset["frame_time"].values
-    chosen = {every: _nearest(times, cadence, every) for every in (FINE, USUAL, COARSE)}
+    chosen = {
+        every: _nearest_record_indices(times, cadence, every) for every in (FINE, USUAL, COARSE)
+    }
     files: dict[str, Iterator[str]] = {}
 
     def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
@@ -220,7 +222,7 @@ def _frame_lines(
         absent = np.setdiff1d(everyone, frame.grains)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
         yield f"# frame {frame.number}, t = {frame.time / cadence.time_unit:.17g} T{note}\n"
-        yield _rows(table(frame)) + "\n"
+        yield _table_lines(table(frame)) + "\n"
 
 
 def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
@@ -232,9 +234,9 @@ def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterato
 
     def lines(chosen: list[int], every: int) -> Iterator[str]:
         yield f"# t [T], height [D], every {every} steps\n"
-        yield _rows(np.column_stack([times / cadence.time_unit, heights / diameter])[chosen])
+        yield _table_lines(np.column_stack([times / cadence.time_unit, heights / diameter])[chosen])
 
-    usual, fine = (_nearest(times, cadence, every) for every in (USUAL, FINE))
+    usual, fine = (_nearest_record_indices(times, cadence, every) for every in (USUAL, FINE))
     files = {"piston": lines(usual, USUAL)}
     if len(fine) > len(usual):
         files["piston_0"] = lines(fine, FINE)
@@ -243,11 +245,11 @@ def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterato
 
 def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iterator[str]:
     diameter = run.scene.grains.species[0].diameter
-    chosen = _nearest(run.dataset["frame_time"].values, cadence, COARSE)
+    chosen = _nearest_record_indices(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
     for frame in iterate_frames(run, chosen, "avgDis.dat" if progress else None):
         distance = depaula_pair_distance(frame.position) / diameter
-        yield _rows(np.array([[frame.time / cadence.time_unit, distance]]))
+        yield _table_lines(np.array([[frame.time / cadence.time_unit, distance]]))
 
 
 def _constants(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
@@ -258,7 +260,10 @@ def _constants(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[s
     scales = run.scene.grains.diameters() / units.length
     return {
         "charUnits": iter(
-            ["# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n", _rows(np.array(sizes)[:, None])]
+            [
+                "# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n",
+                _table_lines(np.array(sizes)[:, None]),
+            ]
         ),
-        "scales": iter(["# diameter of each grain [D]\n", _rows(scales[:, None])]),
+        "scales": iter(["# diameter of each grain [D]\n", _table_lines(scales[:, None])]),
     }

@@ -75,12 +75,12 @@ def iterate_frames(
     chosen = range(run.dataset.sizes["frame"]) if numbers is None else numbers
     with progress_bar(total=len(chosen), desc=bar, unit="frame", wanted=bool(bar)) as shown:
         for start in range(0, len(chosen), BLOCK):
-            for frame in _block(run, list(chosen[start : start + BLOCK])):
+            for frame in _read_block(run, list(chosen[start : start + BLOCK])):
                 yield frame
                 shown.update()
 
 
-def _block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
+def _read_block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
     from granular.observables.forces import interaction_forces
     from granular.observables.frame import frames
 

@@ -63,7 +63,7 @@ def to_gsd(
             "GSD needs the library gsd; install it with: pip install 'granular-damper[export]'"
         ) from None
     run, path = open_run(run), Path(path)
-    low, size = _box_of(run)
+    low, size = _bounding_box_of_run(run)
     with (
         replace_when_written(path, overwrite) as part,
         gsd.hoomd.open(name=str(part), mode="w") as file,
@@ -74,7 +74,7 @@ def to_gsd(
     return path
 
 
-def _box_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Lower left corner and size of what holds the cell at any time (2,), (2,) [m]."""
     if run.scene.cell.periods is not None:
         return np.zeros(2), np.array(run.scene.cell.periods)

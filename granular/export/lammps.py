@@ -92,11 +92,11 @@ def to_lammps(
     scene, run = _open_source(source)
     check_scene(scene)
     start = _scene_start(scene) if run is None else _run_start(run)
-    deck = _deck(scene, start, dt)
+    deck = _make_deck(scene, start, dt)
     directory = Path(directory)
     contents = {
         "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
-        "bed.data": _data(deck, start),
+        "bed.data": _data_file_lines(deck, start),
         "pairs.table": _pair_tables(deck),
         "walls.table": _wall_tables(deck),
     }
@@ -116,7 +116,9 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
 def _scene_start(scene: Scene) -> _Start:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
-    return _Start(0.0, height, everyone, *scene.initial_motion(), tuple(_legs(scene, 0, height)))
+    return _Start(
+        0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height))
+    )
 
 
 def _run_start(run: Trajectory) -> _Start:
@@ -129,11 +131,13 @@ def _run_start(run: Trajectory) -> _Start:
         started = now.start
         if height is not None:
             height = float(run.piston(now.name).height[0])
-    legs = tuple(_legs(run.scene, point, height, frame.time - started))
+    legs = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
     return _Start(frame.time, frame.height, frame.grains, frame.position, frame.velocity, legs)
 
 
-def _legs(scene: Scene, index: int, height: float | None, done: float = 0.0) -> Iterator[Leg]:
+def _remaining_stages(
+    scene: Scene, index: int, height: float | None, done: float = 0.0
+) -> Iterator[Leg]:
     """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         next_leg = remaining_stage(stage, height, done)
@@ -141,7 +145,7 @@ def _legs(scene: Scene, index: int, height: float | None, done: float = 0.0) -> 
         height, done = None if next_leg.path is None else next_leg.path.end, 0.0
 
 
-def _deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
+def _make_deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
     if scene.cell.periods is not None:
         raise InputError(
             "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
@@ -171,7 +175,10 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     asked = validated_step(dt, deck.scene)
     if asked.seconds is not None:
         return asked.seconds
-    highest = max(_compressed_frequency(deck, start), _colliding(deck, start)) * deck.scales.rate
+    highest = (
+        max(_compressed_frequency(deck, start), _highest_run_collision_frequency(deck, start))
+        * deck.scales.rate
+    )
     return min(deck.scene.output.scalars, asked.fraction / highest if highest else math.inf)
 
 
@@ -198,7 +205,7 @@ def _compressed_frequency(deck: Deck, start: _Start) -> float:
     )
 
 
-def _colliding(deck: Deck, start: _Start) -> float:
+def _highest_run_collision_frequency(deck: Deck, start: _Start) -> float:
     """Highest frequency of a collision at the speed that grains can reach [1/tau]."""
     gravity = deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
@@ -215,7 +222,7 @@ def _colliding(deck: Deck, start: _Start) -> float:
     )
 
 
-def _data(deck: Deck, start: _Start) -> Iterator[str]:
+def _data_file_lines(deck: Deck, start: _Start) -> Iterator[str]:
     """Grains, in the order of the scene and counted from 1."""
     species = deck.scene.grains.assignment()[start.grains] + 1
     depth = deck.scene.cell.separation
@@ -223,7 +230,7 @@ def _data(deck: Deck, start: _Start) -> Iterator[str]:
     yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"
     sizes = (deck.scene.cell.width, deck.height)
     for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
-        low, high = _box(position, size, deck.scales.length)
+        low, high = _box_along_axis(position, size, deck.scales.length)
         yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
     yield f"{-depth / 2.0!r} {depth / 2.0!r} zlo zhi\n\nAtoms # atomic\n\n"
     columns = (start.grains + 1, species, *start.positions.T)
@@ -236,7 +243,7 @@ def _data(deck: Deck, start: _Start) -> Iterator[str]:
         yield "{} {!r} {!r} 0\n".format(*row)
 
 
-def _box(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
+def _box_along_axis(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
     """Cell along an axis, and grains that stand outside of it where it is open [m]."""
     return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 

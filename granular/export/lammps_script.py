@@ -69,7 +69,7 @@ def pair_table(
     """
     r = np.geomspace(nearest, farthest, ROWS)
     energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
-    return _table(name, r, charge * energy, charge * force, _PAIR_EXPONENT, scales)
+    return _law_table(name, r, charge * energy, charge * force, _PAIR_EXPONENT, scales)
 
 
 def wall_table(
@@ -80,10 +80,10 @@ def wall_table(
     exponent = WALL_EXPONENTS[law]
     strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
     force = charge * strength / w**exponent
-    return _table(name, w, force * w / (exponent - 1.0), force, exponent, scales)
+    return _law_table(name, w, force * w / (exponent - 1.0), force, exponent, scales)
 
 
-def _table(
+def _law_table(
     name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float,
     scales: Scales,
 ) -> LawTable:  # fmt: skip
@@ -230,7 +230,7 @@ def input_script_lines(deck: Deck) -> Iterator[str]:
     yield from _walls(deck)
     yield from _drag(deck)
     yield from _gravity(deck)
-    yield from _motion()
+    yield from _time_integration_lines()
     yield from _output(deck)
     for leg in deck.legs:
         yield from _stage(deck, leg)
@@ -325,7 +325,7 @@ def _gravity(deck: Deck) -> Iterator[str]:
         yield f"fix swing all gravity v_swing vector {along}"
 
 
-def _motion() -> Iterator[str]:
+def _time_integration_lines() -> Iterator[str]:
     yield "fix plane all enforce2d"
     yield "fix motion all nve"
     yield "fix share all balance 1000 1.1 shift xy 20 1.05"
@@ -352,7 +352,7 @@ def _output(deck: Deck) -> Iterator[str]:
     yield f"dump frames all custom {every * frames} frames.dump id type x y vx vy fx fy"
     yield "dump_modify frames sort id format float %.17g time yes units yes"
     yield "variable t equal 0.0"
-    yield f"timestep {_step(deck)!r}"
+    yield f"timestep {_commensurate_step(deck)!r}"
     yield from _masses(deck)
     yield "run 0"
     yield f'print "{",".join(columns)}" file piston.csv screen no'
@@ -368,7 +368,7 @@ def _masses(deck: Deck) -> Iterator[str]:
         yield f"mass {number} ${{mass{number}}}"
 
 
-def _step(deck: Deck) -> float:
+def _commensurate_step(deck: Deck) -> float:
     """Longest step that divides the distance of the records [s]."""
     return deck.scene.output.scalars / _records(deck)[0]
 
@@ -379,7 +379,7 @@ def _stage(deck: Deck, leg: Leg) -> Iterator[str]:
         yield f"variable height equal {leg.path.formula}"
     if leg.left <= 0.0:
         return
-    steps = max(1, math.ceil(leg.left / _step(deck) - 1e-6))
+    steps = max(1, math.ceil(leg.left / _commensurate_step(deck) - 1e-6))
     started = f"+{leg.done!r}" if leg.done else ""
     yield f"variable t equal elapsed*dt{started}"
     yield f"timestep {leg.left / steps!r}"

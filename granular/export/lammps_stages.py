@@ -89,11 +89,11 @@ def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> Le
         raise InputError(
             f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS"
         )
-    path = None if height is None else _path(stage, height, duration)
+    path = None if height is None else _piston_path_of_stage(stage, height, duration)
     return Leg(stage.name, kind, path, done, duration)
 
 
-def _path(stage: Stage, height: float, duration: float) -> PistonPath:
+def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> PistonPath:
     if isinstance(stage, Move):
         speed = (stage.to - height) / duration if duration else 0.0
         formula = f"{height!r}+({speed!r})*v_t"
@@ -112,13 +112,13 @@ def _path(stage: Stage, height: float, duration: float) -> PistonPath:
         end = height + reach * math.sin(omega * duration)
         return PistonPath(formula, height - reach, height + reach, end, reach * omega)
     if isinstance(stage, Follow):
-        return _table(stage)
+        return _path_as_ramp_sum(stage)
     if isinstance(stage, Lift):
         height += stage.by
     return PistonPath(repr(height), height, height, height, 0.0)
 
 
-def _table(stage: Follow) -> PistonPath:
+def _path_as_ramp_sum(stage: Follow) -> PistonPath:
     """Sum over the rows: from each on, the slope changes."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()

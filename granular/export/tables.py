@@ -80,10 +80,10 @@ def _header(name: str, unit: str) -> str:
 def _grains(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
     species = run.scene.grains.assignment()
     for frame in iterate_frames(run, bar=directory.name if progress else None):
-        yield _table(frame, species)
+        yield _frame_rows(frame, species)
 
 
-def _table(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
+def _frame_rows(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
     import pandas
 
     columns: dict[str, Any] = {

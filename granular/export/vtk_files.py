@@ -64,7 +64,7 @@ def to_vtk(
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with replacing_together(directory, [LIST, *names], overwrite) as place_of:
         unchanging = _constant_fields(run)
-        place_of(LIST).write_text(_list_of(names, times), encoding="utf-8")
+        place_of(LIST).write_text(_paraview_series(names, times), encoding="utf-8")
         frames = iterate_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
             meshio.write(place_of(name), _mesh(meshio, frame, unchanging), file_format="vtu")
@@ -88,7 +88,7 @@ def _mesh(meshio: Any, frame: BedFrame, unchanging: dict[str, np.ndarray]) -> An
     return meshio.Mesh(planar_to_spatial(frame.position), [("vertex", points)], point_data=data)
 
 
-def _list_of(names: list[str], times: np.ndarray) -> str:
+def _paraview_series(names: list[str], times: np.ndarray) -> str:
     """List of files that ParaView opens."""
     lines = [
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'

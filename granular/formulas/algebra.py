@@ -35,7 +35,7 @@ def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = No
     """
     import sympy
 
-    result = _built(tree, symbols or {})
+    result = _build_expression(tree, symbols or {})
     if result.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
         raise FormulaError("it divides by zero, or is no real number; write another formula")
     return result
@@ -69,8 +69,8 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return named | {
         "abs": sympy.Abs,
         "heaviside": sympy.Heaviside,
-        "max": _fold_operands(_choice("max")),
-        "min": _fold_operands(_choice("min")),
+        "max": _left_fold(_make_min_or_max("max")),
+        "min": _left_fold(_make_min_or_max("min")),
         "+": sympy.Add,
         "*": sympy.Mul,
         "-": lambda operand: -operand,
@@ -79,13 +79,13 @@ def _functions() -> dict[str, Callable[..., Any]]:
     }
 
 
-def _fold_operands(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+def _left_fold(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     """Return a function of two operands for any number of them."""
     return lambda *operands: functools.reduce(pair, operands)
 
 
 @functools.cache
-def _choice(name: str) -> Any:
+def _make_min_or_max(name: str) -> Any:
     """Greater or the lesser of two operands.
 
     SymPy's own `Max` asks of every two operands which one is the greater, in all cases, and so do
@@ -120,7 +120,7 @@ def _choice(name: str) -> Any:
     return Extreme
 
 
-def _built(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
+def _build_expression(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
     import sympy
 
     if isinstance(tree, Name):
@@ -129,7 +129,7 @@ def _built(tree: Node, symbols: Mapping[str, sympy.Symbol]) -> Any:
         if tree.text in ("pi", "π", "e"):
             return sympy.E if tree.text == "e" else sympy.pi
         return sympy.Integer(tree.text) if tree.text.isdecimal() else sympy.Float(tree.text)
-    operands = [_built(operand, symbols) for operand in tree.operands]
+    operands = [_build_expression(operand, symbols) for operand in tree.operands]
     function = _functions().get(tree.head) or sympy.Function(tree.head)
     return function(*operands)
 

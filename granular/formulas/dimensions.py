@@ -43,7 +43,7 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
         return NONE
     parts = [infer_dimension(operand, known) for operand in tree.operands]
     if tree.head in _SAME:
-        return _alike(tree, parts)
+        return _dimension_of_equal_terms(tree, parts)
     if tree.head == "*":
         return tuple(sum(powers, Fraction(0)) for powers in zip(*parts, strict=True))
     if tree.head == "/":
@@ -51,17 +51,19 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
     if tree.head == "sqrt":
         return tuple(power / 2 for power in parts[0])
     if tree.head == "**":
-        return _power(tree, parts)
+        return _dimension_of_power(tree, parts)
     if tree.head not in ("sign", "heaviside") and any(part != NONE for part in parts):
         unit = unit_text(next(part for part in parts if part != NONE))
         raise InputError(f"{tree.head} of something in {unit}; divide it by a size in {unit}")
     return NONE
 
 
-def _alike(tree: Applied, parts: list[Dimension]) -> Dimension:
+def _dimension_of_equal_terms(tree: Applied, parts: list[Dimension]) -> Dimension:
     # A zero has every unit.
     result = [
-        part for part, operand in zip(parts, tree.operands, strict=True) if _number(operand) != 0
+        part
+        for part, operand in zip(parts, tree.operands, strict=True)
+        if _constant_value(operand) != 0
     ]
     for part in result[1:]:
         if part != result[0]:
@@ -72,19 +74,19 @@ def _alike(tree: Applied, parts: list[Dimension]) -> Dimension:
     return result[0] if result else NONE
 
 
-def _power(tree: Applied, parts: list[Dimension]) -> Dimension:
+def _dimension_of_power(tree: Applied, parts: list[Dimension]) -> Dimension:
     base, power = parts
     if power != NONE:
         raise InputError(f"a power in {unit_text(power)}; it must be a number")
     if base == NONE:
         return NONE
-    number = _number(tree.operands[1])
+    number = _constant_value(tree.operands[1])
     if number is None:
         raise InputError(f"{unit_text(base)} to a power that is no plain number; write a number")
     return tuple(exponent * number for exponent in base)
 
 
-def _number(tree: Node) -> Fraction | None:
+def _constant_value(tree: Node) -> Fraction | None:
     """Value of a tree of plain numbers."""
     if isinstance(tree, Number):
         try:
@@ -92,7 +94,7 @@ def _number(tree: Node) -> Fraction | None:
         except ValueError:
             return None
     if isinstance(tree, Applied):
-        parts = [_number(operand) for operand in tree.operands]
+        parts = [_constant_value(operand) for operand in tree.operands]
         known = [part for part in parts if part is not None]
         if len(known) == len(parts):
             if tree.head == "-":

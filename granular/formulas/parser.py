@@ -122,7 +122,7 @@ class _Parser:
             case ast.BinOp(op=ast.Add() | ast.Sub()):
                 return self._sum(node, depth, token)
             case ast.BinOp(op=ast.Mult()):
-                head, operands = "*", [factor for factor, _ in _chain(node, ast.Mult)]
+                head, operands = "*", [factor for factor, _ in _operands_in_order(node, ast.Mult)]
             case ast.BinOp(op=ast.Div()):
                 head, operands = "/", [node.left, node.right]
             case ast.BinOp(op=ast.Pow()):
@@ -146,7 +146,7 @@ class _Parser:
     def _sum(self, node: ast.expr, depth: int, token: Token) -> _Part:
         """All terms of a sum side by side: a long one is not a deep one."""
         terms = []
-        for operand, operator in _chain(node, ast.Add, ast.Sub):
+        for operand, operator in _operands_in_order(node, ast.Add, ast.Sub):
             term = self._part(operand, depth + 1)
             subtracted = isinstance(operator, ast.Sub)
             terms.append(self._apply("-", [term], token) if subtracted else term)
@@ -171,7 +171,7 @@ class _Parser:
             raise syntax_error(token, "a division by zero", "write another denominator")
         value = self._value(head, parts, token)
         # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
-        terms, size = _multiplied_out(head, parts)
+        terms, size = _count_expanded_terms(head, parts)
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
             what = f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out"
             remedy = (
@@ -208,7 +208,7 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def _chain(
+def _operands_in_order(
     node: ast.expr, *operators: type[ast.operator]
 ) -> list[tuple[ast.expr, ast.operator | None]]:
     """Operands of a run of operators of one rank, from the left, each with that before it."""
@@ -219,7 +219,7 @@ def _chain(
     return [(node, None), *reversed(operands)]
 
 
-def _multiplied_out(head: str, parts: list[_Part]) -> tuple[float, float]:
+def _count_expanded_terms(head: str, parts: list[_Part]) -> tuple[float, float]:
     """Terms once all brackets are multiplied out, and numbers and names in all of them."""
     terms, sizes = [part.terms for part in parts], [part.size for part in parts]
     if head in ("+", "-"):

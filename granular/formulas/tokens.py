@@ -61,7 +61,7 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
     tokens = list(_TOKEN.finditer(text.translate(_TWINS)))
     for token in tokens:
         if token.lastgroup == "foreign":
-            raise _foreign(token)
+            raise _is_foreign_character(token)
     if not tokens:
         raise FormulaError("there is no formula; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
@@ -114,7 +114,7 @@ def _check_pair(before: Token, token: Token, functions: Mapping[str, Function]) 
         raise syntax_error(token, "a sign is missing", "write * between two factors")
 
 
-def _foreign(token: Token) -> FormulaError:
+def _is_foreign_character(token: Token) -> FormulaError:
     character = token[0]
     if character in _INSTEAD:
         remedy = f"write {_INSTEAD[character]}"

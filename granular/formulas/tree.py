@@ -50,18 +50,18 @@ Node = Number | Name | Applied
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
     """Names in formulas, each once, in the order of the text."""
-    return tuple(dict.fromkeys(leaf for leaf in _leaves(trees) if isinstance(leaf, Name)))
+    return tuple(dict.fromkeys(leaf for leaf in _iterate_leaves(trees) if isinstance(leaf, Name)))
 
 
 def constant_names(*trees: Node) -> tuple[str, ...]:
     """Names of `CONSTANTS` in formulas, each once."""
-    numbers = (leaf.text for leaf in _leaves(trees) if isinstance(leaf, Number))
+    numbers = (leaf.text for leaf in _iterate_leaves(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 
 
-def _leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
+def _iterate_leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
     for tree in trees:
         if isinstance(tree, Applied):
-            yield from _leaves(tree.operands)
+            yield from _iterate_leaves(tree.operands)
         else:
             yield tree

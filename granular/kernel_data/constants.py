@@ -114,11 +114,11 @@ class Constants(NamedTuple):
 @compiled(inline=True)
 def relative_moments(constants: Constants) -> Array | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
-    return _given(constants.moments, constants.masses)
+    return _values_or_default(constants.moments, constants.masses)
 
 
 @compiled(inline=True)
-def _given(values: Array | None, otherwise: Array | None) -> Array | None:
+def _values_or_default(values: Array | None, otherwise: Array | None) -> Array | None:
     return otherwise if values is None else values
 
 

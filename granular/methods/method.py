@@ -69,12 +69,12 @@ class Method:
     def __post_init__(self) -> None:
         _check_words(self)
         if self.tableau is None:
-            _set(self, "kicks", _numbers(self, "kicks", self.kicks))
-            _set(self, "drifts", _numbers(self, "drifts", self.drifts))
+            _set_field(self, "kicks", _parse_fractions(self, "kicks", self.kicks))
+            _set_field(self, "drifts", _parse_fractions(self, "drifts", self.drifts))
             _check_composition(self)
             failed = failed_composition_condition(self.kicks, self.drifts, self.order)
         else:
-            _set(self, "tableau", _rows(self))
+            _set_field(self, "tableau", _tableau_rows(self))
             _check_tableau(self)
             failed = failed_order_condition(self.tableau, self.order)
         if failed is not None:
@@ -155,7 +155,7 @@ def method_from_plain(plain: Mapping[str, Any]) -> Method:
     return Method(**plain)
 
 
-def _set(method: Method, name: str, value: Any) -> None:
+def _set_field(method: Method, name: str, value: Any) -> None:
     object.__setattr__(method, name, value)  # the class is frozen
 
 
@@ -174,7 +174,7 @@ def _check_words(method: Method) -> None:
             raise InputError(f"{name} = {quote(getattr(method, name))} of a method; give a bool")
 
 
-def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
+def _parse_fractions(method: Method, what: str, values: Any) -> tuple[float, ...]:
     """Fractions of a step as floats."""
     words = f"{what} of method {quote(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
@@ -190,11 +190,11 @@ def _numbers(method: Method, what: str, values: Any) -> tuple[float, ...]:
     return tuple(map(float, result))
 
 
-def _rows(method: Method) -> tuple[tuple[float, ...], ...]:
+def _tableau_rows(method: Method) -> tuple[tuple[float, ...], ...]:
     rows = method.tableau
     if isinstance(rows, str) or not isinstance(rows, Iterable):
         raise InputError(f"tableau of method {quote(method.name)} is {quote(rows)}; give rows")
-    return tuple(_numbers(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
+    return tuple(_parse_fractions(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
 
 
 def _check_composition(method: Method) -> None:

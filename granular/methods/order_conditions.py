@@ -69,10 +69,10 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
     for nodes in range(1, order + 1):
         for tree in _trees(nodes):
             result = float(weights @ _stage_weights(tree, rows))
-            if abs(result - 1.0 / _density(tree)) > TOLERANCE:
+            if abs(result - 1.0 / _tree_density(tree)) > TOLERANCE:
                 return (
-                    f"order {nodes} needs 1/{_density(tree)} for the tree {_write_call(tree)}, and "
-                    f"this tableau gives {result:.12g}"
+                    f"order {nodes} needs 1/{_tree_density(tree)} for the tree {_tree_name(tree)}, "
+                    f"and this tableau gives {result:.12g}"
                 )
     return None
 
@@ -86,11 +86,13 @@ def _word_coefficients(
     durations = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
     for k, duration in enumerate(durations):
         if duration != 0.0:
-            result = _with_factor(result, k % 2, duration)
+            result = _multiply_by_exponential(result, k % 2, duration)
     return result
 
 
-def _with_factor(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
+def _multiply_by_exponential(
+    result: list[np.ndarray], letter: int, duration: float
+) -> list[np.ndarray]:
     """Coefficients after another exponential, of one letter's span, on the right."""
     made = []
     for length in range(len(result)):
@@ -122,12 +124,12 @@ def _forests(nodes: int, largest: int) -> Iterator[Tree]:
                     yield (*same, *rest)
 
 
-def _size(tree: Tree) -> int:
-    return 1 + sum(map(_size, tree))
+def _node_count(tree: Tree) -> int:
+    return 1 + sum(map(_node_count, tree))
 
 
-def _density(tree: Tree) -> int:
-    return _size(tree) * math.prod(map(_density, tree))
+def _tree_density(tree: Tree) -> int:
+    return _node_count(tree) * math.prod(map(_tree_density, tree))
 
 
 def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
@@ -137,5 +139,5 @@ def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
     return result
 
 
-def _write_call(tree: Tree) -> str:
-    return "[" + "".join(map(_write_call, tree)) + "]"
+def _tree_name(tree: Tree) -> str:
+    return "[" + "".join(map(_tree_name, tree)) + "]"

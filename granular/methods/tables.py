@@ -35,7 +35,7 @@ def _mirror(fractions: tuple[float, ...]) -> tuple[float, ...]:
     return (*fractions, *reversed(fractions[:-1]))
 
 
-def _of_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
+def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
     """Composition of Stormer-Verlet steps, from the first half of their fractions."""
     middle = 1.0 - 2.0 * math.fsum(steps)
     total = (*steps, middle, *reversed(steps))
@@ -82,7 +82,7 @@ _TABLES = (
         drifts=(1.0,),
         variable=True,
     ),
-    _of_verlet_steps(
+    _compose_verlet_steps(
         "forest-ruth", 4, "Forest and Ruth 1990, doi:10.1016/0167-2789(90)90019-L",
         1.0 / (2.0 - _CUBE_ROOT),
     ),
@@ -102,16 +102,16 @@ _TABLES = (
          0.541960678450780),
         (0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175),
     ),
-    _of_verlet_steps(
+    _compose_verlet_steps(
         "yoshida-6", 6, "Yoshida 1990, solution A, doi:10.1016/0375-9601(90)90092-3",
         0.784513610477560, 0.235573213359357, -1.17767998417887,
     ),
-    _of_verlet_steps(
+    _compose_verlet_steps(
         "kahan-li-6", 6, _KAHAN_LI,
         0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981,
         0.08221359629355080023,
     ),
-    _of_verlet_steps(
+    _compose_verlet_steps(
         "kahan-li-8", 8, _KAHAN_LI,
         0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641,
         0.15884190655515560090, -0.39590389413323757734, 0.18453964097831570709,

@@ -76,7 +76,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     >>> print(found.amplitudes.round(3), found.rates.round(3))
     [2. 1.] [-3.   0.5]
     """
-    x, y = _checked(x, y)
+    x, y = _checked_samples(x, y)
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_rates(u, y)
@@ -86,7 +86,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     return _with_intervals(x, y, amplitudes[order], rates[order])
 
 
-def _checked(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _checked_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if x.ndim != 1 or x.shape != y.shape:
         raise InputError(f"x has the shape {x.shape} and y {y.shape}; both must be (n,)")
@@ -99,12 +99,12 @@ def _checked(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.exp(np.multiply.outer(u, rates))
 
 
 def _amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    basis = _basis(u, rates)
+    basis = _exponential_basis(u, rates)
     sizes = np.linalg.norm(basis, axis=0)
     return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
 
@@ -116,7 +116,7 @@ def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     size = float(np.abs(y).max()) or 1.0
 
     def misfit(rates: np.ndarray) -> np.ndarray:
-        return (_basis(u, rates) @ _amplitudes(u, y, rates) - y) / size
+        return (_exponential_basis(u, rates) @ _amplitudes(u, y, rates) - y) / size
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
     starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
@@ -139,7 +139,7 @@ def _with_intervals(
 ) -> BiexponentialFit:
     from scipy.special import stdtrit
 
-    basis = _basis(x, rates)
+    basis = _exponential_basis(x, rates)
     left = y - basis @ amplitudes
     free = len(x) - 4
     variance = float(left @ left) / free

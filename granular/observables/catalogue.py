@@ -193,7 +193,7 @@ def per_frame(
     marked = observable_metadata(function)
     name = function.__name__ if marked is None else marked.name
     chosen = select_frames(run, start, stop)
-    values = [_value(function, name, frame) for frame in frames(run, chosen)]
+    values = [_evaluate_checked(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [
         np.asarray(name if labels is None else list(name.values()), dtype=np.float64)
@@ -213,7 +213,7 @@ def per_frame(
     )  # fmt: skip
 
 
-def _value(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
+def _evaluate_checked(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
     try:
         value = function(frame)
         return value if isinstance(value, Mapping) else np.asarray(value, dtype=np.float64)

@@ -120,7 +120,7 @@ def detect_defects(
         angle = float(np.angle(global_psi6(positions, cells))) / 6.0
     area = float(cells.area[cells.interior].mean())
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
-    clusters = _join_boundaries(_clusters(positions, cells, angle, spacing), spacing)
+    clusters = _join_boundaries(_cluster_defects(positions, cells, angle, spacing), spacing)
     lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
     return Defects(
         kinds=tuple(cluster.kind for cluster in clusters),
@@ -134,7 +134,7 @@ def detect_defects(
     )
 
 
-def _clusters(
+def _cluster_defects(
     positions: np.ndarray, cells: VoronoiCells, angle: float, spacing: float
 ) -> list[_Cluster]:
     from scipy.sparse import csr_array
@@ -165,21 +165,21 @@ def _clusters(
         region = triangles[of_triangle == label]
         lattice = vectors[of_triangle == label].sum(axis=0)
         charge = int((6 - degree[members]).sum())
-        kind = _kind(lattice, charge, region, positions, angle)
+        kind = _defect_kind(lattice, charge, region, positions, angle)
         if at_rim[members].any():
             if kind != BOUNDARY and lattice_norm_squared(lattice) < LEAST_OF_BOUNDARY**2 / 4:
                 continue
             kind = DISLOCATION
         position = positions[members].mean(axis=0)
         if kind == VACANCY:
-            position = _hole(positions, region)
+            position = _hole_centre(positions, region)
         elif kind == DISLOCATION:
-            position = _core(positions, disorder, position, spacing)
+            position = _core_position(positions, disorder, position, spacing)
         result.append(_Cluster(kind, position, lattice, charge, len(members)))
     return result
 
 
-def _core(
+def _core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
     """Centre of the disorder about a point: a core moves between sites, its grains jump."""
@@ -193,14 +193,14 @@ def _core(
     return position if np.linalg.norm(position - started) < spacing else started
 
 
-def _hole(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
+def _hole_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Middle of the largest circle among the triangles that holds no grain."""
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
     return np.asarray(corners[np.argmax(radii)])
 
 
-def _kind(
+def _defect_kind(
     lattice: np.ndarray, charge: int, region: np.ndarray, positions: np.ndarray, angle: float
 ) -> str:
     if charge != 0:
@@ -230,11 +230,11 @@ def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]
     )
     for group in np.unique(groups):
         members = [defect for defect, mine in zip(able, groups, strict=True) if mine == group]
-        rest += _boundary(members)
+        rest += _merge_cluster_members(members)
     return rest
 
 
-def _boundary(members: list[_Cluster]) -> list[_Cluster]:
+def _merge_cluster_members(members: list[_Cluster]) -> list[_Cluster]:
     lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
     total = np.sum([member.lattice for member in members], axis=0)
     dislocations = sum(member.size for member in members) / 2.0

@@ -118,8 +118,8 @@ def link_tracks(
     """
     if not reach > 0.0 or memory < 0:
         raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
-    open_ones: list[_Open] = []
-    closed: list[_Open] = []
+    open_ones: list[_OpenTrack] = []
+    closed: list[_OpenTrack] = []
     for number, defects in enumerate(frames):
         closed += [growing for growing in open_ones if number - growing.frames[-1] > memory + 1]
         open_ones = [growing for growing in open_ones if number - growing.frames[-1] <= memory + 1]
@@ -128,7 +128,7 @@ def link_tracks(
         for k in known:
             index = taken.get(k)
             if index is None:
-                grown = _Open(defects.kinds[k], defects.lattice[k], [], [], [])
+                grown = _OpenTrack(defects.kinds[k], defects.lattice[k], [], [], [])
                 open_ones.append(grown)
             else:
                 grown = open_ones[index]
@@ -145,7 +145,7 @@ def link_tracks(
     ]  # fmt: skip
 
 
-class _Open(NamedTuple):
+class _OpenTrack(NamedTuple):
     kind: str
     lattice: np.ndarray
     frames: list[int]
@@ -154,7 +154,7 @@ class _Open(NamedTuple):
 
 
 def _assign_tracks(
-    open_ones: list[_Open], defects: Defects, known: list[int], number: int, reach: float
+    open_ones: list[_OpenTrack], defects: Defects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""
     from scipy.optimize import linear_sum_assignment
@@ -166,7 +166,7 @@ def _assign_tracks(
     costs = np.full((len(open_ones), len(known)), 2.0 * farthest)
     for row, track in enumerate(open_ones):
         for column, k in enumerate(known):
-            if track.kind == defects.kinds[k] and _alike(track, defects.lattice[k]):
+            if track.kind == defects.kinds[k] and _same_burgers_vector(track, defects.lattice[k]):
                 square = _squared_displacement(track, defects.positions[k])
                 if square <= farthest * (number - track.frames[-1]):
                     costs[row, column] = min(square, 1.9 * farthest)
@@ -178,7 +178,7 @@ def _assign_tracks(
     }
 
 
-def _squared_displacement(item: _Open, position: np.ndarray) -> float:
+def _squared_displacement(item: _OpenTrack, position: np.ndarray) -> float:
     """Squared displacement; of a boundary that along its Burgers vector alone."""
     displacement = position - item.positions[-1]
     if item.kind == BOUNDARY:
@@ -186,7 +186,7 @@ def _squared_displacement(item: _Open, position: np.ndarray) -> float:
     return float(displacement @ displacement)
 
 
-def _alike(item: _Open, lattice: np.ndarray) -> bool:
+def _same_burgers_vector(item: _OpenTrack, lattice: np.ndarray) -> bool:
     """Return True if the Burgers vectors are the same; that of a boundary may change."""
     return item.kind != DISLOCATION or bool((item.lattice == lattice).all())
 
@@ -225,23 +225,23 @@ def find_events(
         while grown:
             grown = False
             for k, end in enumerate(moments):
-                if any(_meet(end, other, spacing) for other in together):
+                if any(_tracks_meet(end, other, spacing) for other in together):
                     together.append(moments.pop(k))
                     grown = True
                     break
-        events.append(_event(together, tracks, boxes, spacing))
+        events.append(_make_event(together, tracks, boxes, spacing))
     return events
 
 
 TrackEnd = tuple[int, np.ndarray, int, int]
 
 
-def _meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
+def _tracks_meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
     near = float(np.linalg.norm(first[1] - other[1])) < MEETING * spacing
     return near and abs(first[0] - other[0]) <= SAME_TIME and first[2] != other[2]
 
 
-def _event(
+def _make_event(
     together: list[TrackEnd], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> DefectEvent:
     ended = tuple(position for _, _, position, sign in together if sign < 0)
@@ -404,23 +404,23 @@ def _dataset(
         for name, (values, unit, meaning) in of_tracks.items()
     }
     flat = ("track", "axis")
-    data["kind"] = ("track", _words(entry.kind for entry in tracks))
-    data["burgers"] = (flat, _pairs(entry.burgers for entry in tracks), {"units": "m"})
-    data["velocity"] = (flat, _pairs(entry.velocity for entry in moves), {"units": "m/s"})
+    data["kind"] = ("track", _string_array(entry.kind for entry in tracks))
+    data["burgers"] = (flat, _pair_array(entry.burgers for entry in tracks), {"units": "m"})
+    data["velocity"] = (flat, _pair_array(entry.velocity for entry in moves), {"units": "m/s"})
     data["position"] = (("frame", "track", "axis"), paths, {"units": "m"})
-    data["born"] = ("track", _words(_event_kinds(events, len(tracks), started=True)))
-    data["ended"] = ("track", _words(_event_kinds(events, len(tracks), started=False)))
+    data["born"] = ("track", _string_array(_event_kind_array(events, len(tracks), started=True)))
+    data["ended"] = ("track", _string_array(_event_kind_array(events, len(tracks), started=False)))
     angle = defects[0].angle
-    missing = _pairs(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
-    data["event_kind"] = ("event", _words(entry.kind for entry in events))
+    missing = _pair_array(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
+    data["event_kind"] = ("event", _string_array(entry.kind for entry in events))
     data["event_time"] = ("event", np.array([times[entry.frame] for entry in events], dtype=float),
                           {"units": "s"})  # fmt: skip
-    data["event_position"] = (("event", "axis"), _pairs(entry.position for entry in events),
+    data["event_position"] = (("event", "axis"), _pair_array(entry.position for entry in events),
                               {"units": "m"})  # fmt: skip
     data["event_burgers"] = (("event", "axis"), missing, {"units": "m"})
     counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
     data["count"] = (("frame", "defect"), np.array(counts), {"units": "1"})
-    total = _pairs(entry.burgers.sum(axis=0) for entry in defects)
+    total = _pair_array(entry.burgers.sum(axis=0) for entry in defects)
     data["total_burgers"] = (("frame", "axis"), total, {"units": "m"})
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return xarray.Dataset(
@@ -431,15 +431,15 @@ def _dataset(
     )  # fmt: skip
 
 
-def _words(values: Any) -> np.ndarray:
+def _string_array(values: Any) -> np.ndarray:
     return np.array(list(values), dtype=str)
 
 
-def _pairs(values: Any) -> np.ndarray:
+def _pair_array(values: Any) -> np.ndarray:
     return np.array(list(values), dtype=float).reshape(-1, 2)
 
 
-def _event_kinds(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
+def _event_kind_array(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
     kinds = [""] * count
     for event in events:
         for position in event.started if started else event.ended:

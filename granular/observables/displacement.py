@@ -116,7 +116,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
     InputError
         If a shape or lag does not fit, or no grain is present in two such frames.
     """
-    return _powers(frames, lags)[0]
+    return _displacement_moments(frames, lags)[0]
 
 
 @observable("1", "non-Gaussian parameter alpha_2")
@@ -141,12 +141,14 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
     float64 (k,)
         Parameter at each lag, without unit.
     """
-    second, fourth = _powers(frames, lags)
+    second, fourth = _displacement_moments(frames, lags)
     squared = np.where(second > 0.0, second, np.nan) ** 2
     return np.asarray(fourth / (2.0 * squared) - 1.0)
 
 
-def _powers(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def _displacement_moments(
+    frames: np.ndarray, lags: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Means of the second and fourth power of the displacements."""
     frames = check_frames(frames, least=2)
     result = []

@@ -281,7 +281,7 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     InputError
         If there is no such grain, or a force that cannot be taken apart (see `compressive_forces`).
     """
-    forces = _inner_forces(frame)
+    forces = _interior_compressive_forces(frame)
     known = np.isfinite(forces)
     if not known.any():
         raise InputError(
@@ -312,10 +312,10 @@ def force_modes(frame: Frame) -> DipTest:
     DipTest
         Dip of the distribution and its probability under one mode.
     """
-    return dip_test(_inner_forces(frame))
+    return dip_test(_interior_compressive_forces(frame))
 
 
-def _inner_forces(frame: Frame) -> np.ndarray:
+def _interior_compressive_forces(frame: Frame) -> np.ndarray:
     """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
     forces = compressive_forces(frame.scene, frame.positions, frame.piston_height)
     return np.where(voronoi_cells(frame.positions).interior, forces, np.nan)

@@ -121,9 +121,11 @@ def harmonic_response(
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
-    into, out = (_fit(since, values, frequency, harmonics) for values in (drive, response))
-    transfer = _transfer(into.amplitudes, out.amplitudes)
-    spread = _period_transfers(
+    into, out = (
+        _fit_harmonics(since, values, frequency, harmonics) for values in (drive, response)
+    )
+    transfer = _transfer_function(into.amplitudes, out.amplitudes)
+    spread = _transfer_of_each_period(
         since,
         drive - into.drift * since,
         response - out.drift * since,
@@ -131,7 +133,7 @@ def harmonic_response(
         harmonics,
         periods,
     )
-    along, across = _errors(transfer, spread)
+    along, across = _standard_errors(transfer, spread)
     ratio = np.abs(transfer)
     with np.errstate(divide="ignore", invalid="ignore"):
         phase_error = np.where(ratio > 0.0, across / ratio, np.inf)
@@ -184,7 +186,7 @@ def stage_response(
     import xarray
 
     driven = _driven_stage(run, stage)
-    time, drive, response, unit = _signals(run, driven)
+    time, drive, response, unit = _drive_and_response(run, driven)
     result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
         "ratio": (result.ratio, unit, "amplitude of the response over that of the drive"),
@@ -230,25 +232,25 @@ def _check_samples(samples: int, periods: int, harmonics: int) -> None:
         )
 
 
-class _Fit(NamedTuple):
+class _HarmonicFit(NamedTuple):
     """sum_k Re(X_k exp(i k w t)), with the amplitudes X_k (K,), a mean and a drift (per second)."""
 
     amplitudes: np.ndarray
     drift: float
 
 
-def _fit(
+def _fit_harmonics(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
-) -> _Fit:
+) -> _HarmonicFit:
     turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
     basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
     result = np.linalg.lstsq(basis, values, rcond=None)[0]
     drift = float(result[-1]) * frequency if drifting else 0.0
-    return _Fit(result[:number] - 1j * result[number : 2 * number], drift)
+    return _HarmonicFit(result[:number] - 1j * result[number : 2 * number], drift)
 
 
-def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
+def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Response's harmonics (K,) in the phase of the drive, over its amplitude."""
     size = abs(into[0])
     if size == 0.0:
@@ -257,7 +259,7 @@ def _transfer(into: np.ndarray, out: np.ndarray) -> np.ndarray:
     return np.asarray(out * np.exp(-1j * turns * np.angle(into[0])) / size)
 
 
-def _period_transfers(
+def _transfer_of_each_period(
     time: np.ndarray,
     drive: np.ndarray,
     response: np.ndarray,
@@ -265,7 +267,7 @@ def _period_transfers(
     harmonics: int,
     periods: int,
 ) -> np.ndarray:
-    """`_transfer` of every single period (p, K), of signals without drift.
+    """`_transfer_function` of every single period (p, K), of signals without drift.
 
     Within one period a drift and a sine are too much alike to be fitted together.
     """
@@ -275,14 +277,16 @@ def _period_transfers(
     for period_number in range(periods):
         here = which == period_number
         parts = (
-            _fit(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
+            _fit_harmonics(
+                time[here], values[here], frequency, harmonics, drifting=False
+            ).amplitudes
             for values in (drive, response)
         )
-        rows.append(_transfer(*parts))
+        rows.append(_transfer_function(*parts))
     return np.array(rows)
 
 
-def _errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _standard_errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard errors along and across each complex mean (K,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
@@ -312,7 +316,7 @@ def _driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
     return driven[name]
 
 
-def _signals(
+def _drive_and_response(
     run: Trajectory, driven: Oscillate | Push
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
     """Time [s], drive and response of the records of the stage, and the unit of their ratio."""

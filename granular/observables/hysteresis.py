@@ -94,7 +94,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
-        Cycle(_last_at(height, a, b), b, c)
+        Cycle(_last_sample_of_turn(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
         if height[b] < height[a]
     ]
@@ -179,7 +179,7 @@ def _turning_points(height: np.ndarray, least: float) -> list[int]:
     return turns
 
 
-def _last_at(height: np.ndarray, turn: int, after: int) -> int:
+def _last_sample_of_turn(height: np.ndarray, turn: int, after: int) -> int:
     """Last sample of a rest that begins at a turning point."""
     same = np.flatnonzero(height[turn:after] == height[turn])
     return turn + int(same[-1])

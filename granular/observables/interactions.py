@@ -66,27 +66,29 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     InputError
         If the shape is not that of the scene's grains, or an effect is none of those known here.
     """
-    positions, here, system = _prepare(scene, positions)
+    positions, here, system = _natural_positions(scene, positions)
     scales = system.scales
     points = positions[here] / scales.length
     moments = magnetic_moments(scene)[here]
-    contact = _law(system, "contact")
+    contact = _natural_law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = _nearest(points[some, None] - points[None], scene, scales.length)
+        branch = _nearest_image_displacements(
+            points[some, None] - points[None], scene, scales.length
+        )
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
         if scene.effects.dipole is not None:
-            push += _dipoles(r, moments[some], moments)
+            push += _dipole_pair_forces(r, moments[some], moments)
         if contact is not None:
-            push += _contacts(contact, r, here[some], here)
+            push += _contact_pair_forces(contact, r, here[some], here)
         with np.errstate(invalid="ignore"):
             forces = (push / r)[:, :, None] * branch
         yield Interactions(here[some], branch * scales.length, forces * scales.force)
 
 
-def _nearest(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
+def _nearest_image_displacements(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
     """In a periodic cell, displacements from the nearest images; in units of a length [m]."""
     if scene.cell.periods is None:
         return branches
@@ -104,8 +106,8 @@ def wall_interactions(
     """
     from granular.effects.wall_side import SIDES
 
-    positions, here, system = _prepare(scene, positions)
-    scales, laws = system.scales, _law(system, "walls")
+    positions, here, system = _natural_positions(scene, positions)
+    scales, laws = system.scales, _natural_law(system, "walls")
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
     x, y = (positions[here] / scales.length).T
@@ -119,7 +121,7 @@ def wall_interactions(
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, side in enumerate(acting):
         w, along, (nx, ny) = seen[side]
-        normal, tangential = _of_wall(getattr(laws, side), w, along)
+        normal, tangential = _wall_force_components(getattr(laws, side), w, along)
         branches[:, k] = w[:, None] * [nx, ny]
         # Positive along the wall is the direction of x, or of y at the sides.
         forces[:, k] = normal[:, None] * [nx, ny] + tangential[:, None] * [abs(ny), abs(nx)]
@@ -127,7 +129,7 @@ def wall_interactions(
     return Interactions(here, branches * scales.length, forces * scales.force)
 
 
-def _prepare(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+def _natural_positions(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
     from granular.scene.system import natural_system
 
@@ -142,7 +144,7 @@ def _prepare(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return positions, np.flatnonzero(is_present(positions)), natural_system(scene)
 
 
-def _law(system: Any, key: str) -> Any:
+def _natural_law(system: Any, key: str) -> Any:
     """Law of an effect in natural units; None where it does not act."""
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         if effect.key == key:
@@ -156,31 +158,35 @@ def magnetic_moments(scene: Scene) -> np.ndarray:
     return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())
 
 
-def _dipoles(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     from granular.pairs.dipole import STRENGTH
 
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 
 
-def _contacts(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _contact_pair_forces(
+    law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> np.ndarray:
     from granular.effects import contact
 
     push = np.zeros_like(r)
     overlap = law.radius[first][:, None] + law.radius[second][None] - r
     for i, j in np.argwhere(overlap > 0.0):
-        spring = _callable(contact.spring_constant)(
+        spring = _callable_kernel(contact.spring_constant)(
             law, law.radius[first[i]], law.radius[second[j]]
         )
-        push[i, j] = _callable(contact.force)(spring, overlap[i, j])
+        push[i, j] = _callable_kernel(contact.force)(spring, overlap[i, j])
     return push
 
 
-def _of_wall(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _wall_force_components(
+    law: Any, w: np.ndarray, along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Force on grains of moment 1 away from the wall, and along it."""
     from granular.effects import wall_slab
 
     if not isinstance(law, wall_slab.SlabWall):
-        force = _callable(type(law).force)
+        force = _callable_kernel(type(law).force)
         return np.array([force(law, width) for width in w], dtype=float), np.zeros(len(w))
     normal, tangential = np.zeros((2, len(w)))
     for start, end in zip(law.starts, law.ends, strict=True):
@@ -191,7 +197,7 @@ def _of_wall(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np
 
 
 @cache
-def _callable(kernel: Any) -> Any:
+def _callable_kernel(kernel: Any) -> Any:
     """Form of a kernel that Python can call."""
     from granular.compiled import entry
 

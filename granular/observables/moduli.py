@@ -250,13 +250,15 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         raise InputError("the scene has no dipoles between grains; add [effects] dipole = true")
     if not reach > 1.0:
         raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
-    inner, area, length = _inner(positions, reach)
+    inner, area, length = _interior_grains_and_reach(positions, reach)
     here = np.flatnonzero(np.isfinite(positions).all(axis=1))
     moments = magnetic_moments(scene)
     strength = dipole_strength(_first_moment(scene))
     density = len(inner) / area
-    energies, forces, matrix = _sums(positions, moments, here, inner, length, density)
-    affine = _affine(strength, energies, area)
+    energies, forces, matrix = _strained_lattice_sums(
+        positions, moments, here, inner, length, density
+    )
+    affine = _affine_moduli(strength, energies, area)
     lost = 0.25 / area * strength * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
     relaxed = Moduli(
         affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2])
@@ -271,7 +273,9 @@ def _first_moment(scene: Scene) -> float:
     return scales.current * scales.length**2
 
 
-def _inner(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
+def _interior_grains_and_reach(
+    positions: np.ndarray, reach: float
+) -> tuple[np.ndarray, float, float]:
     """Inner grains, the area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
@@ -289,7 +293,7 @@ def _inner(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, floa
     return inner, float(cells.area[inner].sum()), length
 
 
-def _weight(r: np.ndarray, reach: float) -> np.ndarray:
+def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
     """From 1 to 0 at the reach, smoothly: shells of a lattice enter and leave without a jump."""
     along = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
@@ -299,15 +303,15 @@ def _weight(r: np.ndarray, reach: float) -> np.ndarray:
     return np.asarray(fall / (rise + fall))
 
 
-def _beyond(reach: float) -> float:
+def _tail_integral(reach: float) -> float:
     """Integral of (1 - weight) r^-3 over the plane [1/m]."""
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
     r = reach * (0.75 + 0.25 * nodes)
-    ramp = 0.25 * reach * float(weights @ ((1.0 - _weight(r, reach)) / r**2))
+    ramp = 0.25 * reach * float(weights @ ((1.0 - _cutoff_weight(r, reach)) / r**2))
     return 2.0 * math.pi * (ramp + 1.0 / reach)
 
 
-def _sums(
+def _strained_lattice_sums(
     positions: np.ndarray, moments: np.ndarray, here: np.ndarray, inner: np.ndarray, reach: float,
     density: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
@@ -318,13 +322,13 @@ def _sums(
     matrix = np.zeros((count, 2, count, 2))
     forces = np.zeros((count, 2, len(STRAINS)))
     energies = np.zeros(count)
-    beyond = density * float(moments[here].mean()) * _beyond(reach)
+    beyond = density * float(moments[here].mean()) * _tail_integral(reach)
     for k, i in enumerate(inner):
         branch = positions[i] - positions[here]
         r = np.linalg.norm(branch, axis=1)
         near = (r < reach) & (r > 0.0)
         branch, r, others = branch[near], r[near], here[near]
-        both = moments[i] * moments[others] * _weight(r, reach)
+        both = moments[i] * moments[others] * _cutoff_weight(r, reach)
         energies[k] = 0.5 * (float((both / r**3).sum()) + moments[i] * beyond)
         along = branch / r[:, None]
         blocks = (both / r**5)[:, None, None] * (
@@ -339,6 +343,6 @@ def _sums(
     return energies, forces.reshape(size, len(STRAINS)), matrix.reshape(size, size)
 
 
-def _affine(strength: float, energies: np.ndarray, area: float) -> Moduli:
+def _affine_moduli(strength: float, energies: np.ndarray, area: float) -> Moduli:
     pressure = 1.5 * strength * float(energies.sum()) / area
     return Moduli(pressure, BULK_OF_PRESSURE * pressure, SHEAR_OF_PRESSURE * pressure)

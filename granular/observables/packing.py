@@ -86,7 +86,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
     if "grain_count" in data:
-        fraction = fraction * _fraction_left(run)
+        fraction = fraction * _fraction_of_area_left(run)
     return xarray.DataArray(
         fraction,
         dims="time",
@@ -95,7 +95,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     )
 
 
-def _fraction_left(run: Trajectory) -> np.ndarray:
+def _fraction_of_area_left(run: Trajectory) -> np.ndarray:
     """Fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)

@@ -217,15 +217,15 @@ def plastic_distortion(frames: np.ndarray) -> Slip:
     area = np.array([entry.area[interior_grains(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
     for entry in tracks:
-        _add_moves(moves, entry, frames, spacing)
+        _add_track_moves(moves, entry, frames, spacing)
     for event in events:
         if not event.missing.any():
-            jumps[event.frame] += _jump(event, tracks)
+            jumps[event.frame] += _slip_of_event(event, tracks)
         elif event.kind in ("entry", "leaving"):
             known = frames[event.frame][interior_grains(cells[event.frame])]
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = lattice_to_plane(event.missing, defects[event.frame].angle, spacing)
-            rim[event.frame] += _jump(event, tracks)
+            rim[event.frame] += _slip_of_event(event, tracks)
             rim[event.frame] += swept_area(
                 burgers, -displacement_to_edge(event.position, burgers, box)
             )
@@ -260,7 +260,9 @@ def displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndar
     return np.asarray(along * displacements[np.argmin(np.abs(displacements))])
 
 
-def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
+def _add_track_moves(
+    moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float
+) -> None:
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]
@@ -269,7 +271,7 @@ def _add_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacin
         moves[after] += swept_area(track.burgers, track.positions[k] - position - carried)
 
 
-def _jump(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
+def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
     """Sum of `swept`, as if ended tracks had gone to the event, and new ones had come from it."""
     total = np.zeros((2, 2))
     for point in event.ended:

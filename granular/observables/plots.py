@@ -137,7 +137,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
         handles=patches, title="sides of the cell", loc="upper left", alignment="left",
         bbox_to_anchor=(1.0, 1.0),
     )  # fmt: skip
-    return _as_map(ax)
+    return _style_as_map(ax)
 
 
 def plot_dislocations(
@@ -173,7 +173,7 @@ def plot_dislocations(
             angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
         )  # fmt: skip
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return _as_map(ax)
+    return _style_as_map(ax)
 
 
 def plot_defect_paths(
@@ -231,7 +231,7 @@ def plot_defect_paths(
         if sides is not None:
             sides.set_clip_on(False)  # it stands next to the axes
             ax.add_artist(sides)
-    return _as_map(ax)
+    return _style_as_map(ax)
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
@@ -260,7 +260,7 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
         ax.legend()
     else:
         ax.plot(time, series)
-    ax.set(xlabel="time [s]", ylabel=_label(series))
+    ax.set(xlabel="time [s]", ylabel=_axis_label(series))
     return ax
 
 
@@ -344,7 +344,7 @@ def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None
     """
     ax = axes_or_new(ax)
     ax.plot(1e3 * function["distance"], function)
-    ax.set(xlabel="distance [mm]", ylabel=_label(function))
+    ax.set(xlabel="distance [mm]", ylabel=_axis_label(function))
     return ax
 
 
@@ -410,7 +410,7 @@ def plot_forces(
                 *points[chosen].T, *(forces[chosen] / sizes[chosen].max()).T,
                 color=COLOURS[int(k) % len(COLOURS)], angles="xy", width=0.0025, scale=25.0,
             )  # fmt: skip
-    return _as_map(ax)
+    return _style_as_map(ax)
 
 
 def plot_order_correlation(
@@ -506,7 +506,7 @@ def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Ax
     return ax
 
 
-def _as_map(ax: Axes) -> Axes:
+def _style_as_map(ax: Axes) -> Axes:
     ax.set_aspect("equal")
     ax.autoscale_view()
     ax.grid(visible=False)
@@ -514,6 +514,6 @@ def _as_map(ax: Axes) -> Axes:
     return ax
 
 
-def _label(array: xarray.DataArray) -> str:
+def _axis_label(array: xarray.DataArray) -> str:
     unit, name = array.attrs.get("units", "1"), str(array.attrs.get("long_name", ""))
     return name if unit == "1" else f"{name} [{unit}]"

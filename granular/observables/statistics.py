@@ -236,13 +236,13 @@ def _convex_minorant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Greatest convex function at or below y, at every x, and where it touches."""
     hull: list[int] = []
     for k in range(len(x)):
-        while len(hull) > 1 and _bends_down(x, y, hull[-2], hull[-1], k):
+        while len(hull) > 1 and _is_concave_at(x, y, hull[-2], hull[-1], k):
             hull.pop()
         hull.append(k)
     return np.interp(x, x[hull], y[hull]), np.array(hull)
 
 
-def _bends_down(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
+def _is_concave_at(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
     return bool((y[b] - y[a]) * (x[c] - x[b]) >= (y[c] - y[b]) * (x[b] - x[a]))
 
 
@@ -302,13 +302,13 @@ def knuth_bins(values: np.ndarray) -> int:
     """
     from scipy.special import gammaln
 
-    values = _known(values)
+    values = _sorted_finite_values(values)
     count, low, high = len(values), values[0], values[-1]
     if low == high:
         return 1
     bins = np.arange(1, min(count, MOST_BINS) + 1)
     filled = np.array(
-        [gammaln(_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins]
+        [gammaln(_bin_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins]
     )
     posterior = (
         count * np.log(bins)
@@ -348,12 +348,12 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     >>> len(found.edges) - 1
     16
     """
-    values = _known(values)
+    values = _sorted_finite_values(values)
     counts, edges = np.histogram(values, knuth_bins(values))
     return Histogram(edges, counts, counts / (counts.sum() * np.diff(edges)))
 
 
-def _known(values: np.ndarray) -> np.ndarray:
+def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
     """Finite values in order."""
     array = np.asarray(values, dtype=np.float64).ravel()
     array = np.sort(array[np.isfinite(array)])
@@ -362,7 +362,7 @@ def _known(values: np.ndarray) -> np.ndarray:
     return array
 
 
-def _counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _bin_counts(ordered: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return the number of values in each bin; the last bin holds its upper edge too."""
     bounds = np.searchsorted(ordered, edges[1:-1], side="left")
     return np.diff(np.concatenate([[0], bounds, [len(ordered)]]))

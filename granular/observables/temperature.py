@@ -125,8 +125,8 @@ def configurational_temperature(
     _check(scene, KNOWN)
     square = bend = 0.0
     for positions, height in states:
-        pairs, laplacian = _of_pairs(scene, positions)
-        walls, more = _of_walls(scene, positions, height)
+        pairs, laplacian = _pair_forces_and_laplacian(scene, positions)
+        walls, more = _wall_forces_and_laplacian(scene, positions, height)
         square += float(np.nansum((pairs + walls) ** 2))
         bend += laplacian + more
     return square / bend
@@ -141,7 +141,10 @@ def potential_laplacian(
     effects that act by a uniform force or by friction besides.
     """
     _check(scene, (*KNOWN, *STRAIGHT))
-    return _of_pairs(scene, positions)[1] + _of_walls(scene, positions, piston_height)[1]
+    return (
+        _pair_forces_and_laplacian(scene, positions)[1]
+        + _wall_forces_and_laplacian(scene, positions, piston_height)[1]
+    )
 
 
 def _check(scene: Scene, known: tuple[str, ...]) -> None:
@@ -153,7 +156,7 @@ def _check(scene: Scene, known: tuple[str, ...]) -> None:
         )
 
 
-def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
+def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
     from granular.schema.scales import Scales
 
@@ -170,7 +173,7 @@ def _of_pairs(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
     return forces, laplacian
 
 
-def _of_walls(
+def _wall_forces_and_laplacian(
     scene: Scene, positions: np.ndarray, height: float | None
 ) -> tuple[np.ndarray, float]:
     """Return the forces, and minus their divergence by differences."""

@@ -117,21 +117,27 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     points = positions[present]
     triangles, across = _triangulation(points)
     corners = circumcentres(points, triangles)
-    pairs, lengths, outer = _ridges(triangles, across, corners)
+    pairs, lengths, outer = _neighbour_pairs_and_sides(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
     real = outer | ~(lengths <= SHORTEST_SIDE * spacing)
-    interior = _interior(points, triangles, corners, pairs[outer])
+    interior = _interior_cells(points, triangles, corners, pairs[outer])
 
     count = len(points)
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    area = np.where(interior, _sum_at(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0)
-    squares = _sum_at(pairs, np.where(outer, 0.0, lengths**2), count)
+    area = np.where(
+        interior, _sum_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0
+    )
+    squares = _sum_per_grain(pairs, np.where(outer, 0.0, lengths**2), count)
     sides = np.bincount(pairs[real].ravel(), minlength=count)
     return VoronoiCells(
-        sides=_spread(sides, present, len(positions), 0),
-        area=_spread(np.where(interior, area, np.nan), present, len(positions), np.nan),
-        side_squares=_spread(np.where(interior, squares, np.nan), present, len(positions), np.nan),
-        interior=_spread(interior, present, len(positions), False),
+        sides=_expand_to_all_grains(sides, present, len(positions), 0),
+        area=_expand_to_all_grains(
+            np.where(interior, area, np.nan), present, len(positions), np.nan
+        ),
+        side_squares=_expand_to_all_grains(
+            np.where(interior, squares, np.nan), present, len(positions), np.nan
+        ),
+        interior=_expand_to_all_grains(interior, present, len(positions), False),
         neighbours=present[pairs[real]],
         triangles=present[triangles],
         corners=corners,
@@ -238,7 +244,7 @@ def circumcentres(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return a + np.stack([x, y], axis=1)
 
 
-def _ridges(
+def _neighbour_pairs_and_sides(
     triangles: np.ndarray, across: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Neighbour pairs (m, 2), the lengths of the sides between them (m,), and which are endless."""
@@ -253,7 +259,7 @@ def _ridges(
     return pairs, np.where(outer, np.inf, lengths), outer
 
 
-def _interior(
+def _interior_cells(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
     """Cells that are bounded and have all corners inside the box of the centres, bool (n,)."""
@@ -269,7 +275,7 @@ def _interior(
     return inside
 
 
-def _sum_at(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def _sum_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sum over the pairs of each grain (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count)
@@ -277,7 +283,9 @@ def _sum_at(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     )
 
 
-def _spread(values: np.ndarray, positions: np.ndarray, count: int, absent: object) -> np.ndarray:
+def _expand_to_all_grains(
+    values: np.ndarray, positions: np.ndarray, count: int, absent: object
+) -> np.ndarray:
     spread = np.full(count, absent, dtype=values.dtype)
     spread[positions] = values
     return spread

@@ -75,7 +75,7 @@ def close_pairs_workspace(count: int, capacity: int, kind: type = np.int64) -> C
 
 
 @compiled
-def _grid(
+def _cover_by_cells(
     x: Array, y: Array, count: int, reach: float, most: int
 ) -> tuple[float, float, float, int, int]:
     """Origin, size and numbers of cells that cover the grains, with at most ``most`` cells."""
@@ -99,7 +99,7 @@ def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) 
     """Sort grains into cells at least ``reach`` [D] wide; False where a position is no number."""
     if count == 0:
         return True
-    left, low, size, columns, rows = _grid(x, y, count, reach, cells.begins.size - 2)
+    left, low, size, columns, rows = _cover_by_cells(x, y, count, reach, cells.begins.size - 2)
     cells.shape[0], cells.shape[1] = columns, rows
     cells.begins[: columns * rows + 1] = 0
     for i in range(count):
@@ -122,7 +122,7 @@ def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) 
 
 
 @compiled
-def _look_into(
+def _find_partners_in_cell(
     cells: Cells, x: Array, y: Array, i: int, cell: int, reach: float, result: int
 ) -> int:
     for index in range(cells.begins[cell], cells.begins[cell + 1]):
@@ -144,12 +144,14 @@ def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int
     """
     columns, rows = cells.shape[0], cells.shape[1]
     column, row = cells.cell[i] % columns, cells.cell[i] // columns
-    result = _look_into(cells, x, y, i, cells.cell[i], reach, 0)
+    result = _find_partners_in_cell(cells, x, y, i, cells.cell[i], reach, 0)
     if column + 1 < columns:
-        result = _look_into(cells, x, y, i, cells.cell[i] + 1, reach, result)
+        result = _find_partners_in_cell(cells, x, y, i, cells.cell[i] + 1, reach, result)
     if row + 1 < rows:
         for adjacent in range(max(column - 1, 0), min(column + 2, columns)):
-            result = _look_into(cells, x, y, i, (row + 1) * columns + adjacent, reach, result)
+            result = _find_partners_in_cell(
+                cells, x, y, i, (row + 1) * columns + adjacent, reach, result
+            )
     return result
 
 

@@ -29,12 +29,12 @@ _LINES, _DISTANCES = 1 + BESIDE, (4, 2, 1)
 is left of the distances."""
 
 
-def _add_along(
+def _convolve_along_lines(
     code: Code, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
     """Sum both sides of points along their lines; for each point, one sum for each term."""
     b = code.builder
-    sums = [_sums(code, TERMS) for _ in indices]
+    sums = [_new_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
@@ -51,7 +51,7 @@ def _add_along(
     return [[b.load(total) for total in totals] for totals in sums]
 
 
-def _copy_round(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
+def _copy_periodic_lines(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
     """Copy what was met along lines to where they stand again, before the first and behind all."""
     b = code.builder
     block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
@@ -68,7 +68,7 @@ def _copy_round(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.Value) ->
             code.store(value, rows, b.add(b.mul(here, block), position))
 
 
-def _sums(code: Code, many: int) -> list[Any]:
+def _new_sums(code: Code, many: int) -> list[Any]:
     sums = [code.variable(constant(0.0)) for _ in range(many)]
     for sum_pointer in sums:
         code.builder.store(constant(0.0), sum_pointer)
@@ -102,7 +102,7 @@ def _add_tile(
             b.store(code.fused_multiply_add(both, fraction, b.load(total)), total)
 
 
-def _add_across(
+def _convolve_across_lines(
     code: Code, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
     """Return the sums over both sides of `_LINES` points across the lines, and over the terms."""
@@ -112,7 +112,7 @@ def _add_across(
     result = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
     with cgutils.for_range_slice(b, zero, many, unity, INDEX) as (term, _):
         begin = b.add(b.mul(line, block), b.mul(term, ir.Constant(INDEX, WIDTH)))
-        fractions, sums, done = b.gep(table, [term]), _sums(code, _LINES), zero
+        fractions, sums, done = b.gep(table, [term]), _new_sums(code, _LINES), zero
         for distances in _DISTANCES:
             step = ir.Constant(INDEX, distances)
             end = b.sub(reach, b.urem(b.sub(reach, done), step))
@@ -159,17 +159,17 @@ def _convolve_columns(
             two = [line, b.select(b.icmp_signed("<", behind, lines), behind, last)]
             indices = [b.add(at, b.mul(here, stride)) for here in two]
             for here, sums in zip(
-                two, _add_along(code, source, indices, along, reach), strict=True
+                two, _convolve_along_lines(code, source, indices, along, reach), strict=True
             ):
                 begin = b.mul(b.add(here, reach), block)
                 for term, value in enumerate(sums):
                     code.store(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
         if not isinstance(signature.args[10], types.NoneType):
-            _copy_round(code, rows, lines, reach)
+            _copy_periodic_lines(code, rows, lines, reach)
         factor = code.splat(scale)
         many = ir.Constant(INDEX, _LINES)
         with cgutils.for_range_slice(b, zero, lines, many, INDEX) as (line, _):
-            values = _add_across(code, rows, b.add(line, reach), across, reach)
+            values = _convolve_across_lines(code, rows, b.add(line, reach), across, reach)
             for behind, value in enumerate(values):
                 here = b.add(line, ir.Constant(INDEX, behind))
                 with b.if_then(b.icmp_signed("<", here, lines)):

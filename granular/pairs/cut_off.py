@@ -34,7 +34,7 @@ def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code, (array, row, first, end) = Code(context, builder), values
         pointer = code.data(signature.args[0], array, row)
-        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (position, _):
+        with cgutils.for_range_slice(builder, first, end, _vector_width(), INDEX) as (position, _):
             code.store(constant(0.0), pointer, position)
         return context.get_dummy_value()
 
@@ -50,7 +50,7 @@ def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) 
         code, (array, row, other, first, end) = Code(context, builder), values
         total = code.data(signature.args[0], array, row)
         more = code.data(signature.args[0], array, other)
-        with cgutils.for_range_slice(builder, first, end, _step(), INDEX) as (position, _):
+        with cgutils.for_range_slice(builder, first, end, _vector_width(), INDEX) as (position, _):
             value = builder.fadd(code.load(total, position), code.load(more, position))
             code.store(value, total, position)
         return context.get_dummy_value()
@@ -58,7 +58,7 @@ def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) 
     return signature, generate
 
 
-def _step() -> ir.Constant:
+def _vector_width() -> ir.Constant:
     return ir.Constant(INDEX, WIDTH)
 
 
@@ -68,15 +68,15 @@ def _place_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = asked.y[stripes.order[k]]
-    _bring_home(stripes.homes, stripes, part)
-    _clear(asked.fx, stripes.fx, stripes, part)
-    _clear(asked.fy, stripes.fy, stripes, part)
-    _clear(asked.stiffness, stripes.stiffness, stripes, part)
-    _clear(asked.load, stripes.load, stripes, part)
+    _wrap_into_cell(stripes.homes, stripes, part)
+    _clear_sums_of_part(asked.fx, stripes.fx, stripes, part)
+    _clear_sums_of_part(asked.fy, stripes.fy, stripes, part)
+    _clear_sums_of_part(asked.stiffness, stripes.stiffness, stripes, part)
+    _clear_sums_of_part(asked.load, stripes.load, stripes, part)
 
 
 @compiled(inline=True)
-def _bring_home(homes: Array | None, stripes: Stripes, part: int) -> None:
+def _wrap_into_cell(homes: Array | None, stripes: Stripes, part: int) -> None:
     """In a periodic cell, replace the grains by their images within it."""
     if homes is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
@@ -85,7 +85,9 @@ def _bring_home(homes: Array | None, stripes: Stripes, part: int) -> None:
 
 
 @compiled(inline=True)
-def _clear(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+def _clear_sums_of_part(
+    asked: Array | None, sums: Array | None, stripes: Stripes, part: int
+) -> None:
     if asked is not None:
         _clear_part(sums, stripes, part)
 
@@ -117,7 +119,7 @@ def _sweep_part(
 
 
 @compiled(inline=True)
-def _join(sums: Array, stripes: Stripes, part: int) -> None:
+def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
     """Add to a part's sums what the other parts have for its rows."""
     for other in range(stripes.ends.size):
         first = max(stripes.lows[other], stripes.rows[part])
@@ -127,28 +129,30 @@ def _join(sums: Array, stripes: Stripes, part: int) -> None:
 
 
 @compiled(inline=True)
-def _collect(
+def _copy_sums_to_grains(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
     """Give the grains of a part their sums, where they are asked for."""
     if out is not None:
-        _give(out, sums, scale, stripes, part)
+        _copy_sum_to_grains(out, sums, scale, stripes, part)
 
 
 @compiled
-def _give(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
+def _copy_sum_to_grains(
+    out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int
+) -> None:
     if sums is not None:
-        _join(sums, stripes, part)
+        _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             out[stripes.order[k]] = scale * sums[part, stripes.slot[k]]
 
 
 @compiled
 def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
-    _collect(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
-    _collect(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
-    _collect(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
-    _collect(asked.load, stripes.load, SCALE, stripes, part)
+    _copy_sums_to_grains(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
+    _copy_sums_to_grains(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
+    _copy_sums_to_grains(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
+    _copy_sums_to_grains(asked.load, stripes.load, SCALE, stripes, part)
 
 
 @compiled

@@ -45,7 +45,7 @@ class _Sweep(NamedTuple):
     cut: Cut
 
 
-def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
+def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
     """Rows against the partners from j on.
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
@@ -65,7 +65,7 @@ def _meet_eight(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
         code.store(reaction, pointer, j)
 
 
-def _shift(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
+def _shift_rows_by_image(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
@@ -83,7 +83,7 @@ def _sweep_group(
 ) -> None:
     b, sweep = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
-    _meet_eight(code, sweep, second, own=True)
+    _add_eight_partners(code, sweep, second, own=True)
     number = RUNS if shifts is None else RUNS * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # two places for each run, two rows
@@ -91,9 +91,9 @@ def _sweep_group(
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
         start, stop = code.scalar(runs, index), code.scalar(runs, b.add(index, item))
-        sweep = _shift(code, all_rows, shifts, index)
+        sweep = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-            _meet_eight(code, sweep, j, own=False)
+            _add_eight_partners(code, sweep, j, own=False)
     for which, pointer in enumerate(present_arrays(all_rows.arrays.sums)):
         vectors = [b.load(sums[which]) for sums in all_rows.totals]
         code.add_vector(code.totals(vectors), pointer, first)
@@ -111,7 +111,7 @@ def _scale_coefficients(
     return out
 
 
-def _cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
+def _make_cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
     b = code.builder
     square = b.fmul(radius, radius)
     cube = b.fdiv(ir.Constant(radius.type, 1.0), b.fmul(square, radius))
@@ -158,7 +158,7 @@ def sweep_runs(
         arrays = Arrays(code, signature.args[0], values[0], part)
         listed = code.data(signature.args[1], values[1])
         ends = not isinstance(signature.args[6], types.NoneType)
-        cut = _cut(code, radius, smooth=ends)
+        cut = _make_cut(code, radius, smooth=ends)
         away = code.data(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):

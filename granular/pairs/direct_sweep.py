@@ -43,7 +43,7 @@ class _Ends(NamedTuple):
     images: Images | None
 
 
-def _ends(code: Code, kind: Any, nearest: Any) -> _Ends:
+def _make_ends(code: Code, kind: Any, nearest: Any) -> _Ends:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _Ends(None, None)
@@ -124,7 +124,7 @@ def sweep_rows(
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[0], values[0])
         first, start, stop, nearest = values[1:]
-        ends = _ends(code, signature.args[4], nearest)
+        ends = _make_ends(code, signature.args[4], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
@@ -147,7 +147,7 @@ def sweep_block(
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        ends = _ends(code, signature.args[2], values[2])
+        ends = _make_ends(code, signature.args[2], values[2])
         _sweep_among(code, Arrays(code, signature.args[0], values[0]), ends, values[1])
         return context.get_dummy_value()
 
@@ -172,7 +172,7 @@ def sum_lanes(typing: Any, values: Any, stop: Any) -> Any:
 
 
 @compiled
-def _lane_sum(values: Array) -> float:
+def _sum_of_lanes(values: Array) -> float:
     return sum_lanes(values, values.size)
 
 
@@ -180,5 +180,5 @@ def _plain_sum(values: Array) -> float:
     return float(values.sum())
 
 
-lane_sum = _plain_sum if config.DISABLE_JIT else _lane_sum
+lane_sum = _plain_sum if config.DISABLE_JIT else _sum_of_lanes
 """Sum of a padded array, in an order that depends on nothing but its length."""

@@ -171,7 +171,7 @@ class FarSums(NamedTuple):
 
 
 @compiled(inline=True)
-def _put_load(load: Array | None, i: int, value: float) -> None:
+def _store_load(load: Array | None, i: int, value: float) -> None:
     if load is not None:
         load[i] = value
 
@@ -187,7 +187,7 @@ def _gather_part(mesh: Mesh, asked: FarSums, part: int) -> None:
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
         total += q * (value - asked.own * q)
-        _put_load(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
+        _store_load(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
     asked.totals[part] = total
 
 
@@ -198,7 +198,7 @@ def _gather_load_part(mesh: Mesh, asked: FarSums, part: int) -> None:
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
         value, _, _ = interpolate_potential(mesh, asked.x[i], asked.y[i])
-        _put_load(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
+        _store_load(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
 
 
 @compiled(parallel=True)
@@ -242,7 +242,7 @@ def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int
 
 
 @compiled(inline=True)
-def _find_load(
+def _compute_load(
     weight: Array | None,
     moments: Array | None,
     mesh: Mesh,
@@ -306,7 +306,7 @@ def find_far_forces(
     compute_mesh_potential(mesh, threaded)
     far.energy[0] = _gather(threaded, mesh, sums)
     store_positions(far.met, x, y, grains)
-    _find_load(arrays.weight, arrays.moments, mesh, threaded, sums)
+    _compute_load(arrays.weight, arrays.moments, mesh, threaded, sums)
     return 0
 
 

@@ -72,15 +72,15 @@ class Tables(NamedTuple):
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
     """Levels until the rest's table covers a bed of that extent [D]."""
-    reach = _reach(radius, spacing)
+    reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
 
 
-def _reach(radius: float, spacing: float) -> int:
+def _reach_in_points(radius: float, spacing: float) -> int:
     return math.ceil(2.0 * radius / spacing) + REACH
 
 
-def _interpolating(samples: Samples) -> Samples:
+def _divide_by_splines(samples: Samples) -> Samples:
     """Divide a square table, symmetric about its middle, by the splines of both grains."""
     wave = 2.0 * np.pi * np.fft.fftfreq(len(samples))
     spline = (2.0 + np.cos(wave)) / 3.0
@@ -89,14 +89,14 @@ def _interpolating(samples: Samples) -> Samples:
     return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * fraction).real))
 
 
-def _middle(samples: Samples, reach: int) -> Samples:
+def _extract_middle(samples: Samples, reach: int) -> Samples:
     """Distances up to ``reach``, on both sides, of an interpolating table."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
-    return _interpolating(samples)[chosen, chosen]
+    return _divide_by_splines(samples)[chosen, chosen]
 
 
-def _products(table: Samples) -> Table:
+def _factor_table(table: Samples) -> Table:
     """Table, symmetric about its middle and about its diagonals, as a sum of products."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
@@ -123,13 +123,15 @@ def _products(table: Samples) -> Table:
 @functools.cache
 def mesh_tables(radius: float, spacing: float) -> Tables:
     """Tables of the band and of the rest, for a split radius and a finest spacing [D]."""
-    reach = _reach(radius, spacing)
+    reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
     square = n[:, None] ** 2 + n[None, :] ** 2
     rest = far_cube(square, radius)
     band = rest - far_cube(square, 2.0 * radius)
-    return Tables(_products(_middle(band, reach)), _products(_middle(rest, most)))
+    return Tables(
+        _factor_table(_extract_middle(band, reach)), _factor_table(_extract_middle(rest, most))
+    )
 
 
 LEFT, LOW, ACROSS, UP = range(4)
@@ -240,19 +242,19 @@ def place_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     window[ACROSS] = math.floor(right * fineness) + 3 - window[LEFT]
     window[LOW] = math.floor(low * fineness) - 1
     window[UP] = math.floor(high * fineness) + 3 - window[LOW]
-    fits = _fits(mesh, 0)
+    fits = _fits_window(mesh, 0)
     for level in range(1, len(mesh.windows)):
         fine, coarse = mesh.windows[level - 1], mesh.windows[level]
         for first, many in ((LEFT, ACROSS), (LOW, UP)):
             coarse[first] = fine[first] // 2 - 1
             coarse[many] = (fine[first] + fine[many]) // 2 + 2 - coarse[first]
-        fits = fits and _fits(mesh, level)
+        fits = fits and _fits_window(mesh, level)
     last = mesh.windows[len(mesh.windows) - 1]
     return fits and max(last[ACROSS], last[UP]) <= mesh.rest_along.shape[1]
 
 
 @compiled
-def _fits(mesh: Mesh, level: int) -> bool:
+def _fits_window(mesh: Mesh, level: int) -> bool:
     window, stride = mesh.windows[level], mesh.strides[level]
     workspace = mesh.begins[level + 1] - mesh.begins[level]
     return window[ACROSS] <= stride - 2 * mesh.margin and window[UP] * stride <= workspace

@@ -91,11 +91,11 @@ def spread_grains(
     ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
     follow each other.
     """
-    _spread(mesh.around, mesh, threaded, x, y, amounts, order, grains)
+    _spread_on_window(mesh.around, mesh, threaded, x, y, amounts, order, grains)
 
 
 @compiled(inline=True)
-def _spread(
+def _spread_on_window(
     around: Array | None, mesh: Mesh, threaded: bool | None, x: Array, y: Array,
     amounts: Array | None, order: Array, grains: int,
 ) -> None:  # fmt: skip
@@ -114,11 +114,11 @@ def _spread(
 @compiled(inline=True)
 def interpolate_potential(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
-    return _gather_potential(mesh.around, mesh, x, y)
+    return _interpolate_on_window(mesh.around, mesh, x, y)
 
 
 @compiled(inline=True)
-def _gather_potential(
+def _interpolate_on_window(
     around: Array | None, mesh: Mesh, x: float, y: float
 ) -> tuple[float, float, float]:
     if around is not None:

@@ -23,7 +23,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 
 # Of numbers alone: arrays that are handed on from line to line are counted, which takes longer.
 @compiled(inline=True)
-def _line_begin(at: int, up: int, begin: int, stride: int, outside: int) -> np.uintp:
+def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int) -> np.uintp:
     """Begin of a line, by its index in a window of ``up`` lines; outside, of one of zeros."""
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
 
@@ -40,11 +40,11 @@ def _restrict(mesh: Mesh, level: int) -> None:
     lowest, across = 2 * coarse[LOW] - fine[LOW], coarse[ACROSS]
     for up in range(coarse[UP]):
         at_line = lowest + 2 * up
-        lower = _line_begin(at_line - 2, lines, start, stride, outside)
-        low = _line_begin(at_line - 1, lines, start, stride, outside)
-        middle = _line_begin(at_line, lines, start, stride, outside)
-        high = _line_begin(at_line + 1, lines, start, stride, outside)
-        higher = _line_begin(at_line + 2, lines, start, stride, outside)
+        lower = _line_start_index(at_line - 2, lines, start, stride, outside)
+        low = _line_start_index(at_line - 1, lines, start, stride, outside)
+        middle = _line_start_index(at_line, lines, start, stride, outside)
+        high = _line_start_index(at_line + 1, lines, start, stride, outside)
+        higher = _line_start_index(at_line + 2, lines, start, stride, outside)
         for point in range(stride):
             p = np.uintp(point)
             near, far = source[low + p] + source[high + p], source[lower + p] + source[higher + p]
@@ -74,9 +74,9 @@ def _prolong(mesh: Mesh, level: int) -> None:
     for up in range(fine[UP]):
         line = lowest + up
         at_line = line // 2 - lowest_coarse
-        middle = _line_begin(at_line, lines, start, stride, outside)
-        below = _line_begin(at_line - 1, lines, start, stride, outside)
-        above = _line_begin(at_line + 1, lines, start, stride, outside)
+        middle = _line_start_index(at_line, lines, start, stride, outside)
+        below = _line_start_index(at_line - 1, lines, start, stride, outside)
+        above = _line_start_index(at_line + 1, lines, start, stride, outside)
         own, adjacent = (half, 0.0) if line % 2 == 1 else (total, rest)
         next_one = half if line % 2 == 1 else rest
         for point in range(stride):
@@ -102,10 +102,10 @@ def _convolve_part(mesh: Mesh, part: int) -> None:
     """
     levels, total, done = len(mesh.windows), 0, 0
     for level in range(levels):
-        total += _cost(mesh, level) * (_columns(mesh, level) // WIDTH)
+        total += _column_cost(mesh, level) * (_column_count(mesh, level) // WIDTH)
     for level in range(levels):
-        cost = _cost(mesh, level)
-        for column in range(0, _columns(mesh, level), WIDTH):
+        cost = _column_cost(mesh, level)
+        for column in range(0, _column_count(mesh, level), WIDTH):
             middle = 2 * done + cost
             done += cost
             if part * total * 2 <= middle * PARTS < (part + 1) * total * 2:
@@ -113,7 +113,7 @@ def _convolve_part(mesh: Mesh, part: int) -> None:
 
 
 @compiled(inline=True)
-def _first(around: Array | None, mesh: Mesh, level: int) -> int:
+def _index_of_first_point(around: Array | None, mesh: Mesh, level: int) -> int:
     """Place of a level's first point."""
     if around is not None:
         return index_of_first_point(mesh, level)
@@ -122,7 +122,7 @@ def _first(around: Array | None, mesh: Mesh, level: int) -> int:
 
 @compiled
 def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
-    at, up = _first(mesh.around, mesh, level) + column, mesh.windows[level, UP]
+    at, up = _index_of_first_point(mesh.around, mesh, level) + column, mesh.windows[level, UP]
     along, across = mesh.band_along, mesh.band_across
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
@@ -133,12 +133,12 @@ def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
 
 
 @compiled(inline=True)
-def _columns(mesh: Mesh, level: int) -> int:
+def _column_count(mesh: Mesh, level: int) -> int:
     return (mesh.windows[level, ACROSS] + WIDTH - 1) // WIDTH * WIDTH
 
 
 @compiled(inline=True)
-def _cost(mesh: Mesh, level: int) -> int:
+def _column_cost(mesh: Mesh, level: int) -> int:
     """Cost of eight columns of a level: the last has more groups of terms, and a longer reach."""
     table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]

@@ -107,12 +107,12 @@ def set_forces_to_nan(arrays: PairArrays, grains: int) -> None:
     arrays.fy[:grains] = np.nan
 
 
-def _plain_if_given(asked: Array | None, sums: Array | None) -> Array | None:
+def _plain_value_if_wanted(asked: Array | None, sums: Array | None) -> Array | None:
     return None if asked is None else sums
 
 
 @intrinsic
-def _if_given(typing: Any, asked: Any, sums: Any) -> Any:
+def _value_if_wanted(typing: Any, asked: Any, sums: Any) -> Any:
     kind = types.none if isinstance(asked, types.NoneType) else sums
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -123,5 +123,5 @@ def _if_given(typing: Any, asked: Any, sums: Any) -> Any:
     return kind(asked, sums), generate
 
 
-if_given = _plain_if_given if config.DISABLE_JIT else _if_given
+if_given = _plain_value_if_wanted if config.DISABLE_JIT else _value_if_wanted
 """Return sums, or None where they are not asked for: a choice of types, made while compiling."""

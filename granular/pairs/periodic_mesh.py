@@ -67,8 +67,8 @@ def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: flo
     total = np.zeros(np.broadcast(dx, dy).shape)
     # Where the far part is softened, it is the upper part less what near pairs have.
     reach = max(radius, _IMAGES / sharp)
-    for column in _numbers(reach, width):
-        for row in _numbers(reach, height):
+    for column in _image_numbers(reach, width):
+        for row in _image_numbers(reach, height):
             square = (dx + column * width) ** 2 + (dy + row * height) ** 2
             cube = np.maximum(square, 1e-12) ** 1.5
             lower = gammainc(1.5, sharp**2 * square) / cube
@@ -89,13 +89,13 @@ def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: flo
     return total + 2.0 * math.sqrt(math.pi) / (width * height) * series
 
 
-def _numbers(reach: float, side: float) -> range:
+def _image_numbers(reach: float, side: float) -> range:
     """Numbers of the images along a side that lie within reach of any point of the cell."""
     most = math.ceil(reach / side) + 1
     return range(-most, most + 1)
 
 
-def _interpolating(samples: Samples) -> Samples:
+def _divide_by_splines(samples: Samples) -> Samples:
     """Divide a periodic table by the splines of both grains."""
     up, across = (
         (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape
@@ -104,7 +104,7 @@ def _interpolating(samples: Samples) -> Samples:
     return np.asarray(np.fft.ifft2(spectrum).real)
 
 
-def _products(table: Samples, reach: int) -> Table:
+def _factor_table(table: Samples, reach: int) -> Table:
     """Quarter of a table, by the distances up and across, as a sum of products."""
     left, weights, right = np.linalg.svd(table, full_matrices=False)
     # The sign of a pair of vectors is free; it is fixed, and the numbers cut, for all machines.
@@ -121,21 +121,21 @@ def _products(table: Samples, reach: int) -> Table:
     return Table(along, across)
 
 
-def _band(radius: float, spacings: tuple[float, float]) -> Samples:
+def _band_table(radius: float, spacings: tuple[float, float]) -> Samples:
     """Quarter of the band's table, up and across."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
     samples = far_cube(square, radius) - far_cube(square, 2.0 * radius)
-    table = np.fft.fftshift(_interpolating(np.fft.ifftshift(samples)))
+    table = np.fft.fftshift(_divide_by_splines(np.fft.ifftshift(samples)))
     middle = len(n) // 2
     return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
 
 
-def _rest(width: float, height: float, radius: float, across: int, up: int) -> Samples:
+def _rest_table(width: float, height: float, radius: float, across: int, up: int) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
-    table = _interpolating(image_sum(dx, dy, width, height, radius))
+    table = _divide_by_splines(image_sum(dx, dy, width, height, radius))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
     if up % 2 == 0:
         quarter[-1] *= 0.5
@@ -150,10 +150,10 @@ def image_tables(width: float, height: float, radius: float, spacing: float) -> 
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
-    band = _band(radius, (width / fine[0], height / fine[1]))
-    rest = _rest(width, height, radius * scale, *coarse) * scale**3
+    band = _band_table(radius, (width / fine[0], height / fine[1]))
+    rest = _rest_table(width, height, radius * scale, *coarse) * scale**3
     reach = max(*band.shape, *rest.shape)
-    return Tables(_products(band, reach), _products(rest, reach))
+    return Tables(_factor_table(band, reach), _factor_table(rest, reach))
 
 
 BELOW, ABOVE = 1, 2
@@ -187,7 +187,7 @@ def copy_periodic_margin(mesh: Mesh, values: Array, level: int) -> None:
 
 
 @compiled
-def _fold(mesh: Mesh, level: int) -> None:
+def _fold_periodic_margin(mesh: Mesh, level: int) -> None:
     """Add what was put on the copies of points to the points."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, first, source = mesh.strides[level], index_of_first_point(mesh, level), mesh.source
@@ -218,7 +218,7 @@ def spread_periodic(
         at = corner + int(line) % up * stride + int(column) % across
         amount = 1.0 if amounts is None else amounts[i]
         put_spline(mesh.source, at, stride, u - column, v - line, amount)
-    _fold(mesh, 0)
+    _fold_periodic_margin(mesh, 0)
     copy_periodic_margin(mesh, mesh.source, 0)
 
 

@@ -39,7 +39,7 @@ def _splines(code: Code, displacement: ir.Value) -> ir.Value:
     return result
 
 
-def _line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
+def _pointer_to_line(code: Code, values: ir.Value, at: ir.Value) -> ir.Value:
     """Pointer to four points that follow each other."""
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
@@ -52,7 +52,9 @@ def _fold_operands(code: Code, vector: ir.Value) -> ir.Value:
 
 
 @intrinsic
-def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any) -> Any:
+def _emit_spline_weights(
+    typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any
+) -> Any:
     signature = types.void(
         values, types.intp, types.intp, types.float64, types.float64, types.float64
     )
@@ -66,7 +68,7 @@ def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount:
         ups = builder.fmul(_splines(code, v), code.splat(amount))
         for line in range(POINTS):
             fraction = code.shuffle(ups, ups, [line] * POINTS)
-            index = _line(code, pointer, at)
+            index = _pointer_to_line(code, pointer, at)
             total = builder.fadd(builder.load(index, align=8), builder.fmul(along, fraction))
             builder.store(total, index, align=8)
             at = builder.add(at, stride)
@@ -76,7 +78,7 @@ def _put(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount:
 
 
 @intrinsic
-def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any:
+def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any:
     number = types.float64
     signature = types.UniTuple(number, 3)(values, types.intp, types.intp, number, number)
 
@@ -87,7 +89,7 @@ def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any
         along, up = _splines(code, u), _splines(code, v)
         total = None
         for line in range(POINTS):
-            points = builder.load(_line(code, pointer, at), align=8)
+            points = builder.load(_pointer_to_line(code, pointer, at), align=8)
             both = code.shuffle(points, points, [*range(POINTS), *range(POINTS)])
             # The spline of the line in the first four lanes, its slope in the others.
             fraction = code.shuffle(up, up, [line] * POINTS + [line + POINTS] * POINTS)
@@ -110,14 +112,14 @@ def _sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any
 
 @compiled(inline=True)
 def _put_spline(values: Array, at: int, stride: int, u: float, v: float, amount: float) -> None:
-    _put(values, at, stride, u, v, amount)
+    _emit_spline_weights(values, at, stride, u, v, amount)
 
 
 @compiled(inline=True)
 def _spline_sums(
     values: Array, at: int, stride: int, u: float, v: float
 ) -> tuple[float, float, float]:
-    return _sums(values, at, stride, u, v)
+    return _emit_spline_sums(values, at, stride, u, v)
 
 
 def _plain_splines(displacement: float) -> np.ndarray:

@@ -101,7 +101,7 @@ def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
 
 
 @compiled
-def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
+def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
     """Deal the rows out to parts that take about equally long; they begin at whole vectors."""
     parts, total, done, part = stripes.ends.size, 0, 0, 0
     for first in range(0, end, WIDTH):
@@ -127,7 +127,9 @@ def _deal_rows(stripes: Stripes, grains: int, end: int) -> None:
 
 
 @compiled
-def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Array | None) -> None:
+def _sort_values(
+    stripes: Stripes, grains: int, moments: Array | None, weight: Array | None
+) -> None:
     if moments is not None and stripes.moments is not None:
         stripes.moments[:] = 0.0
         for k in range(grains):
@@ -139,7 +141,7 @@ def _put_values(stripes: Stripes, grains: int, moments: Array | None, weight: Ar
 
 
 @compiled(inline=True)
-def _find_runs(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
+def _list_runs_of_bed(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
     """Sort the grains and list their runs; the number of stripes."""
     if shifts is None:
         number = sort_into_stripes(stripes, grains, reach)
@@ -154,9 +156,9 @@ def _find_runs(shifts: Array | None, stripes: Stripes, grains: int, reach: float
 def _list_partners(
     stripes: Stripes, grains: int, moments: Array | None, weight: Array | None, radius: float
 ) -> None:
-    number = _find_runs(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
-    _put_values(stripes, grains, moments, weight)
-    _deal_rows(stripes, grains, stripes.begins[number])
+    number = _list_runs_of_bed(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
+    _sort_values(stripes, grains, moments, weight)
+    _distribute_rows(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
     stripes.memory[STRIPES] = number
 
@@ -179,7 +181,7 @@ def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
 
 
 @compiled
-def _moved(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
+def _lists_are_outdated(stripes: Stripes, x: Array, y: Array, grains: int) -> bool:
     """Return whether the lists may lack a pair."""
     if stripes.memory[GRAINS] != grains:
         return True
@@ -203,7 +205,7 @@ def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
 def refresh_lists(stripes: Stripes, arrays: PairArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius; False where a position is no number."""
     x, y = arrays.x, arrays.y
-    if _moved(stripes, x, y, grains):
+    if _lists_are_outdated(stripes, x, y, grains):
         if not positions_are_finite(x, y, grains):
             return False
         _adapt_skin(stripes.memory, radius)

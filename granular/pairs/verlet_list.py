@@ -69,7 +69,7 @@ def verlet_list_workspace(size: int, radius: float) -> VerletList:
 
 
 @compiled
-def _make_ready(
+def _refresh_list(
     listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
 ) -> None:
     stale = listed.memory[GRAINS] != grains
@@ -95,7 +95,7 @@ def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: P
 
     Forces are no numbers where there are more pairs than the list holds.
     """
-    _make_ready(listed, listing, arrays.x, arrays.y, grains)
+    _refresh_list(listed, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     rest = pair_energy(listing.radius)
     if listed.pairs.filled[0] < 0:
@@ -114,13 +114,13 @@ def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: P
         fifth = force / (3.0 * ENERGY * r)
         add_at(arrays.stiffness, i, fifth * second)
         add_at(arrays.stiffness, j, fifth * first)
-        _meet(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
+        _update_extremes(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
         add_at(arrays.load, i, value_or_one(arrays.weight, j) * energy / ENERGY)
         add_at(arrays.load, j, value_or_one(arrays.weight, i) * energy / ENERGY)
 
 
 @compiled(inline=True)
-def _meet(extremes: Array | None, energy: float, fifth: float) -> None:
+def _update_extremes(extremes: Array | None, energy: float, fifth: float) -> None:
     if extremes is not None:
         extremes[0] += energy
         extremes[1] = max(extremes[1], fifth)

@@ -64,29 +64,29 @@ class Motion(NamedTuple):
 @entry
 def piston_path(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
-    return _path(motion.times, motion.heights, motion, time)
+    return _prescribed_path(motion.times, motion.heights, motion, time)
 
 
 @compiled
-def _path(
+def _prescribed_path(
     times: Array | None, heights: Array | None, motion: Motion, time: float
 ) -> tuple[float, float]:
     if motion.kind == DESCENT:
-        return _descent(motion, time)
+        return _exponential_descent(motion, time)
     if motion.kind == SINE:
         phase = motion.omega * time
         height = motion.start + motion.reach * math.sin(phase)
         return height, motion.reach * motion.omega * math.cos(phase)
     if times is not None and heights is not None:
         if motion.kind == TABLE:
-            return _table(times, heights, time)
+            return _interpolate_linearly(times, heights, time)
         if motion.kind == SPLINE:
-            return _spline(times, heights, time)
+            return _evaluate_spline(times, heights, time)
     return motion.start + motion.speed * time, motion.speed
 
 
 @compiled
-def _descent(motion: Motion, time: float) -> tuple[float, float]:
+def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
     """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
     total = math.expm1(k)
@@ -109,7 +109,7 @@ def _row_before(times: Array, time: float) -> int:
 
 
 @compiled
-def _table(times: Array, heights: Array, time: float) -> tuple[float, float]:
+def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Straight lines from row to row; behind the last row its height."""
     k = _row_before(times, time)
     if k >= times.size - 1:
@@ -119,7 +119,7 @@ def _table(times: Array, heights: Array, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
+def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Value and slope of the cubic spline; behind its ends what they are."""
     count = times.size
     h = times[1]
@@ -148,7 +148,7 @@ def greatest_piston_speed(
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
-            times, heights = _rows(motion)
+            times, heights = _table_rows(motion)
             outer += float(np.abs(heights[: times.size]).max())
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
@@ -158,15 +158,15 @@ def greatest_piston_speed(
     if motion.kind == SINE:
         return motion.reach * motion.omega
     if motion.kind == TABLE:
-        times, heights = _rows(motion)
+        times, heights = _table_rows(motion)
         return float(np.abs(np.diff(heights) / np.diff(times)).max())
     if motion.kind == SPLINE:
-        times, heights = _rows(motion)
+        times, heights = _table_rows(motion)
         return float(np.abs(heights[times.size :]).max())
     return abs(motion.speed)
 
 
-def _rows(motion: Motion) -> tuple[Array, Array]:
+def _table_rows(motion: Motion) -> tuple[Array, Array]:
     assert motion.times is not None
     assert motion.heights is not None
     return motion.times, motion.heights
@@ -177,9 +177,9 @@ def drive_frequency(motion: Motion) -> float:
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
-        return 1.0 / float(np.diff(_rows(motion)[0]).min())
+        return 1.0 / float(np.diff(_table_rows(motion)[0]).min())
     if motion.kind == SPLINE:
-        times, heights = _rows(motion)
+        times, heights = _table_rows(motion)
         slopes = heights[times.size :]
         fastest = float(np.abs(slopes).max())
         bend = float(np.abs(np.diff(slopes)).max()) / float(times[1])
@@ -196,7 +196,7 @@ def outer_force(motion: Motion, time: float) -> float:
 @compiled
 def _outer_force(times: Array | None, heights: Array | None, motion: Motion, time: float) -> float:
     if times is not None and heights is not None and motion.kind == SPLINE:
-        return _spline(times, heights, time)[0]
+        return _evaluate_spline(times, heights, time)[0]
     if motion.push == 0.0:
         return motion.bias
     return motion.bias + motion.push * math.sin(motion.omega * time)

@@ -68,7 +68,7 @@ class Calibration(NamedTuple):
             If the unit of the column contradicts that of the calibration.
         """
         known = None in (unit, self.raw_unit)
-        ratio = 1.0 if known else _ratio(str(unit), str(self.raw_unit), "heading")
+        ratio = 1.0 if known else _unit_ratio(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
         return self.coefficients @ powers, self.deviations @ powers
 
@@ -114,18 +114,18 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
     if "degree" in given and forms != ["points"]:
         raise RecordError(f"degree goes with points, not with {forms[0]}; leave one out")
     if forms == ["scale"]:
-        return _from_scale(role, given["scale"], given.get("zero"))
+        return _calibration_from_scale(role, given["scale"], given.get("zero"))
     if forms == ["coefficients"]:
-        return _from_coefficients(role, given["coefficients"])
-    return _from_points(role, given["points"], given.get("degree", 1))
+        return _calibration_from_coefficients(role, given["coefficients"])
+    return _calibration_from_points(role, given["points"], given.get("degree", 1))
 
 
 # Scale and zero --------------------------------------------------------------------------------
 
 
-def _from_scale(role: str, scale: Any, zero: Any) -> Calibration:
+def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     value, spread, top, steps, raw_unit = _scale_parts(scale)
-    size, angle = _top_unit(role, top, f"scale = {quote(scale)}")
+    size, angle = _calibrated_unit_size(role, top, f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
@@ -148,7 +148,7 @@ def _scale_parts(text: Any) -> tuple[float, float, str, float, str]:
             f"scale = {quote(text)}; write a number, the unit of the height and that of the "
             "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
-    value, spread = _value(match)
+    value, spread = _number_and_uncertainty(match)
     return value, spread, match[4], float(match[5] or 1.0), normalize_unit(match[6])
 
 
@@ -158,18 +158,18 @@ def _zero_parts(text: Any, raw_unit: str) -> tuple[float, float]:
     if match is None:
         raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
     own = raw_unit if match[4] is None else normalize_unit(match[4])
-    ratio = _ratio(own, raw_unit, "zero")
-    value, spread = _value(match)
+    ratio = _unit_ratio(own, raw_unit, "zero")
+    value, spread = _number_and_uncertainty(match)
     return value * ratio, spread * ratio
 
 
-def _value(match: re.Match[str]) -> tuple[float, float]:
+def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     """Return the number of a calibration, and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
 
 
-def _top_unit(role: str, text: str, what: str) -> tuple[float, bool]:
+def _calibrated_unit_size(role: str, text: str, what: str) -> tuple[float, bool]:
     """SI size of the unit that a calibration gives, and whether it is an angle."""
     unit = normalize_unit(text)
     try:
@@ -184,9 +184,9 @@ def _top_unit(role: str, text: str, what: str) -> tuple[float, bool]:
     return size, angle
 
 
-def _ratio(unit: str, wanted: str, what: str) -> float:
+def _unit_ratio(unit: str, wanted: str, what: str) -> float:
     """Size of a unit over that of the calibration's column."""
-    if _singular(unit) == _singular(wanted):
+    if _singular_unit_name(unit) == _singular_unit_name(wanted):
         return 1.0
     try:
         (size, dimension), (other, expected) = unit_size(unit), unit_size(wanted)
@@ -200,14 +200,14 @@ def _ratio(unit: str, wanted: str, what: str) -> float:
     return size / other
 
 
-def _singular(unit: str) -> str:
+def _singular_unit_name(unit: str) -> str:
     return unit.lower().removesuffix("s") if len(unit) > 2 else unit
 
 
 # Polynomials -----------------------------------------------------------------------------------
 
 
-def _from_coefficients(role: str, texts: Any) -> Calibration:
+def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
     """Polynomial of coefficients such as ``0.1 mm``, ``2.49 mm/V`` and ``0.01 mm/V^2``."""
     if isinstance(texts, str) or not isinstance(texts, Sequence) or not texts:
         raise RecordError(
@@ -230,8 +230,8 @@ def _from_coefficients(role: str, texts: Any) -> Calibration:
                 f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
                 f"such as '0.1 mm{over}'"
             )
-        size, angle = _top_unit(role, top, f"coefficients: {quote(text)}")
-        value, spread = _value(match)
+        size, angle = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
+        value, spread = _number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
         angles.add(angle)
@@ -245,7 +245,7 @@ def _from_coefficients(role: str, texts: Any) -> Calibration:
     )
 
 
-def _from_points(role: str, points: Any, degree: Any) -> Calibration:
+def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
     """Polynomial through points by least squares, with the uncertainty that they leave."""
     if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= _MOST_DEGREE:
         raise RecordError(f"degree = {quote(degree)}; give an integer from 1 to {_MOST_DEGREE}")
@@ -255,7 +255,7 @@ def _from_points(role: str, points: Any, degree: Any) -> Calibration:
         )
     units = points.get("units", {})
     unit = units.get("value") or SI.get(role, "1")
-    size, angle = _top_unit(role, unit, "points: value")
+    size, angle = _calibrated_unit_size(role, unit, "points: value")
     try:
         raw, value = (np.asarray(points[name], dtype=np.float64) for name in ("raw", "value"))
         given = points.get("uncertainty")
@@ -286,7 +286,7 @@ def _from_points(role: str, points: Any, degree: Any) -> Calibration:
     inverse = np.linalg.pinv(terms * weight[:, None]) * math.sqrt(variance)
     strengths, directions = np.linalg.eigh(inverse @ inverse.T)
     deviations = (np.sqrt(np.maximum(strengths, 0.0)) * directions).T
-    shifted = _shift(degree, middle, extent)
+    shifted = _shift_polynomial_matrix(degree, middle, extent)
     return Calibration(
         shifted @ fitted, deviations @ shifted.T,
         None if units.get("raw") is None else normalize_unit(units["raw"]), angle,
@@ -294,7 +294,7 @@ def _from_points(role: str, points: Any, degree: Any) -> Calibration:
     )  # fmt: skip
 
 
-def _shift(degree: int, middle: float, extent: float) -> np.ndarray:
+def _shift_polynomial_matrix(degree: int, middle: float, extent: float) -> np.ndarray:
     """Matrix (k, k) from coefficients in (x - middle)/extent to those in x."""
     result = np.zeros((degree + 1, degree + 1))
     for power in range(degree + 1):

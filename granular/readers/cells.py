@@ -40,9 +40,9 @@ def parse_timestamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.nd
     if not known:
         return None
     if all(_DATE.fullmatch(cell) for cell in known):
-        values, kind = _dates(known), "date"
+        values, kind = _parse_dates(known), "date"
     elif all(_CLOCK.fullmatch(cell) for cell in known):
-        values, kind = _clocks(known), "clock"
+        values, kind = _parse_clock_times(known), "clock"
     else:
         return None
     seconds = np.full(len(cells), np.nan)
@@ -50,7 +50,7 @@ def parse_timestamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.nd
     return seconds, kind
 
 
-def _dates(cells: Sequence[str]) -> np.ndarray | float:
+def _parse_dates(cells: Sequence[str]) -> np.ndarray | float:
     import pandas
 
     try:
@@ -63,7 +63,7 @@ def _dates(cells: Sequence[str]) -> np.ndarray | float:
     return np.asarray((nanoseconds - nanoseconds[0]) * 1e-9)
 
 
-def _clocks(cells: Sequence[str]) -> np.ndarray:
+def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
     values = []
     for cell in cells:
         match = _CLOCK.fullmatch(cell)

@@ -51,14 +51,14 @@ def assign_roles(
 
     With them the calibrations, by roles too.
     """
-    chosen = {role: _said(sheet, column) for role, column in reading.columns.items()}
+    chosen = {role: _find_named_column(sheet, column) for role, column in reading.columns.items()}
     if ANGLE in chosen:
         if HEIGHT in chosen:
             raise RecordError("columns: both height and angle are given; give one of them")
         chosen[HEIGHT] = chosen.pop(ANGLE)
     if reading.rate is not None and TIME not in chosen:
-        chosen[TIME] = _even_times(sheet, float(reading.rate))
-    calibrations = _calibrations(sheet, chosen, reading.calibrations())
+        chosen[TIME] = _evenly_spaced_times(sheet, float(reading.rate))
+    calibrations = _calibrations_by_role(sheet, chosen, reading.calibrations())
     if HEIGHT in calibrations and calibrations[HEIGHT].raw_unit is not None:
         _choose_by_unit(sheet, chosen, str(calibrations[HEIGHT].raw_unit))
     _choose_by_name(sheet, chosen, notes)
@@ -69,7 +69,7 @@ def assign_roles(
     return chosen, calibrations
 
 
-def _calibrations(
+def _calibrations_by_role(
     sheet: Sheet, chosen: dict[str, Column], given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Calibration]:
     """Return the calibration of each role; a column that is named gets one where it has none."""
@@ -77,7 +77,7 @@ def _calibrations(
     for key, said in given.items():
         role: str | None = key
         if key not in ROLES and key not in chosen:
-            column = _said(sheet, key)
+            column = _find_named_column(sheet, key)
             role = next((role for role, taken in chosen.items() if taken is column), None)
             guess = guess_role(column.name)
             if role is None and guess in NAMED and guess not in chosen:
@@ -98,7 +98,7 @@ def _gives_a_height(said: Mapping[str, Any]) -> bool:
     return True
 
 
-def _even_times(sheet: Sheet, rate: float) -> Column:
+def _evenly_spaced_times(sheet: Sheet, rate: float) -> Column:
     """Column of times at a rate [Hz], which the file does not hold."""
     lengths = [len(column.values) for column in sheet.columns if column.values is not None]
     return Column("", "s", np.arange(max(lengths, default=0)) / rate)
@@ -131,7 +131,7 @@ def time_column(sheet: Sheet) -> Column:
     return chosen[TIME]
 
 
-def _said(sheet: Sheet, wanted: str | int) -> Column:
+def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
     if isinstance(wanted, int) or wanted.isdigit():
         number = int(wanted)
         if not 1 <= number <= len(sheet.columns):
@@ -161,7 +161,9 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
             if id(item) not in taken
         ]
         if role in (HEIGHT, VELOCITY):
-            result = [item for item in result if item.name.lower() == role or _fits(item, role)]
+            result = [
+                item for item in result if item.name.lower() == role or _unit_fits_role(item, role)
+            ]
         if role == FORCE and not result:
             loads = [item for word in LOADS for item in called.get(word, [])]
             result = [item for item in loads if item.unit and has_dimension(item.unit, "N")]
@@ -182,17 +184,17 @@ def _refuse_alike(candidates: Sequence[Column]) -> None:
     """Refuse to choose between columns that may be the coordinate and move alike."""
     if not candidates or normalize_name(candidates[0].name) in PREFERRED:
         return
-    moving = [item for item in candidates if _spread(item) > 0.0]
+    moving = [item for item in candidates if _value_range(item) > 0.0]
     kinds = {(item.unit, normalize_name(item.name) in ANGLES) for item in moving}
     if len(kinds) == 1:
-        largest = max(map(_spread, moving))
-        moving = [item for item in moving if _spread(item) > _ALIKE * largest]
+        largest = max(map(_value_range, moving))
+        moving = [item for item in moving if _value_range(item) > _ALIKE * largest]
     names = {item.name.lower() for item in candidates}
     if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
-        raise RecordError(_which(HEIGHT, [item.name for item in moving]))
+        raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in moving]))
 
 
-def _which(role: str, names: Sequence[str | int]) -> str:
+def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:
     """Return the words of an error that leaves the choice between columns, with each option."""
     shown = [sanitize(name, _LONGEST_NAME) for name in names[:_MOST_SHOWN]]
     columns = " or ".join(f"column {name}" if name.isdigit() else quote(name) for name in shown)
@@ -200,18 +202,18 @@ def _which(role: str, names: Sequence[str | int]) -> str:
     return f"{role} may be {columns}; say which: {options}"
 
 
-def _count(column: Column) -> int:
+def _is_sample_counter(column: Column) -> int:
     return 0 if column.values is None else int(np.isfinite(column.values).sum())
 
 
-def _spread(column: Column) -> float:
+def _value_range(column: Column) -> float:
     if column.values is None:
         return 0.0
     known = column.values[np.isfinite(column.values)]
     return float(known.std()) if len(known) else 0.0
 
 
-def _fits(column: Column, role: str) -> bool:
+def _unit_fits_role(column: Column, role: str) -> bool:
     """Return True where a column's unit, if it has one, is one of the role's."""
     if column.unit is None:
         return True
@@ -235,11 +237,13 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
     ]
     nameless = [item for item in free if not item.name and _increases(item)]
     even = [item for item in nameless if not _is_uneven(item)]
-    if not stamps and not timed and len(even) > 1 and _count(even[0]) >= _LEAST_STEPS:
-        raise RecordError(_which(TIME, [sheet.columns.index(item) + 1 for item in even]))
+    if not stamps and not timed and len(even) > 1 and _is_sample_counter(even[0]) >= _LEAST_STEPS:
+        raise RecordError(
+            _ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even])
+        )
     result = (stamps or timed or even or nameless)[:1]
     if not result:
-        raise RecordError(f"no column 'time'; found: {_names(sheet)}; {_time_advice(free)}")
+        raise RecordError(f"no column 'time'; found: {_names_text(sheet)}; {_time_advice(free)}")
     chosen[TIME] = result[0]
     if not stamps and not timed:
         number = sheet.columns.index(result[0]) + 1
@@ -307,14 +311,16 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     ]
     _check_channels(free)
     lengths = [
-        item for item in free if _fits(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
+        item
+        for item in free
+        if _unit_fits_role(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
     ]
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]
     if not result:
         if len(lengths) > 1:
-            raise RecordError(_which(HEIGHT, [item.name for item in lengths]))
-        raise RecordError(_no_height(sheet, free))
+            raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in lengths]))
+        raise RecordError(_no_coordinate_text(sheet, free))
     chosen[HEIGHT] = result[0]
     if result[0].name:
         notes.append(
@@ -329,7 +335,7 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
         )
 
 
-def _no_height(sheet: Sheet, free: Sequence[Column]) -> str:
+def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     """Return the words of an error where no column can be the coordinate."""
     accelerations = [item for item in free if _is_acceleration(item)]
     if accelerations:
@@ -345,8 +351,8 @@ def _no_height(sheet: Sheet, free: Sequence[Column]) -> str:
         else ""
     )
     return (
-        f"no column 'height'; found: {_names(sheet)}; name the columns in the first line, such "
-        "as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + advice
+        f"no column 'height'; found: {_names_text(sheet)}; name the columns in the first line, "
+        "such as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + advice
     )
 
 
@@ -369,6 +375,6 @@ def _check_channels(columns: Sequence[Column]) -> None:
         )
 
 
-def _names(sheet: Sheet) -> str:
+def _names_text(sheet: Sheet) -> str:
     names = [column.name.lower() for column in sheet.columns if column.name]
     return ", ".join(map(quote, names[:_MOST_SHOWN])) or "none with a name"

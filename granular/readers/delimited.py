@@ -72,16 +72,16 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
         raise RecordError("is empty; a header and samples are wanted")
     form = detect_dialect(plain, decimal, least)
     if form is None:
-        raise RecordError(_no_table(plain or lines))
-    start, head = _begin(plain, form)
+        raise RecordError(_no_table_error(plain or lines))
+    start, head = _find_first_row(plain, form)
     _check_above(head, form)
-    names, units = _header(head, form, lines, plain[start].number)
+    names, units = _read_header(head, form, lines, plain[start].number)
     below, commas = plain[start:], form.decimal == ","
     if form.separator == "," and not names and _has_decimal_commas(below, form, decimal):
         below, commas = replace_decimal_commas(below), True
         form = detect_dialect(below, ".", least) or form
-    rows, notes = _end(below, form)
-    columns = _columns(rows, form, names, units)
+    rows, notes = _drop_trailing_text(below, form)
+    columns = _make_columns(rows, form, names, units)
     words = f"text separated by {SEPARATORS[form.separator]}"
     if commas:
         words += ", decimal commas"
@@ -100,7 +100,7 @@ def _check_width(lines: Sequence[Line]) -> None:
                 )
 
 
-def _no_table(lines: Sequence[Line]) -> str:
+def _no_table_error(lines: Sequence[Line]) -> str:
     head = next((line.text for line in lines), "")
     separator = max(SEPARATORS, key=lambda mark: len(split_fields(head, mark)))
     names = split_fields(head, separator)
@@ -126,7 +126,7 @@ def _no_table(lines: Sequence[Line]) -> str:
 # Beginning, header, end ------------------------------------------------------------------------
 
 
-def _begin(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence[Line]]:
+def _find_first_row(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence[Line]]:
     """Return the index of the first row, and the lines above it."""
     full = next(
         k
@@ -187,7 +187,7 @@ def _has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | Non
     return decimal_commas
 
 
-def _header(
+def _read_header(
     head: Sequence[Line], form: Dialect, every: Sequence[Line], start: int
 ) -> tuple[list[str], list[str]]:
     """Return names and units above the rows; empty lists if there are none."""
@@ -201,7 +201,7 @@ def _header(
     if not headers:
         return [], []
     if not all(is_unit(cell) or cell in LOST for cell in headers[-1]):
-        return _above_others(headers)
+        return _best_header_row(headers)
     units = list(headers.pop())
     if headers:
         return list(headers[-1]), units
@@ -210,7 +210,7 @@ def _header(
     return list(above), units
 
 
-def _above_others(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
+def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
     """Return names and units: the lowest row that names a time, else the lowest row.
 
     Units are taken from the row below that with the time. Loggers write what was done to a
@@ -233,10 +233,10 @@ def _names_a_column(cell: str) -> bool:
     return guess_role(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
-def _end(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:
+def _drop_trailing_text(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:
     """Return the rows without trailing text and without a truncated last row."""
     rows, notes = list(lines), []
-    odd = [k for k, line in enumerate(rows) if _width(line.text, form) != form.width]
+    odd = [k for k, line in enumerate(rows) if _row_width(line.text, form) != form.width]
     while odd and odd[-1] == len(rows) - 1:
         fields = split_fields(rows[-1].text, form.separator)
         if len(fields) > form.width and any(is_number(cell, form.decimal) for cell in fields):
@@ -250,13 +250,13 @@ def _end(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:
     if odd:
         line = rows[odd[0]]
         raise RecordError(
-            f"sample {odd[0]} has {_width(line.text, form)} values for "
+            f"sample {odd[0]} has {_row_width(line.text, form)} values for "
             f"{form.width} columns (line {line.number}); separate all lines like the others"
         )
     return rows, notes
 
 
-def _width(line: str, form: Dialect) -> int:
+def _row_width(line: str, form: Dialect) -> int:
     if '"' not in line and form.separator != " ":
         width = line.count(form.separator) + 1
         if width <= form.width:
@@ -267,20 +267,20 @@ def _width(line: str, form: Dialect) -> int:
 # Columns ---------------------------------------------------------------------------------------
 
 
-def _columns(
+def _make_columns(
     rows: Sequence[Line], form: Dialect, names: Sequence[str], units: Sequence[str]
 ) -> list[Column]:
-    frame = _frame(rows, form)
+    frame = _rows_to_frame(rows, form)
     columns = []
     for k in range(form.width):
         name, unit = parse_header(names[k]) if k < len(names) else ("", None)
         if k < len(units) and units[k] and not unit:
             unit = units[k].strip("[](){} ")
-        columns.append(_column(name, unit or None, frame[k], form.decimal))
+        columns.append(_make_column(name, unit or None, frame[k], form.decimal))
     return columns
 
 
-def _frame(rows: Sequence[Line], form: Dialect) -> Any:
+def _rows_to_frame(rows: Sequence[Line], form: Dialect) -> Any:
     import pandas
 
     # Exact to the last bit by default from pandas 3 on.
@@ -299,7 +299,7 @@ def _frame(rows: Sequence[Line], form: Dialect) -> Any:
         raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it anew") from None
 
 
-def _column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
+def _make_column(name: str, unit: str | None, cells: Any, decimal: str) -> Column:
     """Make a column of a pandas Series, which holds texts if some cell is no number."""
     if cells.dtype.kind in "iuf":
         return Column(name, unit, cells.to_numpy(dtype=np.float64))

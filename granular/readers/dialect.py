@@ -74,7 +74,7 @@ def _try_dialect(
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Count the lines that a form explains, the fraction of numbers in them, and columns."""
     rows = [split_fields(line, separator) for line in sample]
-    if decimal == "," and any(_with_point(cell) for row in rows for cell in row):
+    if decimal == "," and any(_replace_comma_by_point(cell) for row in rows for cell in row):
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
@@ -123,10 +123,10 @@ def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None
     if not (as_many or not any(cell.endswith("0") for cell in digits)):
         return False
     integers = [match[1] for match in pairs if match is not None]
-    return (any(map(_is_padded, digits)) and not any(map(_is_padded, integers))) or None
+    return (any(map(_is_zero_padded, digits)) and not any(map(_is_zero_padded, integers))) or None
 
 
-def _is_padded(digits: str) -> bool:
+def _is_zero_padded(digits: str) -> bool:
     return len(digits) > 1 and digits[0] == "0"
 
 
@@ -135,7 +135,7 @@ def replace_decimal_commas(lines: Sequence[Line]) -> list[Line]:
     return [Line(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
-def _with_point(cell: str) -> bool:
+def _replace_comma_by_point(cell: str) -> bool:
     return "." in cell and is_number(cell, ".") and not is_timestamp(cell)
 
 
@@ -143,10 +143,10 @@ def split_fields(line: str, separator: str) -> list[str]:
     """Split a line into its fields."""
     if separator == " ":
         return line.split()
-    return [cell.strip() for cell in _quoted(line, separator) or line.split(separator)]
+    return [cell.strip() for cell in _split_quoted(line, separator) or line.split(separator)]
 
 
-def _quoted(line: str, separator: str) -> list[str] | None:
+def _split_quoted(line: str, separator: str) -> list[str] | None:
     """Split a line with quotes; None if it has none, or cannot be split by them."""
     if '"' not in line:
         return None

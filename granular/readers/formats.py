@@ -75,14 +75,14 @@ def interpret_record_file(
         If it cannot be read as such; the message names the file.
     """
     if not is_description(path):
-        return _meaning(path, _with_points(path, options), form)
+        return _interpret_file(path, _load_calibration_points(path, options), form)
     file, described = read_description(path)
-    every = _with_points(path, described.merge(options))
+    every = _load_calibration_points(path, described.merge(options))
     with describing(path, file):
-        return _meaning(file, every, None)
+        return _interpret_file(file, every, None)
 
 
-def _with_points(path: Path, options: ReadOptions) -> ReadOptions:
+def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
     """Return the options with the numbers of the files that calibrations name."""
     calibrations = {}
     for column, given in options.calibrations().items():
@@ -96,7 +96,7 @@ def _with_points(path: Path, options: ReadOptions) -> ReadOptions:
 def _read_points(path: Path) -> dict[str, Any]:
     """Points of a calibration in a file: raw, value and, where it is there, uncertainty."""
     sheet = read_sheet(path, ReadOptions())
-    with _naming(path):
+    with _name_file_in_errors(path):
         if len(sheet.columns) < 2:
             raise RecordError("holds one column; raw, value and uncertainty are wanted")
         columns = dict(zip(("raw", "value", "uncertainty"), sheet.columns, strict=False))
@@ -107,9 +107,9 @@ def _read_points(path: Path) -> dict[str, Any]:
     return points
 
 
-def _meaning(path: Path, options: ReadOptions, form: Format | None) -> Interpretation:
+def _interpret_file(path: Path, options: ReadOptions, form: Format | None) -> Interpretation:
     sheet = read_sheet(path, options, form)
-    with _naming(path):
+    with _name_file_in_errors(path):
         return interpret_sheet(sheet, options)
 
 
@@ -123,12 +123,12 @@ def read_sheet(path: Path, options: ReadOptions, form: Format | None = None) -> 
     """
     read, most = form or BINARY.get(path.suffix.lower(), TEXT)
     content = _read_bytes(path, most)
-    with _naming(path):
+    with _name_file_in_errors(path):
         return read(content, options)
 
 
 @contextlib.contextmanager
-def _naming(path: Path) -> Iterator[None]:
+def _name_file_in_errors(path: Path) -> Iterator[None]:
     """Context whose errors begin with the name of a file."""
     try:
         yield
@@ -158,7 +158,7 @@ def read_text(content: bytes, options: ReadOptions) -> Sheet:
         If it is no text, or holds no table.
     """
     refuse_old(content)
-    text, encoding = _decoded(content)
+    text, encoding = _decode_text(content)
     if is_labview(text):
         sheet = read_labview(text, options)
     elif is_rigol(text):
@@ -172,24 +172,24 @@ def read_text(content: bytes, options: ReadOptions) -> Sheet:
     return sheet
 
 
-def _decoded(content: bytes) -> tuple[str, str]:
+def _decode_text(content: bytes) -> tuple[str, str]:
     """Text of some bytes, and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
-        marked = _wide(content)
+        marked = _looks_like_utf16(content)
     encoding = marked or "utf-8"
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
         if marked is not None:
-            raise _no_text(str(error)) from None
+            raise _not_a_text_error(str(error)) from None
         text, encoding = content.decode(_LEGACY, errors="replace"), _LEGACY
     if any(character in text[:65536] for character in "\0\x01\x02\x03\x04\x05\x06\x08"):
-        raise _no_text("it holds control characters")
+        raise _not_a_text_error("it holds control characters")
     return text, encoding
 
 
-def _wide(content: bytes) -> str | None:
+def _looks_like_utf16(content: bytes) -> str | None:
     """UTF-16 without its mark has a zero in every other byte of plain text."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even, odd = start[::2].count(0), start[1::2].count(0)
@@ -198,7 +198,7 @@ def _wide(content: bytes) -> str | None:
     return "utf-16-be" if even > 0.4 * len(start) / 2 and not odd else None
 
 
-def _no_text(reason: str) -> RecordError:
+def _not_a_text_error(reason: str) -> RecordError:
     return RecordError(f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8")
 
 
@@ -239,12 +239,12 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
         If it cannot be read as such; the message names the file, and the line.
     """
     sheet = read_sheet(path, ReadOptions())
-    with _naming(path):
+    with _name_file_in_errors(path):
         time = time_column(sheet)
-        other = _other(sheet, time, unit)
+        other = _choose_value_column(sheet, time, unit)
         name = sanitize(other.name) or f"column {sheet.columns.index(other) + 1}"
-        times = check_values(sheet, TIME, time) * _size(TIME, time, "s")
-        values = check_values(sheet, name, other) * _size(name, other, unit)
+        times = check_values(sheet, TIME, time) * _unit_factor(TIME, time, "s")
+        values = check_values(sheet, name, other) * _unit_factor(name, other, unit)
     here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
     if not here.all():
         first = sheet.describe_row(int(np.argmin(here)))
@@ -255,7 +255,7 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
     return times, values[here]
 
 
-def _other(sheet: Sheet, time: Column, unit: str) -> Column:
+def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     """Return the only column besides the time, of that unit or name; without names the next."""
     others = [column for column in sheet.columns if column is not time]
     choices: Sequence[list[Column]] = (
@@ -274,7 +274,7 @@ def _other(sheet: Sheet, time: Column, unit: str) -> Column:
     return chosen[0]
 
 
-def _size(name: str, column: Column, wanted: str) -> float:
+def _unit_factor(name: str, column: Column, wanted: str) -> float:
     """Factor of the numbers of a column; those without a unit stay as they are."""
     if column.unit is None or column.clock:
         return 1.0

@@ -39,39 +39,39 @@ def read_labview(text: str, reading: ReadOptions) -> Sheet:
     if not ends:
         raise RecordError(f"has no line {_END}; write the measurement anew")
     mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
-    file_head = _entries(lines[: ends[0]], mark)
+    file_head = _header_entries(lines[: ends[0]], mark)
     decimal = reading.decimal or file_head.get("Decimal_Separator", ["."])[0]
-    head = _entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
+    head = _header_entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
     begin = ends[1] + 1 if len(ends) > 1 else ends[0] + 1
     later = next((k for k in range(begin + 1, len(lines)) if lines[k].startswith("Channels")), None)
     notes = []
     if later is not None:
         notes.append(f"segments from line {later + 1} on are left out")
     body = "\n".join([*[""] * begin, *lines[begin:later]])
-    sheet = read_delimited(_padded(body, file_head), decimal, 0)
+    sheet = read_delimited(_pad_lines(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
     channels = [
         column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")
     ]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
         column.unit = column.unit or unit or None
-    _name_times(sheet)
+    _name_time_columns(sheet)
     if file_head.get("X_Columns", [""])[0] == "No":
-        step = _number(head, "Delta_X", decimal)
-        first = _number(head, "X0", decimal)
+        step = _header_number(head, "Delta_X", decimal)
+        first = _header_number(head, "X0", decimal)
         count = 0 if sheet.lines is None else len(sheet.lines)
         sheet.columns = [column for column in sheet.columns if column.name != TIME]
         sheet.columns.insert(0, Column(TIME, "s", first + step * np.arange(count)))
     return sheet
 
 
-def _name_times(sheet: Sheet) -> None:
+def _name_time_columns(sheet: Sheet) -> None:
     """Name ``X_Value`` as the time; each channel may have one if all agree."""
     times = [column for column in sheet.columns if column.name.lower() == "x_value"]
     for column in times:
         column.name, column.unit = TIME, "s"
     for column in times[1:]:
-        if not _agree(times[0], column):
+        if not _times_agree(times[0], column):
             number = sheet.columns.index(column) + 1
             raise RecordError(
                 f"column {number} holds other times than the first; export the "
@@ -80,20 +80,20 @@ def _name_times(sheet: Sheet) -> None:
         sheet.columns.remove(column)
 
 
-def _agree(first: Column, second: Column) -> bool:
+def _times_agree(first: Column, second: Column) -> bool:
     if first.values is None or second.values is None:
         return False
     return np.array_equal(first.values, second.values, equal_nan=True)
 
 
-def _padded(body: str, head: dict[str, list[str]]) -> str:
+def _pad_lines(body: str, head: dict[str, list[str]]) -> str:
     """Return lines that begin with a number; without times they begin with the separator."""
     if head.get("X_Columns", [""])[0] != "No":
         return body
     return re.sub(r"(?m)^(?=[\t,])", "0", body)
 
 
-def _entries(lines: list[str], mark: str) -> dict[str, list[str]]:
+def _header_entries(lines: list[str], mark: str) -> dict[str, list[str]]:
     entries = {}
     for line in lines:
         name, *values = line.strip().split(mark)
@@ -101,7 +101,7 @@ def _entries(lines: list[str], mark: str) -> dict[str, list[str]]:
     return entries
 
 
-def _number(head: dict[str, list[str]], name: str, decimal: str) -> float:
+def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float:
     text = head.get(name, [""])[0].replace(decimal, ".")
     try:
         return float(text)
@@ -170,7 +170,7 @@ def read_rigol(text: str) -> Sheet:
     channels = names[1:-2]
     if len(said) != len(names):
         raise RecordError(f"line 2 has {len(said)} entries, line 1 {len(names)}; save it anew")
-    first, step = _seconds(said[-2]), _seconds(said[-1])
+    first, step = _parse_seconds(said[-2]), _parse_seconds(said[-1])
     sheet = read_delimited(text, ".", 2)
     if len(sheet.columns) != len(channels) + 1:
         raise RecordError(
@@ -187,7 +187,7 @@ def read_rigol(text: str) -> Sheet:
     return sheet
 
 
-def _seconds(text: str) -> float:
+def _parse_seconds(text: str) -> float:
     try:
         value = float(text)
     except ValueError:

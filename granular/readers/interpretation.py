@@ -90,8 +90,8 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     """
     notes = list(sheet.notes)
     chosen, calibrations = assign_roles(sheet, reading, notes)
-    _check_doubles(sheet, chosen, reading)
-    units = _units(sheet, chosen, reading)
+    _check_duplicate_names(sheet, chosen, reading)
+    units = _units_by_role(sheet, chosen, reading)
     raw = {role: check_values(sheet, role, column) for role, column in chosen.items()}
     if HEIGHT in calibrations:
         angle = calibrations[HEIGHT].angle
@@ -100,7 +100,7 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     own, deviations = {}, {}
     for role, numbers in raw.items():
         if role in calibrations:
-            own[role], left = _calibrate(role, numbers, units, calibrations[role], notes)
+            own[role], left = _apply_calibration(role, numbers, units, calibrations[role], notes)
             if len(left):
                 deviations[role] = left
         elif role == HEIGHT and units.get(role) == "1" and "1" in reading.units.values():
@@ -110,15 +110,15 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
                 "damping ratio need no other"
             )
         else:
-            own[role] = numbers * _size(role, units.get(role), angle)
+            own[role] = numbers * _unit_size_in_role(role, units.get(role), angle)
     _check_epoch(own, chosen[TIME], notes)
     _check_sizes(own, chosen, units, notes)
     _check_velocity(own, notes)
     if reading.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
-    others, left_out = _others(sheet, chosen)
+    others, left_out = _remaining_columns(sheet, chosen)
     own[_ROW] = np.arange(len(own[TIME]), dtype=float)
-    own, others = _without_gaps(sheet, own, others, notes, left_out)
+    own, others = _drop_gaps(sheet, own, others, notes, left_out)
     if reading.sort:
         order = np.argsort(own[TIME], kind="stable")
         own = {role: numbers[order] for role, numbers in own.items()}
@@ -138,7 +138,7 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     )  # fmt: skip
 
 
-def _calibrate(
+def _apply_calibration(
     role: str,
     numbers: np.ndarray,
     units: dict[str, str],
@@ -158,7 +158,9 @@ def _calibrate(
     return calibration.apply(numbers, unit)
 
 
-def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> None:
+def _check_duplicate_names(
+    sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions
+) -> None:
     """Refuse to choose between columns of one name, unless the user says a number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
@@ -175,7 +177,9 @@ def _check_doubles(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOpti
 # Units -----------------------------------------------------------------------------------------
 
 
-def _units(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> dict[str, str]:
+def _units_by_role(
+    sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions
+) -> dict[str, str]:
     """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
@@ -280,7 +284,7 @@ def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
         )
 
 
-def _size(role: str, unit: str | None, angle: bool) -> float:
+def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
     """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
     if unit is None:
         return 1.0
@@ -339,7 +343,9 @@ def check_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
     return column.values
 
 
-def _others(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.ndarray], list[str]]:
+def _remaining_columns(
+    sheet: Sheet, chosen: Mapping[str, Column]
+) -> tuple[dict[str, np.ndarray], list[str]]:
     taken = list(map(id, chosen.values()))
     names = [column.name.lower() for column in sheet.columns]
     counts = collections.Counter(names)
@@ -355,7 +361,7 @@ def _others(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.nd
     return others, left_out
 
 
-def _without_gaps(
+def _drop_gaps(
     sheet: Sheet,
     own: dict[str, np.ndarray],
     others: dict[str, np.ndarray],
@@ -385,7 +391,7 @@ def _without_gaps(
     return saved["own"], saved["others"]
 
 
-def _is_clock(steps: np.ndarray, counts: np.ndarray) -> bool:
+def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
     """Return True where most ticks are equally long, and none holds far more samples."""
     usual = np.median(steps)
     even = np.abs(steps - usual) < 0.01 * usual
@@ -403,7 +409,7 @@ def spread_ticks(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarr
         return time
     firsts = np.flatnonzero(np.concatenate([[True], ~same]))
     ticks = time[firsts]
-    if len(firsts) < 3 or not _is_clock(np.diff(ticks), np.diff(firsts)):
+    if len(firsts) < 3 or not _ticks_are_regular(np.diff(ticks), np.diff(firsts)):
         return time
     # The last run has no tick behind it: it is as dense as the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])

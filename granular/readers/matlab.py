@@ -53,7 +53,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
             ) from None
     variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
     variables = dict(reading.select_table(variables, "variable"))
-    vectors = _vectors(variables)
+    vectors = _numeric_vectors(variables)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
     columns = [
@@ -65,7 +65,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
             column.channel = len(column.name) == 1
-        columns.insert(0, _times(variables, length))
+        columns.insert(0, _sampling_times(variables, length))
     if len(columns) < 2:
         raise RecordError(
             f"holds no two vectors of one length; found: "
@@ -120,7 +120,7 @@ def _is_nested(content: bytes, order: str) -> bool:
     return False
 
 
-def _times(variables: Mapping[str, Any], length: int) -> Column:
+def _sampling_times(variables: Mapping[str, Any], length: int) -> Column:
     """Return times by PicoScope's start and interval."""
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
     if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
@@ -137,11 +137,11 @@ def _is_finite(value: Any) -> bool:
     return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))
 
 
-def _vectors(variables: dict[str, Any]) -> dict[str, np.ndarray]:
+def _numeric_vectors(variables: dict[str, Any]) -> dict[str, np.ndarray]:
     vectors: dict[str, np.ndarray] = {}
     for name, value in variables.items():
         if isinstance(value, dict):  # a structure
-            vectors |= _vectors(value)
+            vectors |= _numeric_vectors(value)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size > 1:
             if value.ndim == 1:
                 vectors[name] = value

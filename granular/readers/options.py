@@ -267,10 +267,10 @@ def read_description(path: Path) -> tuple[Path, ReadOptions]:
         options = options_from_plain(plain)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-    return path.parent / name, _map_points(options, lambda file: str(path.parent / file))
+    return path.parent / name, _map_point_files(options, lambda file: str(path.parent / file))
 
 
-def _map_points(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
+def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
     """Change the names of the files of calibration points."""
     every = options.calibrations()
     named = {
@@ -287,7 +287,7 @@ def describing(path: Path, file: Path) -> Iterator[None]:
     try:
         yield
     except RecordError:
-        if not _is_elsewhere(path, file):
+        if not _is_in_other_folder(path, file):
             raise
         raise RecordError(
             f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; as it does "
@@ -295,7 +295,7 @@ def describing(path: Path, file: Path) -> Iterator[None]:
         ) from None
 
 
-def _is_elsewhere(path: Path, file: Path) -> bool:
+def _is_in_other_folder(path: Path, file: Path) -> bool:
     try:
         return file.is_file() and not file.resolve().is_relative_to(path.parent.resolve())
     except OSError:  # a name that no file can have
@@ -320,5 +320,5 @@ def write_description(path: Path, file: Path, options: ReadOptions) -> None:
         except ValueError:  # on another drive
             return Path(name).resolve().as_posix()
 
-    plain: dict[str, Any] = {FILE: relative(file), **_map_points(options, relative).to_plain()}
+    plain: dict[str, Any] = {FILE: relative(file), **_map_point_files(options, relative).to_plain()}
     write_text(path, tomli_w.dumps(plain))

@@ -41,13 +41,13 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
     for field, column in zip(table.schema, table.columns, strict=True):
         read.setdefault(field.name, []).append(column)
     columns = [
-        _column(name, unit, read[field.name].pop(0) if field.name in numeric else field.type)
+        _make_column(name, unit, read[field.name].pop(0) if field.name in numeric else field.type)
         for field, (name, unit) in zip(schema, named, strict=True)
     ]
     return Sheet(columns, None, True, "Parquet")
 
 
-def _column(name: str, unit: str | None, column: Any) -> Column:
+def _make_column(name: str, unit: str | None, column: Any) -> Column:
     import pyarrow
 
     kind = getattr(column, "type", column)

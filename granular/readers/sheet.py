@@ -145,11 +145,11 @@ def sheet_from_table(table: Any) -> Sheet:
     lengths = {len(values) for values, _ in columns.values()}
     if len(lengths) > 1:
         raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of one length")
-    sheet_columns = [_column(str(name), *column) for name, column in columns.items()]
+    sheet_columns = [_make_column(str(name), *column) for name, column in columns.items()]
     return Sheet(sheet_columns, None, True, form)
 
 
-def _column(header: str, values: np.ndarray, unit: str | None) -> Column:
+def _make_column(header: str, values: np.ndarray, unit: str | None) -> Column:
     name, in_name = parse_header(header)
     unit = in_name or unit
     if values.dtype.kind in "iuf":

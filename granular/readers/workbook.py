@@ -37,7 +37,7 @@ MAX_ROWS, MAX_CELLS = 2**20, 2**22
 """Rows that a sheet of Excel has, and the cells of four columns of them."""
 
 
-class _Limit(NamedTuple):
+class _SizeLimit(NamedTuple):
     """Megabytes of parts when they are unpacked, and elements of XML in them."""
 
     megabytes: int
@@ -45,10 +45,10 @@ class _Limit(NamedTuple):
 
 
 _PARTS = {
-    "xl/worksheets/": _Limit(512, 12_000_000),
-    "content.xml": _Limit(512, 12_000_000),
-    "xl/sharedStrings.xml": _Limit(64, 3_000_000),
-    "": _Limit(16, 200_000),
+    "xl/worksheets/": _SizeLimit(512, 12_000_000),
+    "content.xml": _SizeLimit(512, 12_000_000),
+    "xl/sharedStrings.xml": _SizeLimit(64, 3_000_000),
+    "": _SizeLimit(16, 200_000),
 }
 """By how their names begin. A full sheet of four columns has 9.4 million elements in 200 MB."""
 
@@ -75,12 +75,12 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
     RecordError
         If it cannot be read as such, there is no such sheet, or what reads it is not installed.
     """
-    tables = reading.select_table(_tables(content), "sheet")
+    tables = reading.select_table(_sheet_tables(content), "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
             sheet = read_delimited(
-                _csv(table), None, reading.skip, 2 if reading.rate is None else 1
+                _sheet_to_csv(table), None, reading.skip, 2 if reading.rate is None else 1
             )
         except RecordError as error:
             first_error = first_error or error
@@ -90,7 +90,7 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
     raise first_error or RecordError("holds no sheet; save the table in one")
 
 
-def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
+def _sheet_tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
     with (
         parsing("a workbook", "openpyxl", "workbooks"),
         ZipFile(io.BytesIO(content)) as archive,
@@ -104,25 +104,26 @@ def _tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
         cells_left = MAX_CELLS
         for name, rows in sheets:
             tables[name] = expand_rows(rows, cells_left)
-            cells_left -= len(tables[name]) * _width(tables[name])
+            cells_left -= len(tables[name]) * _table_width(tables[name])
         return tables
 
 
-def _width(table: Sequence[Sequence[Any]]) -> int:
+def _table_width(table: Sequence[Sequence[Any]]) -> int:
     return max(map(len, table), default=0)
 
 
-def _csv(table: Sequence[Sequence[Any]]) -> str:
+def _sheet_to_csv(table: Sequence[Sequence[Any]]) -> str:
     """Write a sheet as text; numbers of cells stay exact."""
-    width = _width(table)
+    width = _table_width(table)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
-        itertools.chain(map(_cell, row), itertools.repeat("", width - len(row))) for row in table
+        itertools.chain(map(_cell_text, row), itertools.repeat("", width - len(row)))
+        for row in table
     )
     return written.getvalue()
 
 
-def _cell(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     if value is None or (isinstance(value, str) and value.startswith("#") and value in _ERRORS):
         return ""
     if isinstance(value, datetime.datetime | datetime.time):
@@ -133,7 +134,7 @@ def _cell(value: Any) -> str:
 # Limits ----------------------------------------------------------------------------------------
 
 
-def _too_large(what: str) -> RecordError:
+def _too_large_error(what: str) -> RecordError:
     return RecordError(f"{what}: save the columns that are wanted as CSV")
 
 
@@ -152,7 +153,7 @@ def check_parts(archive: ZipFile) -> None:
     for start, most in _PARTS.items():
         size = sum(info.file_size for info in parts[start]) / 2**20
         if size > most.megabytes:
-            raise _too_large(
+            raise _too_large_error(
                 f"its parts {start or 'besides sheets and texts'} unpack to {size:.0f} MB; at most "
                 f"{most.megabytes} MB are read"
             )
@@ -167,12 +168,14 @@ def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: i
 
     def begin(kind: str, _attributes: object) -> None:
         if next(elements) > most:
-            raise _too_large(f"{name} in it, and those before, hold more than {most} elements")
+            raise _too_large_error(
+                f"{name} in it, and those before, hold more than {most} elements"
+            )
         if kind.endswith("row") and next(rows) > MAX_ROWS:
-            raise _too_large(f"{name} in it holds more than {MAX_ROWS} rows, the limit")
+            raise _too_large_error(f"{name} in it holds more than {MAX_ROWS} rows, the limit")
 
     def refuse(*_declared: object) -> None:
-        raise _too_large(f"{name} in it declares entities, which no workbook needs")
+        raise _too_large_error(f"{name} in it declares entities, which no workbook needs")
 
     parser = xml.parsers.expat.ParserCreate()
     parser.StartElementHandler = begin
@@ -197,7 +200,7 @@ def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
             continue
         widest = max(widest, width)
         if number > MAX_ROWS or number * widest > most:
-            raise _too_large(
+            raise _too_large_error(
                 f"a sheet reaches to row {number} and column {widest}; at most {MAX_ROWS} rows, "
                 f"and {MAX_CELLS} cells of all sheets, are read"
             )
@@ -245,47 +248,47 @@ def _rows_until_end(events: Iterator[tuple[str, Element]]) -> Rows:
         if event == "start":
             continue
         if element.tag == f"{_TABLE}table-row":
-            yield _repeat(element, "rows"), _cells(element)
+            yield _repeat_count(element, "rows"), _row_cells(element)
             element.clear()
         elif element.tag == f"{_TABLE}table":
             return
 
 
-def _repeat(element: Element, what: str) -> int:
+def _repeat_count(element: Element, what: str) -> int:
     return int(element.get(f"{_TABLE}number-{what}-repeated", "1"))
 
 
-def _cells(row: Element) -> list[Any]:
+def _row_cells(row: Element) -> list[Any]:
     cells: list[Any] = []
     empty = 0
     for cell in row:
         if cell.tag not in _CELLS:
             continue
-        value, repeat = _value(cell), _repeat(cell, "columns")
+        value, repeat = _cell_value(cell), _repeat_count(cell, "columns")
         if value is None:
             empty += repeat
             continue
         if len(cells) + empty + repeat > MAX_CELLS:
-            raise _too_large(f"a row has more than {MAX_CELLS} cells, the limit")
+            raise _too_large_error(f"a row has more than {MAX_CELLS} cells, the limit")
         cells += [None] * empty + [value] * repeat
         empty = 0
     return cells
 
 
-def _value(cell: Element) -> str | None:
+def _cell_value(cell: Element) -> str | None:
     kind = cell.get(f"{_OFFICE}value-type")
     if kind is None:
         return None
     value = cell.get(f"{_OFFICE}{_VALUES.get(kind, 'value')}")
     if value is None:
-        return " ".join(map(_text, cell.findall(f"{_TEXT}p"))) or None
+        return " ".join(map(_paragraph_text, cell.findall(f"{_TEXT}p"))) or None
     if kind == "date" and "T" not in value:
         return f"{value}T00:00:00"
     duration = _DURATION.fullmatch(value) if kind == "time" else None
     return value if duration is None else ":".join(duration.groups())
 
 
-def _text(paragraph: Element) -> str:
+def _paragraph_text(paragraph: Element) -> str:
     for space in paragraph.iter(f"{_TEXT}s"):
         space.text = " "
     return "".join(paragraph.itertext())

@@ -75,35 +75,37 @@ class Colouring(NamedTuple):
     upper: float | None = None
 
 
-def _cells(view: View) -> VoronoiCells:
+def _voronoi_cells_of_view(view: View) -> VoronoiCells:
     assert view.cells is not None
     return view.cells
 
 
-def _sides(view: View) -> np.ndarray:
-    cells = _cells(view)
+def _side_counts(view: View) -> np.ndarray:
+    cells = _voronoi_cells_of_view(view)
     return np.where(cells.interior, np.clip(cells.sides, 4, 8) - 4.0, np.nan)
 
 
-def _fluctuation(view: View) -> np.ndarray:
+def _fluctuation_values(view: View) -> np.ndarray:
     sizes = np.linalg.norm(view.frame.interaction, axis=1)
-    return relative_fluctuation(np.where(_cells(view).interior, sizes, np.nan), view.species)
+    return relative_fluctuation(
+        np.where(_voronoi_cells_of_view(view).interior, sizes, np.nan), view.species
+    )
 
 
-def _everyone(view: View) -> np.ndarray:
+def _positions_with_absent(view: View) -> np.ndarray:
     """Positions of all grains of the scene (n, 2) [m]; NaN for absent ones."""
     positions = np.full((view.scene.grains.count, 2), np.nan)
     positions[view.frame.grains] = view.frame.position
     return positions
 
 
-def _compression(view: View) -> np.ndarray:
-    result = compressive_forces(view.scene, _everyone(view), view.frame.height)
+def _compression_values(view: View) -> np.ndarray:
+    result = compressive_forces(view.scene, _positions_with_absent(view), view.frame.height)
     return result[view.frame.grains]
 
 
-def _pressure(view: View) -> np.ndarray:
-    result = grain_pressures(view.scene, _everyone(view), view.frame.height)
+def _pressure_values(view: View) -> np.ndarray:
+    result = grain_pressures(view.scene, _positions_with_absent(view), view.frame.height)
     return result[view.frame.grains]
 
 
@@ -117,19 +119,19 @@ COLOURINGS: Mapping[str, Colouring] = {
         lambda view: np.linalg.norm(view.frame.interaction, axis=1),
         "inferno",
     ),
-    "compression": Colouring("compressive force [N]", _compression, "inferno", lower=None),
+    "compression": Colouring("compressive force [N]", _compression_values, "inferno", lower=None),
     "pressure": Colouring(
         "pressure of the grain [N/m] (white: rim)",
-        _pressure,
+        _pressure_values,
         "inferno",
         needs_cells=True,
         on_cells=True,
         lower=None,
     ),
-    "sides": Colouring("sides of the Voronoi cell", _sides, needs_cells=True, on_cells=True),
+    "sides": Colouring("sides of the Voronoi cell", _side_counts, needs_cells=True, on_cells=True),
     "regularity": Colouring(
         "regularity of the hexagons (white: others)",
-        lambda view: hexagon_regularity(_cells(view)),
+        lambda view: hexagon_regularity(_voronoi_cells_of_view(view)),
         "viridis",
         needs_cells=True,
         on_cells=True,
@@ -138,7 +140,7 @@ COLOURINGS: Mapping[str, Colouring] = {
     ),
     "fluctuation": Colouring(
         "relative fluctuation of the force (white: rim)",
-        _fluctuation,
+        _fluctuation_values,
         "cividis",
         needs_cells=True,
     ),

@@ -37,7 +37,7 @@ def interpolate_bed(
     """
     frames = iterate_frames(run, numbers, bar)
     before = after = next(frames)
-    heights = _Heights(run)
+    heights = _PistonHeights(run)
     bent = 0.0
     for time in times:
         while after.time < time:
@@ -45,8 +45,8 @@ def interpolate_bed(
             if following is None:
                 break
             before, after = after, following
-            bent = max(bent, _bend(before, after))
-        yield _between(before, after, float(time), heights, run.scene.cell)
+            bent = max(bent, _path_curvature(before, after))
+        yield _interpolate_between(before, after, float(time), heights, run.scene.cell)
     if bent > FARTHEST * run.scene.grains.diameters().max(initial=0.0):
         warnings.warn(
             f"between two frames a grain leaves the straight line by {1e3 * bent:.2g} mm, so the "
@@ -55,7 +55,7 @@ def interpolate_bed(
         )
 
 
-class _Heights:
+class _PistonHeights:
     """The recorded height of the piston at any time."""
 
     def __init__(self, run: Trajectory) -> None:
@@ -69,28 +69,32 @@ class _Heights:
         return float(np.interp(time, self._times, self._heights))
 
 
-def _shared(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _common_grains(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Grains that are in both frames, and their indices in each."""
     return np.intersect1d(before.grains, after.grains, return_indices=True)
 
 
-def _bend(before: BedFrame, after: BedFrame) -> float:
+def _path_curvature(before: BedFrame, after: BedFrame) -> float:
     """Most by which a cubic path is off the straight line midway [m]."""
-    _, first, second = _shared(before, after)
+    _, first, second = _common_grains(before, after)
     change = before.velocity[first] - after.velocity[second]
     off = (after.time - before.time) / 8.0 * np.hypot(*change.T)
     return float(off.max(initial=0.0))
 
 
-def _between(
-    before: BedFrame, after: BedFrame, time: float, heights: _Heights, cell: Cell
+def _interpolate_between(
+    before: BedFrame, after: BedFrame, time: float, heights: _PistonHeights, cell: Cell
 ) -> BedFrame:
     duration = after.time - before.time
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):
         frame = after if fraction else before
-        return frame._replace(time=time) if not heights.known else _lift(frame, time, heights)
-    grains, first, second = _shared(before, after)
+        return (
+            frame._replace(time=time)
+            if not heights.known
+            else _host_displacement(frame, time, heights)
+        )
+    grains, first, second = _common_grains(before, after)
 
     def evenly(name: str) -> np.ndarray:
         ends = getattr(before, name)[first], getattr(after, name)[second]
@@ -109,8 +113,8 @@ def _between(
         before.number, time, before.height, grains, cell.inside(position),
         evenly("velocity"), evenly("force"), evenly("interaction"),
     )  # fmt: skip
-    return _lift(frame, time, heights) if heights.known else frame
+    return _host_displacement(frame, time, heights) if heights.known else frame
 
 
-def _lift(frame: BedFrame, time: float, heights: _Heights) -> BedFrame:
+def _host_displacement(frame: BedFrame, time: float, heights: _PistonHeights) -> BedFrame:
     return frame._replace(time=time, height=heights.at(time))

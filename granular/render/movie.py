@@ -91,7 +91,7 @@ def movie(
     """
     colouring(colour)
     path = Path(path)
-    write = _writer(path, fps)
+    write = _movie_writer(path, fps)
     if speed is not None and not 0.0 < speed < math.inf:
         raise InputError(
             f"speed {speed:g} is not above 0; give 1 for real time, or None for a picture a frame"
@@ -116,7 +116,7 @@ def movie(
     )
     with deferred_stop() as stop:
         with replace_when_written(path, overwrite) as part:
-            made = write(part, _images(picture, beds, stop), fps)
+            made = write(part, _render_images(picture, beds, stop), fps)
         if made < len(times):
             warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)
     return path
@@ -145,7 +145,9 @@ def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
     return [int(effect) for effect in inside]
 
 
-def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
+def _render_images(
+    picture: BedPicture, beds: Iterator[BedFrame], stop: Stop
+) -> Iterator[np.ndarray]:
     """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
         picture.show(frame)
@@ -154,7 +156,7 @@ def _images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterat
             return
 
 
-def _writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
+def _movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
     if path.suffix.lower() not in WRITERS:
         raise InputError(
             f"unknown format {quote(path.suffix)} of {path.name}; a movie is {' or '.join(WRITERS)}"

@@ -104,13 +104,13 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     if bottom is None:
         axes.plot([0.0, width], [0.0, 0.0], ":", color=WALL, linewidth=1.0, zorder=0)
         return
-    for start, end in _bottom_parts(bottom, width, thickness):
+    for start, end in _bottom_segments(bottom, width, thickness):
         axes.add_patch(
             Rectangle((start, -thickness), end - start, thickness, color=WALL, linewidth=0.0)
         )
 
 
-def _bottom_parts(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
+def _bottom_segments(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
     """Stretches of the bottom along x [mm]."""
     start, end = -thickness, width + thickness
     if wall.gap_start is None or wall.gap_end is None:
@@ -270,7 +270,7 @@ class BedPicture:
         self._grains.set_heights(diameters)
         self._grains.set_angles(np.zeros(len(diameters)))
         view = frame_view(self.run, self.colour.needs_cells, frame)
-        colours = self._colours(self.colour.values(view))
+        colours = self._map_to_colours(self.colour.values(view))
         if view.cells is not None:
             polygons = cell_polygons(view.cells)
             self._cells.set_verts([1e3 * corners for corners in polygons.values()])
@@ -281,8 +281,8 @@ class BedPicture:
             if on_cells:
                 colours = np.where(view.cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
         self._grains.set_facecolor(colours)
-        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage(frame.time)))
-        self._where.set_text(self._state(frame))
+        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage_at(frame.time)))
+        self._where.set_text(self._state_text(frame))
         if frame.height is not None:
             self._piston.set_y(1e3 * frame.height)
         if self._curve is not None:
@@ -296,7 +296,7 @@ class BedPicture:
         canvas.draw()
         return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
-    def _colours(self, values: np.ndarray) -> np.ndarray:
+    def _map_to_colours(self, values: np.ndarray) -> np.ndarray:
         """Colours (k, 4) of values (k,)."""
         from matplotlib.colors import to_rgba
 
@@ -309,13 +309,13 @@ class BedPicture:
             colours[known] = self._scale.to_rgba(values[known])
         return colours
 
-    def _stage(self, time: float) -> str:
+    def _stage_at(self, time: float) -> str:
         for stage in self.run.stages:
             if stage.start <= time <= stage.end and stage.end > stage.start:
                 return f"   {stage.name}"
         return ""
 
-    def _state(self, frame: BedFrame) -> str:
+    def _state_text(self, frame: BedFrame) -> str:
         if frame.height is None:
             return ""
         words = f"piston at {1e3 * frame.height:.1f} mm"

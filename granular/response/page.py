@@ -64,8 +64,8 @@ def response_page(
     ``missing`` says why there is nothing to compare with, where there could be.
     """
     page = Page(f"The response of scene {response.scene.name!r}", answer_sentence(response))
-    _curves(page, response, comparison)
-    _peaks(page, response)
+    _add_curves(page, response, comparison)
+    _add_peaks(page, response)
     add_steadiness(page, response)
     if comparison is not None:
         page.section(comparison.title)
@@ -77,7 +77,7 @@ def response_page(
         page.note(missing)
     add_damper(page, response)
     add_energy(page, response)
-    _settings(page, response)
+    _add_settings(page, response)
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     made = versions(("matplotlib", "scipy", "xarray"))
     page.footer(f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in made.items()))
@@ -88,18 +88,18 @@ def answer_sentence(response: Response) -> str:
     """Answer in one sentence, at the greatest amplitude."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
-        f"{amplitude_phrase(response, row['amplitude'])}: {_mm(row['peak'])} mm at most, at "
+        f"{amplitude_phrase(response, row['amplitude'])}: {_in_mm(row['peak'])} mm at most, at "
         f"{row['frequency']:.3g} Hz"
     )
     if "alone" not in row:
         return f"{words}."
     return (
-        f"{words}; {_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
-        f"much, and {_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
+        f"{words}; {_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
+        f"much, and {_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
     )
 
 
-def _curves(page: Page, response: Response, comparison: PageComparison | None) -> None:
+def _add_curves(page: Page, response: Response, comparison: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -114,7 +114,7 @@ def _curves(page: Page, response: Response, comparison: PageComparison | None) -
         handles, words = axes.get_legend_handles_labels()
         drawing.legend([*handles, *names.values()], [*words, *names], loc="outside upper left",
                        ncols=1 if len(words) + len(names) < 4 else 2)  # fmt: skip
-        page.figure(drawing, _caption(response, comparison))
+        page.figure(drawing, _curve_caption(response, comparison))
 
 
 def _comparison_lines(
@@ -135,7 +135,7 @@ def _comparison_lines(
     return handles
 
 
-def _caption(response: Response, comparison: PageComparison | None) -> str:
+def _curve_caption(response: Response, comparison: PageComparison | None) -> str:
     words = "Displacement of the machine"
     if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
@@ -146,15 +146,15 @@ def _caption(response: Response, comparison: PageComparison | None) -> str:
     return f"{words}."
 
 
-def _peaks(page: Page, response: Response) -> None:
+def _add_peaks(page: Page, response: Response) -> None:
     page.section("The peaks")
     rows = response.peaks()
     head = [amplitude_labels(response)[0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
-        [f"{row['amplitude']:g}", format_number(row["frequency"]), _mm(row["peak"]),
-         *(_mm(row[key]) for key in keys),
+        [f"{row['amplitude']:g}", format_number(row["frequency"]), _in_mm(row["peak"]),
+         *(_in_mm(row[key]) for key in keys),
          *([format_number(row["reduction"], 3)] if keys else [])]
         for row in rows
     ]  # fmt: skip
@@ -196,7 +196,7 @@ def add_steadiness(page: Page, response: Response) -> None:
         )
 
 
-def _settings(page: Page, response: Response) -> None:
+def _add_settings(page: Page, response: Response) -> None:
     page.section("Settings")
     rows = [("time step", str(response.settings.get("dt", "not told")))]
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
@@ -215,7 +215,7 @@ def _settings(page: Page, response: Response) -> None:
     page.preformat(response.scene.to_toml())
 
 
-def _mm(metres: float) -> str:
+def _in_mm(metres: float) -> str:
     return format_number(1e3 * metres, 3)
 
 
@@ -237,7 +237,7 @@ def add_damper(page: Page, response: Response) -> None:
     page.section("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
-        _equivalents(page, response)
+        _equivalent_values(page, response)
         page.text(
             "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
             "the same displacement. The added stiffness is the added mass, times -omega². The loss "
@@ -245,14 +245,14 @@ def add_damper(page: Page, response: Response) -> None:
             "next to nothing swings, it is large and says little."
         )
     for size in data.amplitude.values.tolist():
-        _swings(page, response, size)
+        _swing_rows(page, response, size)
     words = "Piston is the amplitude of the piston over the cell"
     if "unsteady" in data:
         words += "; unsteady says by how much the machine's amplitude changes while it is taken"
     page.text(f"{words}.")
 
 
-def _equivalents(page: Page, response: Response) -> None:
+def _equivalent_values(page: Page, response: Response) -> None:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         for k, size in enumerate(response.dataset.amplitude.values.tolist()):
             part = response.dataset.sel(amplitude=size)
@@ -272,7 +272,7 @@ def _equivalents(page: Page, response: Response) -> None:
         )
 
 
-def _swings(page: Page, response: Response, size: float) -> None:
+def _swing_rows(page: Page, response: Response, size: float) -> None:
     part, diameter = shown_response(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
@@ -284,7 +284,7 @@ def _swings(page: Page, response: Response, size: float) -> None:
         "unsteady": (part.get("unsteady"), 1.0, 2),
     }
     known = {
-        head: [_figure(scale * float(x), digits) for x in values.values]
+        head: [_number_text(scale * float(x), digits) for x in values.values]
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
@@ -292,7 +292,7 @@ def _swings(page: Page, response: Response, size: float) -> None:
     page.table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
-def _figure(value: float, digits: int) -> str:
+def _number_text(value: float, digits: int) -> str:
     """Return the number for a table; without an exponent where it can be."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
         return format_number(value, digits)
@@ -312,8 +312,8 @@ def add_energy(page: Page, response: Response) -> None:
         head = ["Hz", *(f"{name} [mJ]" for name in columns)]
         rows = [
             [
-                _figure(float(f), 4),
-                *(_figure(1e3 * float(column[k]), 3) for column in columns.values()),
+                _number_text(float(f), 4),
+                *(_number_text(1e3 * float(column[k]), 3) for column in columns.values()),
             ]
             for k, f in enumerate(part.frequency.values)
         ]

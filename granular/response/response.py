@@ -172,7 +172,7 @@ def frequency_response(
     GranularError
         If a run failed.
     """
-    host = _checked(scene, frequencies, duration)
+    host = _checked_frequencies(scene, frequencies, duration)
     assert host.excitation is not None
     (key,) = (name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
     sizes = [getattr(host.excitation, key)] if amplitudes is None else list(amplitudes)
@@ -190,11 +190,11 @@ def frequency_response(
     wrong = [outcome["error"] for outcome in made.outcomes if outcome["error"] is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
-    result = _dataset(scene, host, key, sizes, frequencies, made.outcomes)
+    result = _steady_dataset(scene, host, key, sizes, frequencies, made.outcomes)
     return Response(scene, result, {"dt": dt, "duration": duration})
 
 
-def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
+def _checked_frequencies(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
     host = scene.effects.host
     if host is None or host.excitation is None or host.excitation.kind != "sine":
         raise InputError(
@@ -211,7 +211,7 @@ def _checked(scene: Scene, frequencies: Sequence[float], duration: float) -> Hos
     return host
 
 
-def _dataset(
+def _steady_dataset(
     scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
     outcomes: Sequence[Any],
 ) -> xarray.Dataset:  # fmt: skip
@@ -335,10 +335,10 @@ def load_response(directory: str | Path) -> Response:
         if isinstance(error, InputError):
             raise
         raise _damage_error(path, str(error)) from None
-    return _response_of(plain, path)
+    return _response_from_plain(plain, path)
 
 
-def _response_of(plain: Any, path: Path) -> Response:
+def _response_from_plain(plain: Any, path: Path) -> Response:
     import xarray
 
     try:

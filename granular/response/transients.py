@@ -73,7 +73,7 @@ def run_sweep(
         If the scene has no such host, the frequencies do not increase, the sweep is shorter than
         some periods, or ``out`` holds another run.
     """
-    key, size, start = _drive(scene)
+    key, size, start = _host_drive(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
             f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
@@ -92,7 +92,7 @@ def run_sweep(
         "frequency": lowest, "to": highest, "duration": duration,
     }  # fmt: skip
     shaken = scene.replace(**{"effects.host.excitation": sweep})
-    run = _simulate(shaken, start + duration, dt, out, progress)
+    run = _simulate_driven(shaken, start + duration, dt, out, progress)
     return response_of_sweep(run, points)
 
 
@@ -260,7 +260,7 @@ def run_impulse(
         If the scene has no such host, a number is out of its limits, the host still swings wider at
         the end, or ``out`` holds another run.
     """
-    host = _host(scene)
+    host = _require_host(scene)
     check_fraction(fraction)
     if not 0.0 < abs(force) < math.inf:
         raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
@@ -272,13 +272,13 @@ def run_impulse(
     start = 0.0 if host.excitation is None else host.excitation.start
     struck = {"kind": "impulse", "force": force, "start": start, "duration": length}
     scene = scene.replace(**{"effects.host.excitation": struck})
-    run = _simulate(scene, start + duration, dt, out, progress)
+    run = _simulate_driven(scene, start + duration, dt, out, progress)
     time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
     seconds, behind = settling_time(run, fraction), time >= 0.0
     return Impulse(scene, time[behind], swing[behind], fraction, seconds)
 
 
-def _host(scene: Scene) -> Host:
+def _require_host(scene: Scene) -> Host:
     host = scene.effects.host
     if host is None or not host.bodies:
         raise InputError(
@@ -288,9 +288,9 @@ def _host(scene: Scene) -> Host:
     return host
 
 
-def _drive(scene: Scene) -> tuple[str, float, float]:
+def _host_drive(scene: Scene) -> tuple[str, float, float]:
     """Drive of the host: its key, its amplitude and when it begins [s]."""
-    host = _host(scene)
+    host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
             f"nothing shakes the host of {quote(scene.name)}; give effects.host.excitation a "
@@ -303,7 +303,7 @@ def _drive(scene: Scene) -> tuple[str, float, float]:
     return key, size, host.excitation.start
 
 
-def _simulate(
+def _simulate_driven(
     scene: Scene, t_end: float, dt: float | str, out: str | Path | None, progress: bool
 ) -> Trajectory:
     from granular.run.simulation import simulate

@@ -100,7 +100,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
             f"can be promised below {FLOORS * floor:.2g}; ask for that, or average "
             f"{math.ceil((2.0 * floor / tolerance) ** 2):d} starts (arrangement.seed)"
         )
-    cheapest = min(_candidates(scene, costs, quantity, tolerance), default=None)
+    cheapest = min(_accurate_methods(scene, costs, quantity, tolerance), default=None)
     if cheapest is None:
         least = min(entry.bounds[quantity] for entry in costs.entries)
         raise InputError(
@@ -109,7 +109,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
             "validation cheapest"
         )
     _, dt, method, bound = cheapest
-    summed, how = _add_up(scene, quantity, tolerance, text)
+    summed, how = _choose_pair_sum(scene, quantity, tolerance, text)
     scatter = f", starts scatter by {floor:.1g}" if floor else ""
     words = (
         f"{quantity} to {tolerance:g}: {method}, dt {dt}, {how}; the step errs by at most "
@@ -118,7 +118,7 @@ def choose_settings(scene: Scene, text: str) -> ChosenSettings:
     return ChosenSettings(summed, dt, method, words)
 
 
-def _candidates(
+def _accurate_methods(
     scene: Scene, costs: WorkPrecisionTable, quantity: str, tolerance: float
 ) -> Iterator[tuple[float, str, str, float]]:
     """Price, step, method and bound of each method that reaches the tolerance."""
@@ -127,10 +127,10 @@ def _candidates(
             (entry for entry in costs.entries if entry.method == method),
             key=lambda entry: entry.fraction,
         )
-        fraction = _fraction(entries, quantity, tolerance / MARGIN)
+        fraction = _longest_step_fraction(entries, quantity, tolerance / MARGIN)
         if fraction is None:
             continue
-        dt = _step(scene, fraction)
+        dt = _rounded_step(scene, fraction)
         if not is_allowed(scene, dt, method):
             continue
         near = min(entries, key=lambda entry: abs(math.log(entry.fraction / fraction)))
@@ -140,7 +140,9 @@ def _candidates(
         yield near.seconds * near.fraction / fraction, dt, method, bound
 
 
-def _fraction(entries: list[WorkPrecisionEntry], quantity: str, tolerance: float) -> float | None:
+def _longest_step_fraction(
+    entries: list[WorkPrecisionEntry], quantity: str, tolerance: float
+) -> float | None:
     """Longest step times highest frequency that keeps a tolerance; None where none does.
 
     Between two steps of the table, and below its shortest, by the method's order; beyond its
@@ -162,7 +164,7 @@ def _fraction(entries: list[WorkPrecisionEntry], quantity: str, tolerance: float
     return min(best.fraction * longer, entries[entries.index(best) + 1].fraction)
 
 
-def _step(scene: Scene, fraction: float) -> str:
+def _rounded_step(scene: Scene, fraction: float) -> str:
     """Step as a multiple of the scene's automatic one, rounded down to hundredths."""
     step: Step = validated_step("auto", scene)
     factor = min(fraction / step.fraction, step.longest)
@@ -171,7 +173,7 @@ def _step(scene: Scene, fraction: float) -> str:
     return auto_step_text(math.floor(100.0 * factor + 1e-6) / 100.0)
 
 
-def _add_up(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
+def _choose_pair_sum(scene: Scene, quantity: str, tolerance: float, text: str) -> tuple[Scene, str]:
     """Scene with a sum over pairs that keeps the tolerance, and its name."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):

@@ -54,7 +54,7 @@ class Metadata:
         for variable in run_variables(scene):
             rest = (count, 2)[: len(variable.dims) - 1]
             chunk = (depth if rest else TIME_CHUNK, *(max(1, size) for size in rest))
-            arrays[variable.name] = _description(variable, (0, *rest), chunk)
+            arrays[variable.name] = _array_metadata(variable, (0, *rest), chunk)
         inside = {"kind": "inline", "must_understand": False, "metadata": arrays}
         group = {"node_type": "group", "attributes": {}, "consolidated_metadata": inside}
         return cls(json.dumps(_FORMAT | group).encode())
@@ -67,7 +67,7 @@ class Metadata:
         _write_json(path / TRAJECTORY / METADATA, self._group)
 
 
-def _description(
+def _array_metadata(
     variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]
 ) -> dict[str, Any]:
     """Array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
@@ -129,7 +129,7 @@ class StoredArray:
         from numcodecs.zstd import Zstd
 
         packed = Zstd(level=_LEVEL).encode(values)
-        file = self._file(index)
+        file = self._chunk_file(index)
         file.parent.mkdir(parents=True, exist_ok=True)
         replace_file(file, packed + google_crc32c.value(packed).to_bytes(_CHECKSUM, "little"))
 
@@ -143,28 +143,28 @@ class StoredArray:
         """
         from numcodecs.zstd import Zstd
 
-        values, file = self.unwritten(), self._file(index)
+        values, file = self.unwritten(), self._chunk_file(index)
         content = file_bytes(file)
         try:
             Zstd().decode(content[:-_CHECKSUM], out=values)
         except (RuntimeError, ValueError) as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
-        if not self._fits(index, values, manifest):
+        if not self._check_shape(index, values, manifest):
             # A run that goes on may have written what lies behind its last whole tick anew.
             latest = read_checkpoint(self.path)[1]
-            if latest.files != manifest.files or not self._fits(index, values, latest):
+            if latest.files != manifest.files or not self._check_shape(index, values, latest):
                 raise StoreError(
                     f"{file} is damaged, or not what the run wrote there (its digest differs); "
                     f"{REMEDY}"
                 )
         return values
 
-    def _fits(self, index: int, values: np.ndarray, manifest: Manifest) -> bool:
+    def _check_shape(self, index: int, values: np.ndarray, manifest: Manifest) -> bool:
         digests = manifest.chunks.get(self.name, [])
         complete = values[: max(0, manifest.lengths[self.dims[0]] - index * self.depth)]
         return index < len(digests) and _digest(complete) == digests[index]
 
-    def _file(self, index: int) -> Path:
+    def _chunk_file(self, index: int) -> Path:
         return self.path.joinpath(TRAJECTORY, self.name, "c", str(index), *"0" * len(self.rest))
 
 

@@ -27,7 +27,7 @@ def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.D
         {
             array.name: (
                 array.dims,
-                LazilyIndexedArray(_Complete(array, manifest)),
+                LazilyIndexedArray(_CompleteArray(array, manifest)),
                 array.attributes,
             )
             for array in arrays
@@ -35,7 +35,7 @@ def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.D
     )
 
 
-class _Complete(BackendArray):
+class _CompleteArray(BackendArray):
     """The complete part of an array, for xarray."""
 
     def __init__(self, array: StoredArray, manifest: Manifest) -> None:

@@ -61,14 +61,14 @@ def create_partial_directory(path: Path) -> tuple[Path, int | None]:
         If the path is not empty, or nothing can be made there.
     """
     try:
-        target = _real(path)
+        target = _resolve_links(path)
         if target.is_symlink() or (target.exists() and not target.is_dir()):
             what = "a link that leads to itself" if target.is_symlink() else "a file"
             raise StoreError(f"{path} is {what}; give a new directory")
         if target.exists() and any(target.iterdir()):
             raise StoreError(f"{path} is not empty; resume the run in it, or give a new directory")
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_remains(target)
+        _remove_abandoned_parts(target)
         while True:
             # Two processes that begin a run of one name must not write into each other's part.
             part = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
@@ -92,7 +92,7 @@ def move_into_place(part: Path, path: Path) -> None:
     StoreError
         If something has come to stand there meanwhile.
     """
-    target = _real(path)
+    target = _resolve_links(path)
     try:
         os.replace(part, target)
     except OSError as error:
@@ -103,7 +103,7 @@ def move_into_place(part: Path, path: Path) -> None:
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
 
-def _real(path: Path) -> Path:
+def _resolve_links(path: Path) -> Path:
     """Path of a run directory behind all links."""
     target = Path(os.path.realpath(path))
     if not target.name:
@@ -111,7 +111,7 @@ def _real(path: Path) -> Path:
     return target
 
 
-def _remove_remains(target: Path) -> None:
+def _remove_abandoned_parts(target: Path) -> None:
     """Remove what runs of this name left that were killed while they began."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():

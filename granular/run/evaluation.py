@@ -85,8 +85,8 @@ def evaluate(
     """
     system = natural_system(scene)
     scales, constants = system.scales, system.constants
-    coordinates = _field("positions", positions, constants.grains)
-    speed = _field("velocities", velocities, constants.grains)
+    coordinates = _si_field("positions", positions, constants.grains)
+    speed = _si_field("velocities", velocities, constants.grains)
     if piston_height is None:
         piston_height = 0.0 if scene.piston is None else scene.piston.height
     try:
@@ -101,11 +101,11 @@ def evaluate(
         METHODS["stormer-verlet"],
     )
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
-    with raise_where_not_finite(_misplaced), explain_compile_errors(scene):
+    with raise_where_not_finite(_misplaced_positions_error), explain_compile_errors(scene):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
     force = np.stack(total_force(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
-        raise _misplaced()
+        raise _misplaced_positions_error()
     potential += float(energies[::-1].sum())
     wall_forces = state.wall_forces * scales.force
     return Evaluation(
@@ -114,18 +114,18 @@ def evaluate(
         wall_forces=dict(zip(SIDES, wall_forces.tolist(), strict=True)),
         potential_energy=float(potential * scales.energy),
         kinetic_energy=float(kinetic * scales.energy),
-        normal_load=_normal_load(state, system) * scales.force,
+        normal_load=_normal_load_per_grain(state, system) * scales.force,
     )
 
 
-def _misplaced() -> InputError:
+def _misplaced_positions_error() -> InputError:
     return InputError(
         "a grain stands behind a wall, above the piston, or on another grain; move it into the "
         "cell, clear of the others"
     )
 
 
-def _normal_load(state: State, system: System) -> np.ndarray:
+def _normal_load_per_grain(state: State, system: System) -> np.ndarray:
     grains = system.constants.grains
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         values = effect.grain_values(law, state)
@@ -134,7 +134,7 @@ def _normal_load(state: State, system: System) -> np.ndarray:
     return np.zeros(grains)
 
 
-def _field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
+def _si_field(name: str, values: np.ndarray | None, count: int) -> np.ndarray:
     if values is None:
         return np.zeros((count, 2))
     try:

@@ -33,7 +33,11 @@ def validated_step(dt: float | str, scene: Scene | None = None) -> Step:
     InputError
         If it is neither.
     """
-    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_glides(scene))
+    step = (
+        Step()
+        if scene is None
+        else Step(grains=scene.grains.count, dry=_allows_longer_steps(scene))
+    )
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
@@ -53,7 +57,7 @@ def validated_step(dt: float | str, scene: Scene | None = None) -> Step:
     return dataclasses.replace(step, seconds=float(dt))
 
 
-def _glides(scene: Scene) -> bool:
+def _allows_longer_steps(scene: Scene) -> bool:
     """Return True where dry friction between grains and plates allows longer steps."""
     friction, contact = scene.effects.friction, scene.effects.contact
     return friction is not None and friction.scheme == "velocity" and contact is None
@@ -75,11 +79,11 @@ def _scale_coefficients(dt: float | str, by: float) -> float | str:
         return by * step.seconds
     factor = by * step.factor
     if factor >= 1.0:
-        return f"auto*{_positional(factor)}"
-    return f"auto/{_positional(1.0 / factor)}"
+        return f"auto*{_is_positional_fraction(factor)}"
+    return f"auto/{_is_positional_fraction(1.0 / factor)}"
 
 
-def _positional(value: float) -> str:
+def _is_positional_fraction(value: float) -> str:
     return np.format_float_positional(value, trim="-")
 
 
@@ -169,14 +173,14 @@ def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
         )
     if t_end is not None and dt > t_end:
         raise InputError(f"dt = {dt:g} s is longer than the run, t_end = {t_end:g} s; shorten dt")
-    for stage, duration in _durations(scene, t_end):
+    for stage, duration in _known_stage_durations(scene, t_end):
         if 0.0 < duration < dt * (1.0 - 1e-9):
             raise InputError(
                 f"dt = {dt:g} s is longer than stage {stage.name!r}, {duration:g} s; shorten dt"
             )
 
 
-def _durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
+def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
     """Stages whose duration is known before the run [s]; one that ends the run has its end."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:

@@ -93,10 +93,12 @@ def damping_kind(scene: Scene) -> str:
 def load_price_table() -> tuple[WorkPrecisionTable, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
-    return tuple(_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
+    return tuple(
+        _priced_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"]
+    )
 
 
-def _scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
+def _priced_scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
     entries = tuple(WorkPrecisionEntry(**rung_values) for rung_values in plain["entries"])
     return WorkPrecisionTable(
         plain["name"],
@@ -140,10 +142,10 @@ def price_text(run: Trajectory) -> str:
     settings = run.settings()
     seconds, order = settings["seconds"], run.method.order
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
-    quantity = _main(run)
+    quantity = _main_quantity(run)
     costs = None if quantity is None else nearest_priced_scene(run.scene, quantity)
     seen = settings.get("step_times_highest_frequency", 0.0)
-    entry = None if costs is None else _nearest(costs, run.method.name, seen)
+    entry = None if costs is None else _nearest_entry(costs, run.method.name, seen)
     if quantity is None or costs is None or entry is None:
         error = settings["ledger_residual"]
         return (
@@ -164,7 +166,7 @@ def price_text(run: Trajectory) -> str:
     )
 
 
-def _main(run: Trajectory) -> str | None:
+def _main_quantity(run: Trajectory) -> str | None:
     """Quantity that a run is first looked at for."""
     if run.scene.piston is None:
         return None
@@ -172,7 +174,9 @@ def _main(run: Trajectory) -> str | None:
     return "rest height" if rested else "piston force"
 
 
-def _nearest(costs: WorkPrecisionTable, method: str, seen: float) -> WorkPrecisionEntry | None:
+def _nearest_entry(
+    costs: WorkPrecisionTable, method: str, seen: float
+) -> WorkPrecisionEntry | None:
     """Entry of a method next to a step, of those at least as long; else its longest."""
     entries = sorted(
         (entry for entry in costs.entries if entry.method == method),

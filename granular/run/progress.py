@@ -52,7 +52,7 @@ class ProgressBar:
         if not self.wanted:
             return
         progress = run.progress
-        self._tell(run)
+        self._announce_remaining_steps(run)
         if self._stage != progress.stage:
             if self._bar is not None:
                 self._bar.close()
@@ -60,7 +60,7 @@ class ProgressBar:
             self._stage = progress.stage
             if run.finished:
                 return
-            self._bar, self._settling = self._of_stage(run)
+            self._bar, self._settling = self._stage_fraction(run)
         if self._bar is None:
             return
         words = ""
@@ -75,7 +75,7 @@ class ProgressBar:
             reached = min(reached, self._bar.total)
         self._bar.update(reached - self._bar.n)
 
-    def _of_stage(self, run: Run) -> tuple[Any, Settling | None]:
+    def _stage_fraction(self, run: Run) -> tuple[Any, Settling | None]:
         """Bar of the stage's time; of a stage that ends at rest, of the approach to rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_limit >= 0.0:
@@ -84,7 +84,7 @@ class ProgressBar:
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
         return progress_bar(desc=name, total=stage_duration(run), bar_format=form), None
 
-    def _tell(self, run: Run) -> None:
+    def _announce_remaining_steps(self, run: Run) -> None:
         """Say once how many steps are ahead, and how long they take, if that is long."""
         now = time.perf_counter()
         if self._first is None:

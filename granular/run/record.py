@@ -431,7 +431,7 @@ class PistonRecord:
         >>> float(record.between(0.5, 1.5).time[0].round(2))
         0.5
         """
-        return self._chosen((self.time >= start) & (self.time <= stop))
+        return self._selected_columns((self.time >= start) & (self.time <= stop))
 
     def select(self, samples: np.ndarray) -> PistonRecord:
         """Return some of the samples.
@@ -446,7 +446,7 @@ class PistonRecord:
         PistonRecord
             Record with these samples; its times are kept as they are.
         """
-        return self._chosen(samples)
+        return self._selected_columns(samples)
 
     def first(self, count: int) -> PistonRecord:
         """First ``count`` samples.
@@ -461,7 +461,7 @@ class PistonRecord:
         PistonRecord
             Beginning of the record.
         """
-        return self._chosen(slice(count))
+        return self._selected_columns(slice(count))
 
     def from_zero(self) -> PistonRecord:
         """Return the same record with times that start at 0.
@@ -515,7 +515,7 @@ class PistonRecord:
             self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
         )
 
-    def _chosen(self, samples: np.ndarray | slice) -> PistonRecord:
+    def _selected_columns(self, samples: np.ndarray | slice) -> PistonRecord:
         return PistonRecord(
             self.time[samples],
             self.height[samples],

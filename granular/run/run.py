@@ -71,11 +71,11 @@ class Run(RunState):
         self._open_ledger()
         by = stage.jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
-            self._jump(by / scales.length)
+            self._jump_piston(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
-            self._take_hold(piston_path(self.motion, 0.0)[1])
+            self._set_prescribed_speed(piston_path(self.motion, 0.0)[1])
         row = self.look(ARRANGE)
         update_held_far_field(self.state)
         self.set_schedule(row)
@@ -94,13 +94,13 @@ class Run(RunState):
                 row[: self._entered], coarse=has_coarse_friction(self.scene)
             )
 
-    def _jump(self, by: float) -> None:
+    def _jump_piston(self, by: float) -> None:
         before = self.energy(ARRANGE)
         self.state.piston[HEIGHT] += by
         moved = f"stage {self.stage.name!r} sets the piston into the bed; let it end higher"
         self.state.ledger[WORK] += self.energy(moved) - before
 
-    def _take_hold(self, speed: float) -> None:
+    def _set_prescribed_speed(self, speed: float) -> None:
         """Give the piston the speed of its path; the hand that drives it does the work."""
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # which has a fraction in the piston's momentum
@@ -128,10 +128,10 @@ class Run(RunState):
                 return
         ticks = self.ticks_ahead()
         if ticks > 0:
-            self._call(min(ticks, 1 if self.threads.trying else self._call_ticks))
+            self._call_loop(min(ticks, 1 if self.threads.trying else self._call_ticks))
         else:
             left = self.rest_of_stage()
-            self._short_tick(left)
+            self._advance_rest_of_stage(left)
             between = progress.ticks % self.pace.frames_every != 0
             self._end_stage("duration", new_frame=between or left > 0.0)
 
@@ -147,10 +147,10 @@ class Run(RunState):
         self.progress.ticks += done
         if status == OUTSIDE:
             self._keep(rows[:saved])
-            raise self.misplaced_grain_error(self.shorter)
+            raise self.misplaced_grain_error(self.shorter_step_remedy)
         return status, done, rows[: saved + 1]
 
-    def _call(self, ticks: int) -> None:
+    def _call_loop(self, ticks: int) -> None:
         progress, pace = self.progress, self.pace
         window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
         started = time.perf_counter()
@@ -171,7 +171,7 @@ class Run(RunState):
             reason = "rest" if status == RESTING else "force"
             self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
         elif status == REMOVED:
-            self._let_go()
+            self._remove_departed_grains()
         elif status == STIFF:
             self.set_steps(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
@@ -185,17 +185,17 @@ class Run(RunState):
     def _dissipates(self) -> bool:
         return any(effect.damps for effect in self.system.effects)
 
-    def _let_go(self) -> None:
+    def _remove_departed_grains(self) -> None:
         """Take out the grains that have left through the gap, with the energy they carry."""
-        before = self.energy(self.shorter)
+        before = self.energy(self.shorter_step_remedy)
         self.constants = remove_outflow(self.state, self.constants)
-        self.state.ledger[WORK] += self.energy(self.shorter) - before
+        self.state.ledger[WORK] += self.energy(self.shorter_step_remedy) - before
 
-    def _short_tick(self, left: float) -> None:
+    def _advance_rest_of_stage(self, left: float) -> None:
         """Rest of a stage that is no whole tick, in steps that are a little shorter."""
         if not left > 0.0:  # the end falls on a tick, which may lie between two records
             if self.progress.ticks % self.pace.every:
-                self._keep(self.look(self.shorter)[None])
+                self._keep(self.look(self.shorter_step_remedy)[None])
             return
         pace, reached = self.pace, float(self.state.clock[TIME])
         steps = max(1, math.ceil(left / pace.h - 1e-6))
@@ -225,10 +225,10 @@ class Run(RunState):
             return self.progress.start
         left = self.t_end - self.time
         if left > self.least_time():
-            self._short_tick(left)
+            self._advance_rest_of_stage(left)
             self._frame(self.t_end)
             return self.t_end
-        self._short_tick(0.0)
+        self._advance_rest_of_stage(0.0)
         if self.progress.ticks % self.pace.frames_every:
             self._frame()
         return self.time
@@ -299,11 +299,11 @@ class Run(RunState):
                 raise NotFiniteError(
                     "an energy is not finite any more",
                     step=self.steps, time=moment, remedy=self.not_finite,
-                ).blaming(self.blame)  # fmt: skip
+                ).blaming(self.too_long_step_text)  # fmt: skip
             error = unbalanced_energy_error(
-                wrong[1], self.ledger.wrong, self.steps, moment, self.shorter
+                wrong[1], self.ledger.wrong, self.steps, moment, self.shorter_step_remedy
             )
-            raise error.blaming(self.blame)
+            raise error.blaming(self.too_long_step_text)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at

@@ -212,7 +212,7 @@ class RunState:
         return int(left)
 
     @property
-    def shorter(self) -> str:
+    def shorter_step_remedy(self) -> str:
         """Remedy for steps that are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
@@ -228,15 +228,15 @@ class RunState:
         acting = self.scene.effects.all
         own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
         if not own or self.progress.pace is None:
-            return self.shorter
+            return self.shorter_step_remedy
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
         resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.pace.h < _RESOLVED
         if not resolved:
-            return self.shorter
+            return self.shorter_step_remedy
         return f"correct what you wrote for {' and '.join(map(repr, own))}: it is no number there"
 
     @property
-    def blame(self) -> str:
+    def too_long_step_text(self) -> str:
         """Words for a step in seconds that is too long for the stiffest mode, else none."""
         if self.step.seconds is None or self.progress.pace is None:  # no step was made yet
             return ""
@@ -263,10 +263,10 @@ class RunState:
         error = misplaced_grain_error(
             self.state, self.constants, self.system.scales, *moment, remedy
         )
-        if isinstance(error, NotFiniteError) and remedy == self.shorter:
+        if isinstance(error, NotFiniteError) and remedy == self.shorter_step_remedy:
             error = NotFiniteError(error.cause, step=error.step, time=error.time,
                                    grain=error.grain, remedy=self.not_finite)  # fmt: skip
-        return error.blaming(self.blame)
+        return error.blaming(self.too_long_step_text)
 
     # The step schedule ---------------------------------------------------------------------------
 
@@ -292,7 +292,7 @@ class RunState:
             self._resolved_frequency(frequency),
             scales.time,
         )
-        self._use(pace)
+        self._apply_schedule(pace)
         end = min(self.total, self.t_end - self.progress.start)
         steps = end / pace.h if end < math.inf else 0.0
         self._check_count("the path to the end", steps, MOST_COUNT)
@@ -306,7 +306,7 @@ class RunState:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""
         if self.plan.fraction is None:
             steps = self.step.steps_of(self.pace.length, self._resolved_frequency(frequency))
-            self._use(self.pace.with_steps(steps))
+            self._apply_schedule(self.pace.with_steps(steps))
 
     def _resolved_frequency(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -332,7 +332,7 @@ class RunState:
             seconds = self.time * self.system.scales.time
             raise too_many_steps_error(what, steps, limit, self.steps, seconds)
 
-    def _use(self, pace: StepSchedule) -> None:
+    def _apply_schedule(self, pace: StepSchedule) -> None:
         self.progress.pace = list(pace)
         if self.plan.fraction is None:
             clock = self.state.clock

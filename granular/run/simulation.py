@@ -155,7 +155,7 @@ class _Job:
     def carry_out(self, progress: bool, stop: Stop) -> Trajectory:
         run = self.run
         self._commit(complete=False)
-        failure = partial(run.misplaced_grain_error, run.shorter)
+        failure = partial(run.misplaced_grain_error, run.shorter_step_remedy)
         with ProgressBar(progress) as bar:
             try:
                 while not run.at_end and not stop.asked:

@@ -72,13 +72,13 @@ def choose_threads(scene: Scene, asked: int | None) -> int:
     available = int(numba.config.NUMBA_NUM_THREADS)
     if asked is None:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > PARTED_FROM
-        return min(available, PARTS) if parted and _start_quickly(scene) else 1
+        return min(available, PARTS) if parted and _threads_start_quickly(scene) else 1
     if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= available:
         raise InputError(f"threads = {quote(asked)}; give an integer from 1 to {available}")
     return asked
 
 
-def _start_quickly(scene: Scene) -> bool:
+def _threads_start_quickly(scene: Scene) -> bool:
     """Return True where threads start within a small fraction of a step.
 
     Numba's own take some 50 microseconds for it, several times a step of near pairs and mesh; those

@@ -204,7 +204,7 @@ class Trajectory:
         if "piston_height" not in data:
             raise RecordError(f"scene {self.scene.name!r} has no piston, so there is no record")
         name = stage or self.scene.output.record
-        chosen = slice(None) if name is None else self._records_of(name)
+        chosen = slice(None) if name is None else self._stage_records(name)
         time = merge_equal_times(data["time"].values)[chosen]
         # Where the piston jumps, the same time stands twice: the later one counts.
         last = np.append(np.diff(time) > 0.0, True)
@@ -216,10 +216,10 @@ class Trajectory:
         indices = np.asarray(data["stage"].values[chosen][last])
         if name is not None:  # the first of its records ends the stage before
             indices = np.full_like(indices, self._index(name))
-        drive = self._drive(time[last], indices)
+        drive = self._drive_at(time[last], indices)
         return PistonRecord(time=time[last], **columns, extra=drive)
 
-    def _drive(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
+    def _drive_at(self, time: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
         """Drive of the run at some times [s], in stages by their indices in the protocol."""
         shaking, protocol = self.scene.effects.shaking, self.scene.protocol
         columns = {} if shaking is None else base_motion(shaking, time)
@@ -231,7 +231,7 @@ class Trajectory:
     def _index(self, name: str) -> int:
         return [stage.name for stage in self.scene.protocol].index(name)
 
-    def _records_of(self, name: str) -> slice:
+    def _stage_records(self, name: str) -> slice:
         """Return records of a stage, from the one at its start (which ends the stage before)."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._index(name))
@@ -335,19 +335,19 @@ def separate_equal_times(times: np.ndarray) -> np.ndarray:
     """
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 0.0):
-        result[k + 1] = result[k] + _apart(result[k])
+        result[k + 1] = result[k] + _nudge_equal_times(result[k])
     return result
 
 
 def merge_equal_times(times: np.ndarray) -> np.ndarray:
     """Return the times (m,) [s] that grow, as they are stored."""
     result = np.array(times, dtype=np.float64)
-    for k in np.flatnonzero(np.diff(result) <= 2.0 * _apart(result[:-1])):
+    for k in np.flatnonzero(np.diff(result) <= 2.0 * _nudge_equal_times(result[:-1])):
         result[k + 1] = result[k]
     return result
 
 
-def _apart(times: np.ndarray) -> np.ndarray:
+def _nudge_equal_times(times: np.ndarray) -> np.ndarray:
     return np.maximum(np.spacing(times), LEAST)
 
 

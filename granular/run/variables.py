@@ -92,39 +92,42 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _add_up(
+    chosen += _sum_records(
         (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
     )
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
-    chosen += _add_up((loss_column(index), variable.loss_record) for index, variable in laws)
+    chosen += _sum_records((loss_column(index), variable.loss_record) for index, variable in laws)
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
     own = [record for variable in effects.laws for record in variable.records]
-    chosen += [_variable(record, custom_column(index)) for index, record in enumerate(own)]
+    chosen += [_record_variable(record, custom_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
     return tuple(chosen)
 
 
-def _add_up(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
-    """Variable for each record, of the columns of all effects that fraction it."""
+def _sum_records(records: Iterable[tuple[str, Record | None]]) -> list[Variable]:
+    """Variable for each record, of the columns of all effects that share it."""
     columns: dict[Record, list[str]] = {}
     for column, record in records:
         if record is not None:
             columns.setdefault(record, []).append(column)
-    return [_variable(record, " + ".join(names)) for record, names in columns.items()]
+    return [_record_variable(record, " + ".join(names)) for record, names in columns.items()]
 
 
-def _variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> Variable:
+def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time",)) -> Variable:
     return Variable(record.name, record.unit, record.meaning, column, record.scale, dims)
 
 
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     """Grain fields of each frame that a scene has."""
     brought = (record for effect in scene.effects.laws for record in effect.grain_records)
-    return (*GRAIN_FIELDS, *(_variable(column, "", ("frame", "grain")) for column in brought))
+    return (
+        *GRAIN_FIELDS,
+        *(_record_variable(column, "", ("frame", "grain")) for column in brought),
+    )
 
 
 def run_variables(scene: Scene) -> tuple[Variable, ...]:

@@ -37,16 +37,16 @@ def run_page(scene: Scene, data: xarray.Dataset, stages: Sequence[tuple[str, flo
         "diameters": scene.grains.diameters().tolist(),
         "colours": [COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()],
         "frames": chosen["frame_time"].values.tolist(),
-        "position": _pack(scene.cell.inside(chosen["position"].values)),
-        "velocity": _pack(chosen["velocity"].values),
+        "position": _encode_values(scene.cell.inside(chosen["position"].values)),
+        "velocity": _encode_values(chosen["velocity"].values),
         "stages": [{"name": name, "start": start} for name, start in stages],
-        "top": _top(scene, data),
-        **_records(data),
+        "top": _view_height(scene, data),
+        **_view_records(data),
     }
     return LivePage.of(TEMPLATE, f"scene {scene.name}", plain, HEIGHT)
 
 
-def _records(data: xarray.Dataset) -> dict[str, Any]:
+def _view_records(data: xarray.Dataset) -> dict[str, Any]:
     """Time, and height and velocity of the piston; without one the grains' kinetic energy."""
     every = max(1, -(-data.sizes["time"] // MOST_RECORDS))
     part = data.isel(time=slice(None, None, every))
@@ -61,7 +61,7 @@ def _records(data: xarray.Dataset) -> dict[str, Any]:
     return record | {"curve": height.tolist(), "phase": velocity.tolist()}
 
 
-def _top(scene: Scene, data: xarray.Dataset) -> float:
+def _view_height(scene: Scene, data: xarray.Dataset) -> float:
     """Height that holds piston and grains [m]."""
     if scene.cell.height is not None:
         return scene.cell.height
@@ -72,5 +72,5 @@ def _top(scene: Scene, data: xarray.Dataset) -> float:
     return top
 
 
-def _pack(values: np.ndarray) -> str:
+def _encode_values(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

@@ -36,12 +36,12 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
     for scene in scenes or scene_names():
         chosen = load_scene(scene) if isinstance(scene, str) else scene
         started = time.perf_counter()
-        _compile(chosen)
+        _compile_scene(chosen)
         seconds[chosen.name] = time.perf_counter() - started
     return seconds
 
 
-def _compile(scene: Scene) -> None:
+def _compile_scene(scene: Scene) -> None:
     from granular.protocol.motion import Motion, as_tabulated, piston_path
     from granular.run.evaluation import evaluate
     from granular.run.simulation import simulate

@@ -97,12 +97,12 @@ def initial_motion(
         if plan.velocities is not None:
             velocities[:] = np.array(plan.velocities, dtype=float).reshape(count, 2)
     else:
-        positions, velocities = _grid(plan, grains, cell, piston)
+        positions, velocities = _grid_positions(plan, grains, cell, piston)
     check_positions(positions, grains, cell, piston, overlapping=overlapping)
     return positions, velocities
 
 
-def _grid(
+def _grid_positions(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
     count, width = grains.count, cell.width
@@ -154,10 +154,12 @@ def check_positions(
     x, y = positions[:, 0], positions[:, 1]
     top = math.inf if piston is None else piston.height
     if cell.periods is None:
-        _clear_of(x - radius, "the left wall", "move it to the right")
-        _clear_of(cell.width - x - radius, "the right wall", "widen the cell or move it left")
-        _clear_of(y - radius, "the bottom", "move it up")
-        _clear_of(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+        _check_gap(x - radius, "the left wall", "move it to the right")
+        _check_gap(cell.width - x - radius, "the right wall", "widen the cell or move it left")
+        _check_gap(y - radius, "the bottom", "move it up")
+        _check_gap(
+            top - y - radius, "the piston", "raise piston.height or lower arrangement.height"
+        )
     else:
         positions = cell.inside(positions)
     if len(positions) > 1 and not overlapping:
@@ -175,7 +177,7 @@ def check_positions(
             )
 
 
-def _clear_of(gap: np.ndarray, what: str, remedy: str) -> None:
+def _check_gap(gap: np.ndarray, what: str, remedy: str) -> None:
     if len(gap) and gap.min() < 0.0:
         grain = int(gap.argmin())
         raise SceneError(

@@ -45,12 +45,12 @@ def final_height(reference: float, species: Sequence[Species]) -> float:
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
-def _compression(
+def _compression_stages(
     start: float, end: float, speed: float, relaxation: float
 ) -> list[dict[str, object]]:
     """Relaxation, compression, expansion, relaxation; ``relaxation`` in units of T [D, 2.3]."""
-    _check("speed", speed, "m/s")
-    _check("relaxation", relaxation, "T")
+    _check_parameter("speed", speed, "m/s")
+    _check_parameter("relaxation", relaxation, "T")
     if not start > end:
         raise InputError(
             f"the compression would end at {end:g} m, above its start at {start:g} m; take "
@@ -66,14 +66,14 @@ def _compression(
     ]
 
 
-def _check(name: str, value: float, unit: str, most: float = math.inf) -> None:
+def _check_parameter(name: str, value: float, unit: str, most: float = math.inf) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0.0 < value <= most or math.isinf(value):
         limit = "" if math.isinf(most) else f" and at most {most:g}"
         raise InputError(f"{name} = {quote(value)}; give a number above 0{limit} {unit}".rstrip())
 
 
-def _compressed(
+def _compressed_bed(
     name: str, count: int, width: float, heights: tuple[float, float], speed: float,
     relaxation: float, seed: int, **more: object,
 ) -> Scene:  # fmt: skip
@@ -82,7 +82,7 @@ def _compressed(
     With about two thousand records and a hundred frames for the compression.
     """
     start, end = heights
-    protocol = _compression(start, end, speed, relaxation)
+    protocol = _compression_stages(start, end, speed, relaxation)
     scalars = (start - end) / speed / 2000.0
     changes = {
         "name": name,
@@ -137,10 +137,10 @@ def mono_bed(
     (0.18, 0.36)
     """
     diameter = load_scene("bed").grains.species[0].diameter
-    _check("count", count, "grains")
+    _check_parameter("count", count, "grains")
     size = math.sqrt(count / REFERENCE_COUNT) * diameter
     heights = max(START * size, LOWEST_START * diameter), END * size
-    return _compressed(f"mono-{count}", count, WIDTH * size, heights, speed, relaxation, seed)
+    return _compressed_bed(f"mono-{count}", count, WIDTH * size, heights, speed, relaxation, seed)
 
 
 def bidisperse(
@@ -190,8 +190,8 @@ def bidisperse(
     >>> [(kind.name, kind.diameter) for kind in scene.grains.species]  # [m]
     [('big', 0.005), ('small', 0.003)]
     """
-    _check("aspect", aspect, "", most=1.0)
-    _check("big", big, "m")
+    _check_parameter("aspect", aspect, "", most=1.0)
+    _check_parameter("big", big, "m")
     if not isinstance(ratio, int | float) or not 0.0 <= ratio <= 1.0:
         raise InputError(f"ratio = {quote(ratio)}; give a fraction from 0 to 1")
     species = [
@@ -200,7 +200,7 @@ def bidisperse(
     ]
     heights = BIDISPERSE_START, final_height(_reference_height(big), species)
     mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}
-    return _compressed(
+    return _compressed_bed(
         f"bidisperse-{aspect:g}-{ratio:g}", BIDISPERSE_COUNT, BIDISPERSE_WIDTH, heights, speed,
         relaxation, seed, **mixture,
     )  # fmt: skip
@@ -258,7 +258,7 @@ def damper(
         ("mass", mass, "kg"), ("count", count, "grains"), ("drag", drag, "kg/s"),
         ("drop", drop, "D"),
     ):  # fmt: skip
-        _check(name, value, unit)
+        _check_parameter(name, value, unit)
     scale = math.sqrt(count / REFERENCE_COUNT)
     diameter = base.grains.species[0].diameter
     return base.replace(

@@ -42,7 +42,7 @@ _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 def scene_schema() -> Schema:
     """Return the schema of scene files, with the effects that are known here."""
-    return {"$schema": DIALECT, "title": "scene of granular-damper", **_section(Scene)}
+    return {"$schema": DIALECT, "title": "scene of granular-damper", **_section_schema(Scene)}
 
 
 def study_schema() -> Schema:
@@ -70,41 +70,43 @@ def study_schema() -> Schema:
     }  # fmt: skip
 
 
-def _section(section: type[Section]) -> Schema:
+def _section_schema(section: type[Section]) -> Schema:
     """Section as an object."""
     if section is Effects:
         known = {
             name: result for name in effect_names() if (result := find_effect(name)) is not None
         }
-        return _object({name: _effect(effect) for name, effect in known.items()}, [], section)
+        return _object_schema(
+            {name: _effect_schema(effect) for name, effect in known.items()}, [], section
+        )
     if issubclass(section, Wall):
-        plain = _of_fields(section)
+        plain = _fields_schema(section)
         plain["additionalProperties"] = True  # parameters of a law of one's own
         del plain["properties"]["own"]
         return {"anyOf": [_TEXT, plain]}
-    return _of_fields(section)
+    return _fields_schema(section)
 
 
-def _effect(effect: type[Section]) -> Schema:
+def _effect_schema(effect: type[Section]) -> Schema:
     """Effect: its section, true where no key must be given, or none."""
     if issubclass(effect, Listed):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
-        item = _section(fields.metadata["kind"].section)
+        item = _section_schema(fields.metadata["kind"].section)
         return {"anyOf": [{"type": "array", "items": item}, item, {"const": "none"}]}
-    result = _section(effect)
+    result = _section_schema(effect)
     if not result.get("required"):
         result = {"anyOf": [result, {"const": True}, {"const": "none"}]}
     return result
 
 
-def _of_fields(section: type[Section]) -> Schema:
+def _fields_schema(section: type[Section]) -> Schema:
     properties, required = {}, []
-    words = _words(section)
+    words = _key_descriptions(section)
     for field in dataclasses.fields(section):
         kind: Kind = field.metadata["kind"]
         if isinstance(kind, Values):
             continue
-        schema = _kind(kind)
+        schema = _kind_schema(kind)
         if kind.optional:
             schema = {"anyOf": [schema, {"const": "none"}]}
         if field.name in words:
@@ -114,10 +116,10 @@ def _of_fields(section: type[Section]) -> Schema:
         if field.default is dataclasses.MISSING:
             required.append(field.name)
         properties[field.name] = schema
-    return _object(properties, required, section)
+    return _object_schema(properties, required, section)
 
 
-def _object(properties: Schema, required: list[str], section: type[Section]) -> Schema:
+def _object_schema(properties: Schema, required: list[str], section: type[Section]) -> Schema:
     result: Schema = {"type": "object", "properties": properties, "required": required,
                      "additionalProperties": issubclass(section, Parametric)}  # fmt: skip
     first = (section.__doc__ or "").strip().split("\n\n")[0]
@@ -125,12 +127,12 @@ def _object(properties: Schema, required: list[str], section: type[Section]) -> 
 
 
 @functools.singledispatch
-def _kind(kind: Kind) -> Schema:
+def _kind_schema(kind: Kind) -> Schema:
     """Return the schema of a field; empty where its kind has none."""
     return {}
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Quantity) -> Schema:
     limits = {
         word: getattr(kind, name)
@@ -142,54 +144,54 @@ def _(kind: Quantity) -> Schema:
     return {"anyOf": [{"type": "number", **limits}, with_unit]}
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Integer) -> Schema:
     return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: OneOf) -> Schema:
     return {"enum": list(kind.names)}
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Text) -> Schema:
     return dict(_TEXT)
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Points) -> Schema:
-    item_schema = _kind(Quantity(unit=kind.unit))
+    item_schema = _kind_schema(Quantity(unit=kind.unit))
     return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2,
                                        "maxItems": 2}}  # fmt: skip
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Numbers) -> Schema:
-    return {"type": "array", "items": _kind(kind.element)}
+    return {"type": "array", "items": _kind_schema(kind.element)}
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Nested) -> Schema:
     assert kind.section is not None
-    return _section(kind.section)
+    return _section_schema(kind.section)
 
 
-@_kind.register
+@_kind_schema.register
 def _(kind: Many) -> Schema:
     if kind.kinds is None:
         assert kind.section is not None
-        return {"type": "array", "items": _section(kind.section), "minItems": kind.least}
+        return {"type": "array", "items": _section_schema(kind.section), "minItems": kind.least}
     choices = []
     for name, section in kind.kinds.items():
-        point_schema = _section(section)
+        point_schema = _section_schema(section)
         point_schema["properties"] = {"kind": {"const": name}, **point_schema["properties"]}
         point_schema["required"] = ["kind", *point_schema["required"]]
         choices.append(point_schema)
     return {"type": "array", "items": {"oneOf": choices}, "minItems": kind.least}
 
 
-def _words(section: type[Section]) -> dict[str, str]:
+def _key_descriptions(section: type[Section]) -> dict[str, str]:
     """Descriptions of the keys, from the docstrings of a section and its bases."""
     result: dict[str, str] = {}
     for ancestor in section.__mro__:

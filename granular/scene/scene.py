@@ -349,7 +349,7 @@ class Scene(Section):
             for name in GRID:
                 plain["arrangement"].pop(name, None)
         for key, value in changes.items():
-            _put(plain, key.split("."), value)
+            _set_nested_key(plain, key.split("."), value)
         return Scene.from_plain(plain)
 
     @classmethod
@@ -453,7 +453,7 @@ def _first_diameter(plain: Mapping[str, Any]) -> float | None:
         return None  # the field's own check names what is wrong
 
 
-def _put(plain: Any, path: list[str], value: Any) -> None:
+def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
     for depth, key in enumerate(path):
         last = depth == len(path) - 1
         if isinstance(plain, list):

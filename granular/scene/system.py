@@ -76,7 +76,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     several = len(scene.grains.species) > 1 or not alike
     weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
     effects = scene.effects.laws
-    acting = _acting(scene, scales, species, method)
+    acting = _acting_laws(scene, scales, species, method)
     piston_mass, piston_weight = _piston_mass(
         scene, scales, sum(effect.pull(scales) for effect in effects if isinstance(effect, Force))
     )
@@ -91,7 +91,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
         width=scene.cell.width / scales.length,
         piston_mass=piston_mass,
         piston_weight=piston_weight,
-        resistance=_resistance(scene, scales),
+        resistance=_piston_resistance(scene, scales),
         exit=EXIT if walls is not None and walls.has_gap else -np.inf,
         acting=acting,
         threaded=None if threads == 1 else True,
@@ -99,14 +99,16 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     return System(scales, constants, species, effects)
 
 
-def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> Acting:
+def _acting_laws(
+    scene: Scene, scales: Scales, species: np.ndarray, method: Method | None
+) -> Acting:
     grains, effects = scene.grains, scene.effects.laws
-    setting = _setting(scene, scales, species)
+    setting = _effect_context(scene, scales, species)
     weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
     far = _far_field(scene, scales, summed, method)
-    periods = _periods(scene, scales)
+    periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
     radius = scene.pairs.radius(summed, scales.length, workspace) if far is None else far.radius
     nearest = cut = None
@@ -131,13 +133,13 @@ def _acting(scene: Scene, scales: Scales, species: np.ndarray, method: Method | 
     )
 
 
-def _periods(scene: Scene, scales: Scales) -> tuple[float, float] | None:
+def _periodic_sides(scene: Scene, scales: Scales) -> tuple[float, float] | None:
     """Sides of a periodic cell [D]."""
     periods = scene.cell.periods
     return None if periods is None else (periods[0] / scales.length, periods[1] / scales.length)
 
 
-def _setting(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
+def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
     effects = scene.effects.laws
     indices = {effect.key: index for index, effect in enumerate(effects)}
     acting = {effect.key: effect for effect in scene.effects.all}
@@ -156,7 +158,7 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
     try:
         yield
     except NumbaError:
-        setting = _setting(scene, Scales.of(scene.grains), scene.grains.assignment())
+        setting = _effect_context(scene, Scales.of(scene.grains), scene.grains.assignment())
         for effect in scene.effects.laws:
             effect.check_compiling(setting)
         raise
@@ -167,14 +169,14 @@ def _far_field(
 ) -> FarField | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
-        every, rubbing = _far_every(scene, method), _rubbing(scene, method)
+        every, rubbing = _far_every(scene, method), _friction_far_steps(scene, method)
         if every is None and rubbing is None:
             return None
         return FarField(SPLIT_RADIUS, None, every, rubbing)
     radius = scene.pairs.radius(summed, scales.length)
     if summed != "mesh" or radius is None:
         return None
-    periods = _periods(scene, scales)
+    periods = _periodic_sides(scene, scales)
     height = HEADROOM * scene.greatest_height() / scales.length
     width = scene.cell.width / scales.length
     if periods is not None:
@@ -185,11 +187,11 @@ def _far_field(
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    every, rubbing = _far_every(scene, method), _rubbing(scene, method)
+    every, rubbing = _far_every(scene, method), _friction_far_steps(scene, method)
     return FarField(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
-def _rubbing(scene: Scene, method: Method | None) -> int | None:
+def _friction_far_steps(scene: Scene, method: Method | None) -> int | None:
     """Return steps that the far field goes on for where grains slide; None where it does not."""
     wanted = scene.pairs.far_every
     if scene.effects.friction is None or wanted == 1:
@@ -229,7 +231,7 @@ def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, f
     return mass, mass * gravity if weight is None else weight
 
 
-def _resistance(scene: Scene, scales: Scales) -> Resistance | None:
+def _piston_resistance(scene: Scene, scales: Scales) -> Resistance | None:
     piston, host = scene.piston, scene.effects.host
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None

@@ -103,12 +103,12 @@ class Grains(Section):
         """Species index of each grain (n,)."""
         if self.mixing == "every-kth":
             return _every_kth(self.count, self.species[1].share)
-        counts = self._rounded_counts()
+        counts = self._largest_remainder_counts()
         indices = [(np.arange(number) + 0.5) / max(number, 1) for number in counts]
         owner = np.repeat(np.arange(len(counts)), counts)
         return owner[np.argsort(np.concatenate(indices), kind="stable")]
 
-    def _rounded_counts(self) -> tuple[int, ...]:
+    def _largest_remainder_counts(self) -> tuple[int, ...]:
         """Shares of ``count``, by largest remainder."""
         exact = [self.count * specy.share for specy in self.species]
         counts = [int(number + 1e-9) for number in exact]

@@ -53,7 +53,7 @@ _LEAST_SIZE, _MOST_SIZE = 1e-100, 1e100  # of a unit; far from overflow, and bey
 _FACTOR = re.compile(r"([A-Za-zµ%]+|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
-def _symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
+def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimension]:
     if name == "D":
         if diameter is None:
             raise SceneError("the unit D (a grain's diameter) has no meaning here; give metres")
@@ -109,8 +109,8 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
                 raise SceneError(
                     f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'"
                 )
-            base, dimension = _symbol(match[1], diameter)
-            power = _power(match[2], unit) * (-1 if position else 1)
+            base, dimension = _unit_symbol_size(match[1], diameter)
+            power = _power_of_unit(match[2], unit) * (-1 if position else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _LEAST_SIZE <= size <= _MOST_SIZE:
@@ -121,7 +121,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     return size, (total[0], total[1], total[2], total[3])
 
 
-def _power(digits: str | None, unit: str) -> int:
+def _power_of_unit(digits: str | None, unit: str) -> int:
     if digits is None:
         return 1
     # The length comes first: numbers of thousands of digits are refused by int itself.

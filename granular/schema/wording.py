@@ -16,15 +16,15 @@ def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
         if value is None or value == () or field.name in without:
             continue
         if isinstance(value, tuple):
-            said.append("; ".join(map(_value, value)))
+            said.append("; ".join(map(_value_text, value)))
             continue
         kind = field.metadata["kind"]
         unit = kind.unit if isinstance(kind, Quantity) and kind.unit != "1" else ""
-        said.append(f"{field.name} {_value(value)} {unit}".strip())
+        said.append(f"{field.name} {_value_text(value)} {unit}".strip())
     return ", ".join(said)
 
 
-def _value(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.12g}"  # 0.2 D is 0.0012 m, not 0.0012000000000000001
     if isinstance(value, Section):

@@ -51,7 +51,7 @@ def private_folder(folder: Path | None, variable: str) -> Path | None:
             raise OSError("there is no home directory")
         folder = folder.absolute()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _is_own(folder.stat()):
+        if not _belongs_to_user_alone(folder.stat()):
             raise PermissionError(
                 f"{folder} belongs to others, or others may write to it (chmod go-w)"
             )
@@ -67,7 +67,7 @@ def private_folder(folder: Path | None, variable: str) -> Path | None:
     return folder
 
 
-def _is_own(status: os.stat_result) -> bool:
+def _belongs_to_user_alone(status: os.stat_result) -> bool:
     """Return True where something belongs to the user, and only the user may write to it."""
     if not hasattr(os, "geteuid"):
         return True  # elsewhere other rules hold, and a user's folders are private
@@ -81,11 +81,11 @@ def read_sealed(path: Path, label: str) -> bytes | None:
     """
     try:
         with path.open("rb") as file:
-            content = file.read() if _is_own(os.fstat(file.fileno())) else b""
+            content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
     except OSError:
         return None
     seal, body = content[:_SEAL], content[_SEAL:]
-    return body if seal == _sealed(label, body) else None
+    return body if seal == _seal_digest(label, body) else None
 
 
 def write_sealed(path: Path, label: str, body: bytes) -> None:
@@ -99,7 +99,7 @@ def write_sealed(path: Path, label: str, body: bytes) -> None:
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(_sealed(label, body) + body)
+            file.write(_seal_digest(label, body) + body)
         os.replace(part, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -107,7 +107,7 @@ def write_sealed(path: Path, label: str, body: bytes) -> None:
         raise
 
 
-def _sealed(label: str, body: bytes) -> bytes:
+def _seal_digest(label: str, body: bytes) -> bytes:
     """Digest of a label and a content."""
     digest = hashlib.sha256(label.encode())
     digest.update(b"\0" + body)

@@ -63,10 +63,10 @@ def cite(*things: Any) -> str:
 
 def dois(text: str) -> list[str]:
     """DOIs that a text names; a bracket that the text opened before one is not part of it."""
-    return [_without_end(doi) for doi in DOI.findall(text)]
+    return [_strip_sentence_end(doi) for doi in DOI.findall(text)]
 
 
-def _without_end(doi: str) -> str:
+def _strip_sentence_end(doi: str) -> str:
     """DOI without the stops and brackets of the sentence around it."""
     doi = doi.rstrip(".")
     while doi.endswith(")") and doi.count(")") > doi.count("("):

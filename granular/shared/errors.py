@@ -109,14 +109,14 @@ class RunError(GranularError, RuntimeError):
         return type(self)(words + self.cause, **self._facts())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), self.cause, self._facts())
+        return _rebuild_error, (type(self), self.cause, self._facts())
 
     def _facts(self) -> dict[str, Any]:
         names = ("step", "time", "grain", "value", "remedy")
         return {name: getattr(self, name) for name in names}
 
 
-def _rebuilt(kind: type[RunError], cause: str, facts: dict[str, Any]) -> RunError:
+def _rebuild_error(kind: type[RunError], cause: str, facts: dict[str, Any]) -> RunError:
     return kind(cause, **facts)
 
 

@@ -47,7 +47,7 @@ def replace_when_written(path: Path, overwrite: bool) -> Iterator[Path]:
         except BrokenPipeError:
             raise
         except OSError as error:
-            raise _unwritable(path, error) from None
+            raise _unwritable_error(path, error) from None
         return
     target = Path(os.path.realpath(path))
     # Two that write the same file simultaneously, also from two machines or as two threads, must
@@ -57,12 +57,12 @@ def replace_when_written(path: Path, overwrite: bool) -> Iterator[Path]:
     try:
         part.touch()
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise _unwritable_error(path, error) from None
     try:
         yield part
         os.replace(part, target)
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise _unwritable_error(path, error) from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -109,7 +109,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
         with path.open("rb") as file:
             content = file.read(most + 1)
         if len(content) > most:  # of a file that says that it is empty, as in /proc
-            raise _too_long(path, most, kind)
+            raise _too_long_error(path, most, kind)
         try:
             return content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
@@ -137,7 +137,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
         if not stat.S_ISREG(status.st_mode):
             raise kind(f"{name}: cannot be read: it is a pipe or a device; make a file of it first")
         if status.st_size > most:
-            raise _too_long(path, most, kind)
+            raise _too_long_error(path, most, kind)
         yield
     except InputError:
         raise
@@ -154,7 +154,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
         raise kind(f"{name}: cannot be read: {error}; check the path") from None
 
 
-def _too_long(path: Path, most: int, kind: type[InputError]) -> InputError:
+def _too_long_error(path: Path, most: int, kind: type[InputError]) -> InputError:
     return kind(
         f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
     )
@@ -233,10 +233,10 @@ def check_output_file(path: Path, overwrite: bool) -> None:
         if not path.parent.is_dir():
             raise InputError(f"there is no directory {path.parent}; make it first")
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise _unwritable_error(path, error) from None
 
 
-def _unwritable(path: Path, error: OSError) -> StoreError:
+def _unwritable_error(path: Path, error: OSError) -> StoreError:
     return StoreError(
         f"{path} cannot be written: {error.strerror or error}; make room, or give another place"
     )

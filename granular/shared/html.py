@@ -78,7 +78,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _least_width(drawing: Figure) -> float:
+def _least_readable_width(drawing: Figure) -> float:
     """Least width of a figure whose smallest letters can be read [pixels]."""
     from matplotlib.text import Text
 
@@ -136,7 +136,7 @@ class Page:
         svg = buffer.getvalue()
         svg = svg[svg.index("<svg") :]
         label = _escape(caption)
-        look = f"--least:{_least_width(drawing):.0f}px"
+        look = f"--least:{_least_readable_width(drawing):.0f}px"
         svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}" style="{look}"', 1)
         self._parts.append(f"<figure>{svg}<figcaption>{_escape(caption)}</figcaption></figure>")
 

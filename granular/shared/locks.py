@@ -65,7 +65,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
         held = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
             hold(held, wait)
-            if _still_there(held, path):
+            if _is_current_lock(held, path):
                 return held
         except BlockingIOError:
             os.close(held)
@@ -78,7 +78,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
         os.close(held)
 
 
-def _still_there(held: int, path: Path) -> bool:
+def _is_current_lock(held: int, path: Path) -> bool:
     """Return False where the file was taken away, by who held it before, and made anew."""
     try:
         return os.path.samestat(os.fstat(held), path.stat())

@@ -25,12 +25,12 @@ def quote(value: object) -> str:
         text = f"an integer of {value.bit_length()} bits"  # Python refuses to write some
     else:
         text = sanitize(_SHORT.repr(value))
-    return _cut(text, LONGEST)
+    return _shorten(text, LONGEST)
 
 
 def sanitize(text: object, most: int = LONGEST) -> str:
     """Text on one line of at most so many characters, control characters as escapes."""
-    return _cut("".join(map(_escape, str(text)[: most + 1])), most)
+    return _shorten("".join(map(_escape, str(text)[: most + 1])), most)
 
 
 def one_line(message: object) -> str:
@@ -62,5 +62,5 @@ def _escape(sign: str) -> str:
     return sign if sign.isprintable() or sign == "\xa0" else repr(sign)[1:-1]
 
 
-def _cut(text: str, most: int) -> str:
+def _shorten(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -19,10 +19,14 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     a minute after the one before.
     """
     tqdm = _tqdm()
-    if wanted and not _is_watched():
+    if wanted and not _is_terminal():
         form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
         options["bar_format"] = form.replace(" {bar:20}", "")
-        options |= {"file": _Lines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
+        options |= {
+            "file": _ProgressLines(),
+            "mininterval": LINES_EVERY,
+            "maxinterval": LINES_EVERY,
+        }
     return tqdm(disable=not wanted, **options)
 
 
@@ -45,11 +49,11 @@ def _tqdm() -> Any:
     return tqdm
 
 
-def _is_watched() -> bool:
+def _is_terminal() -> bool:
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-class _Lines:
+class _ProgressLines:
     """A file whose states of a bar stand below each other; the same one twice is one."""
 
     def __init__(self) -> None:

@@ -53,8 +53,8 @@ class Stop:
     def _take(self, number: int, _: FrameType | None) -> None:
         self.number = number
         # Numba may be of no use after that, which matters where the process goes on: in a notebook.
-        if signal.getsignal(signal.SIGTERM) == self._take and _compiles():
-            _break_off(self.error())
+        if signal.getsignal(signal.SIGTERM) == self._take and _is_compiling():
+            _raise_stop(self.error())
 
 
 @contextlib.contextmanager
@@ -88,16 +88,16 @@ def deferred_stop() -> Iterator[Stop]:
             raise stop.error()
 
 
-def _break_off(error: KeyboardInterrupt) -> NoReturn:
+def _raise_stop(error: KeyboardInterrupt) -> NoReturn:
     """Raise a stop where the command line is, also from the midst of a compilation."""
-    if _compiles():
+    if _is_compiling():
         # Broken off, an object of LLVM may belong to two owners; freed with the frames that the
         # error holds, it ended one command in twenty in a segmentation fault. So nothing is.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(error))
     raise error
 
 
-def _compiles() -> bool:
+def _is_compiling() -> bool:
     """Return True where this thread compiles: it then holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
     return module is not None and module.global_compiler_lock.is_locked()
@@ -143,8 +143,8 @@ def handle_sigterm() -> Iterator[None]:
 
 
 def _terminate(*_: object) -> None:
-    _break_off(Terminated())
+    _raise_stop(Terminated())
 
 
 def _interrupt(*_: object) -> None:
-    _break_off(KeyboardInterrupt())
+    _raise_stop(KeyboardInterrupt())

@@ -87,14 +87,14 @@ def make_cases(
     SceneError
         If a change does not fit the scene.
     """
-    values = {name: _listed(name, some) for name, some in grid.items()}
+    values = {name: _values_list(name, some) for name, some in grid.items()}
     combined = [
         dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())
     ]
     every = [*(combined if values else []), *map(dict, cases)]
     if not every:
         raise InputError("the study has no case; give a grid or a list of cases")
-    made = [_case(scene, changes, dict(settings), measure) for changes in every]
+    made = [_make_case(scene, changes, dict(settings), measure) for changes in every]
     seen: dict[str, Case] = {}
     for case in made:
         if case.key in seen:
@@ -103,13 +103,13 @@ def make_cases(
     return made
 
 
-def _listed(name: str, values: Iterable[Any]) -> list[Any]:
+def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
         raise InputError(f"grid {quote(name)} = {quote(values)} must be a list of values")
     return list(values)
 
 
-def _case(
+def _make_case(
     scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure
 ) -> Case:
     own = {name: value for name, value in changes.items() if name in settings}

@@ -173,14 +173,14 @@ def sweep(
     settings = {"dt": dt, "t_end": t_end, "method": method}
     every = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else _directory(Path(out))
-    done = _done_before(every, directory)
+    done = _finished_cases(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
     with (
         case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
-        _Bar(title, len(every), reused, progress) as bar,
+        _SweepBar(title, len(every), reused, progress) as bar,
     ):
-        for case, outcome in _outcomes(waiting, measure, directory, keep_runs, pool):
+        for case, outcome in _iterate_outcomes(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
     return Study(tuple(every), tuple(done[case.key] for case in every), reused)
@@ -191,7 +191,7 @@ def _directory(path: Path) -> Path:
     return path.absolute()
 
 
-def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
+def _finished_cases(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
     if directory is None:
         return {}
     cache = outcomes_in(directory)
@@ -199,7 +199,7 @@ def _done_before(cases: Sequence[Case], directory: Path | None) -> dict[str, Out
     return {key: outcome for key, outcome in result.items() if outcome is not None}
 
 
-def _outcomes(
+def _iterate_outcomes(
     cases: Sequence[Case],
     measure: Measure,
     directory: Path | None,
@@ -219,7 +219,7 @@ def _outcomes(
         batch = list(waiting.values())[: 1 if alone else None]
         lost = {case.key for case in batch}
         submitted = [(case, case.key in put_off[ELSEWHERE]) for case in batch]
-        for case, outcome in _compute(submitted, measure, directory, keep_runs, pool):
+        for case, outcome in _compute_cases(submitted, measure, directory, keep_runs, pool):
             lost.discard(case.key)
             cause = outcome.get("cause")
             if cause in put_off and case.key not in put_off[cause]:
@@ -245,7 +245,7 @@ def _outcomes(
         yield case, _store_outcome(case, outcome, directory)
 
 
-def _compute(
+def _compute_cases(
     cases: Sequence[tuple[Case, bool]],
     measure: Measure,
     directory: Path | None,
@@ -262,7 +262,7 @@ def _compute(
             for case, wait in cases:
                 futures[pool.submit(compute_case, case, measure, directory, keep_runs, wait)] = case
         for future in concurrent.futures.as_completed(futures):
-            outcome = _outcome_of(future)
+            outcome = _future_outcome(future)
             if outcome is not None:
                 yield futures[future], outcome
     finally:
@@ -287,7 +287,7 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
     return outcome
 
 
-def _outcome_of(future: Future[Outcome]) -> Outcome | None:
+def _future_outcome(future: Future[Outcome]) -> Outcome | None:
     """Outcome that a worker returned; None where the worker itself was lost."""
     try:
         return future.result()
@@ -299,7 +299,7 @@ def _outcome_of(future: Future[Outcome]) -> Outcome | None:
         return failed_outcome(f"{type(error).__name__}: {error}", PROGRAM)
 
 
-class _Bar:
+class _SweepBar:
     """One line that shows how many cases are done and failed, and the time left."""
 
     def __init__(self, title: str, total: int, reused: int, wanted: bool) -> None:
@@ -311,7 +311,7 @@ class _Bar:
                 total=total, initial=reused, desc=title, unit="case", smoothing=0.1
             )
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> _SweepBar:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -358,18 +358,18 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
     result: dict[str, Any] = {
         key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain
     }
-    result["grid"] = _flat(plain.get("grid", {}))
-    result["cases"] = [_flat(case) for case in plain.get("cases", [])]
+    result["grid"] = _flatten_keys(plain.get("grid", {}))
+    result["cases"] = [_flatten_keys(case) for case in plain.get("cases", [])]
     result["measure"] = measure_named(str(plain.get("measure", "last-values")), own)
-    result["scene"] = scene.replace(**_flat(plain.get("changes", {})))
+    result["scene"] = scene.replace(**_flatten_keys(plain.get("changes", {})))
     return result
 
 
-def _flat(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
+def _flatten_keys(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
     """Nested tables as dotted keys: TOML reads piston.mass = 1 as a table of its own."""
     flat: dict[str, Any] = {}
     for key, value in changes.items():
         name = f"{above}.{key}" if above else key
         nested = isinstance(value, dict) and name != "method"  # a method may be given by its table
-        flat |= _flat(value, name) if nested else {name: value}
+        flat |= _flatten_keys(value, name) if nested else {name: value}
     return flat

@@ -133,7 +133,7 @@ def compute_case(
     """
     try:
         if directory is None:
-            return _compute(case, measure, None)
+            return _run_case(case, measure, None)
         cache = outcomes_in(directory)
         make_directory(cache.directory)
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
@@ -158,13 +158,13 @@ def _run_and_store(cache: ResultCache, case: Case, measure: Measure, out: Path |
         warnings.simplefilter("ignore")  # the study has said what is damaged
         done: Outcome | None = cache.read(case.key)
     if done is None:
-        done = _compute(case, measure, out)
+        done = _run_case(case, measure, out)
         with contextlib.suppress(StoreError):  # the study tries it again
             cache.keep(case.key, done)
     return done
 
 
-def _compute(case: Case, measure: Measure, out: Path | None) -> Outcome:
+def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
     from granular.run.simulation import simulate
 
     try:
@@ -174,7 +174,7 @@ def _compute(case: Case, measure: Measure, out: Path | None) -> Outcome:
                 case.scene, **case.settings, out=out, resume=out is not None,
                 threads=1, progress=False,
             )  # fmt: skip
-        figures = {name: _plain(value) for name, value in measure(run).items()}
+        figures = {name: _to_python_number(value) for name, value in measure(run).items()}
     except (*OF_THE_MACHINE, MissingError):
         raise
     except GranularError as error:
@@ -182,7 +182,7 @@ def _compute(case: Case, measure: Measure, out: Path | None) -> Outcome:
     return {"figures": figures, "error": None}
 
 
-def _plain(value: Any) -> Any:
+def _to_python_number(value: Any) -> Any:
     """NumPy scalar as Python's own, so that JSON keeps every bit."""
     return value.item() if hasattr(value, "item") else value
 
@@ -203,10 +203,10 @@ def cluster_executor(dask: str | None, mpi: bool) -> Iterator[Executor | None]:
     if dask is not None and mpi:
         raise InputError("--dask and --mpi name two executors; give one of them")
     if dask is not None:
-        with _dask(dask) as pool:
+        with _connect_to_dask(dask) as pool:
             yield pool
     elif mpi:
-        with _mpi() as pool:
+        with _connect_to_mpi() as pool:
             yield pool
     else:
         yield None
@@ -248,11 +248,11 @@ class Cluster(Executor):
                 there.cancel()
 
         here.add_done_callback(take_back)
-        there.add_done_callback(lambda done: _settle(here, done))
+        there.add_done_callback(lambda done: _pass_on_result(here, done))
         return here
 
 
-def _settle(here: Future[Any], there: Any) -> None:
+def _pass_on_result(here: Future[Any], there: Any) -> None:
     """Pass on what has become of a task."""
     with contextlib.suppress(InvalidStateError):  # of one that was taken back
         try:
@@ -266,7 +266,7 @@ def _settle(here: Future[Any], there: Any) -> None:
 
 
 @contextlib.contextmanager
-def _dask(address: str) -> Iterator[Executor]:
+def _connect_to_dask(address: str) -> Iterator[Executor]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
@@ -292,7 +292,7 @@ def _dask(address: str) -> Iterator[Executor]:
 
 
 @contextlib.contextmanager
-def _mpi() -> Iterator[Executor]:
+def _connect_to_mpi() -> Iterator[Executor]:
     try:
         from mpi4py.futures import MPIPoolExecutor
     except ImportError:

@@ -215,11 +215,11 @@ def _result(
     values = simulator.changes(position)
     return Calibration(
         parameters=tuple(
-            _estimate(parameter_, k, values[parameter_.key], ended, shift, confidence)
+            _calibrated_value(parameter_, k, values[parameter_.key], ended, shift, confidence)
             for k, parameter_ in enumerate(simulator.parameters)
         ),
         confidence=confidence,
-        matches=_matches(wanted, ended),
+        matches=_feature_matches(wanted, ended),
         undetermined=open_directions(
             [parameter_.key for parameter_ in simulator.parameters], ended.estimate.information
         ),
@@ -227,11 +227,11 @@ def _result(
         record=record,
         motions=ended.centre.records,
         simulations=ended.simulations,
-        notes=(*wanted.notes, *_notes(simulator, wanted, ended)),
+        notes=(*wanted.notes, *_calibration_notes(simulator, wanted, ended)),
     )
 
 
-def _estimate(
+def _calibrated_value(
     item: Parameter,
     k: int,
     value: float,
@@ -263,7 +263,7 @@ def _estimate(
     )
 
 
-def _matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
+def _feature_matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
     scatter = np.sqrt(np.diag(ended.scatter))
     return tuple(
         Match(name, float(wanted.values[k]), math.exp(ended.centre.mean[k]),
@@ -272,7 +272,9 @@ def _matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
     )  # fmt: skip
 
 
-def _notes(simulator: SceneSimulator, wanted: Features, ended: SearchEnd) -> tuple[str, ...]:
+def _calibration_notes(
+    simulator: SceneSimulator, wanted: Features, ended: SearchEnd
+) -> tuple[str, ...]:
     notes = []
     if not ended.settled:
         notes.append(

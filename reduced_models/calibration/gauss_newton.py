@@ -55,7 +55,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
     slopes = np.stack([(point.logs - centre.logs) / STRIDE for point in points[1:]], axis=2)
     radius = RADIUS
     for _ in range(MOST_MOVES):
-        scatter = _scatter(points)
+        scatter = _scatter_covariance(points)
         estimate = linear_estimate(centre, slopes, scatter, wanted)
         short = np.clip(_SETTLED * estimate.spread, _LEAST_STEP, _LINEAR)
         if (np.abs(estimate.step) <= short).all():
@@ -69,28 +69,30 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
         if np.abs(step).max() >= 0.5 * STRIDE:
             lacking = trial.mean - centre.mean - slopes.mean(axis=0) @ step
             slopes = slopes + np.outer(lacking, step) / (step @ step)
-        better = _distance(trial, wanted, scatter) < _distance(centre, wanted, scatter)
+        better = _normalised_distance(trial, wanted, scatter) < _normalised_distance(
+            centre, wanted, scatter
+        )
         radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
-    scatter = _scatter(points)
+    scatter = _scatter_covariance(points)
     estimate = linear_estimate(centre, slopes, scatter, wanted)
     return SearchEnd(centre, estimate, scatter, len(points) * len(simulator.seeds), False)
 
 
-def _scatter(points: Sequence[SimulatedPoint]) -> np.ndarray:
+def _scatter_covariance(points: Sequence[SimulatedPoint]) -> np.ndarray:
     """Covariance (d, d) of the features over random starts, the mean over all positions."""
     parts = [np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points]
     return np.asarray(np.mean(parts, axis=0))
 
 
-def _variance(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
+def _variance_of_difference(wanted: Features, scatter: np.ndarray, starts: int) -> np.ndarray:
     """Variance (d,) of the features of the record about the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
-def _distance(point: SimulatedPoint, wanted: Features, scatter: np.ndarray) -> float:
+def _normalised_distance(point: SimulatedPoint, wanted: Features, scatter: np.ndarray) -> float:
     away = np.log(wanted.values) - point.mean
-    return float((away**2 / _variance(wanted, scatter, len(point.logs))).sum())
+    return float((away**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
 
 
 class LinearEstimate(NamedTuple):
@@ -130,7 +132,7 @@ def linear_estimate(
     """Weighted Gauss-Newton step; ``slopes`` (starts, d, p) are those of each random start."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
-    weight = 1.0 / np.maximum(_variance(wanted, scatter, starts), 1e-300)
+    weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)
     about = slopes - mean
     # Slopes that differ from start to start would else pass for information.
     doubt = np.einsum("sdk,d,sdl->kl", about, weight, about) / (starts * (starts - 1))

@@ -144,7 +144,7 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
     *path, name = key.split(".")
     section: Any = scene
     for part in path:
-        section = _part(section, part)
+        section = _section_value(section, part)
     if not isinstance(section, Section) or name not in section.key_names():
         scene.replace(**{key: 1.0})  # says which key there is instead
         raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
@@ -160,7 +160,7 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
     return Parameter(key, float(value), "" if kind.unit == "1" else kind.unit)
 
 
-def _part(section: Any, part: str) -> Any:
+def _section_value(section: Any, part: str) -> Any:
     if isinstance(section, tuple):
         named = {str(getattr(item, "name", "")): item for item in section}
         if part.isdecimal() and int(part) < len(section):
@@ -240,11 +240,13 @@ class SceneSimulator:
         study = sweep(self.scene, cases=cases, measure=piston_columns, **self.settings)
         count = len(self.seeds)
         return [
-            self._point(position, study.outcomes[k * count : (k + 1) * count])
+            self._simulated_point(position, study.outcomes[k * count : (k + 1) * count])
             for k, position in enumerate(positions)
         ]
 
-    def _point(self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
+    def _simulated_point(
+        self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]
+    ) -> SimulatedPoint:
         records, rows = [], []
         for seed, outcome in zip(self.seeds, outcomes, strict=True):
             try:

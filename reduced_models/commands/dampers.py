@@ -85,7 +85,7 @@ def calibrate(options: Any) -> None:
         )
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
-    with _interrupted(options.out):
+    with _print_where_interrupted(options.out):
         result = calibrate_scene(
             record,
             scene_from_options(options),
@@ -161,7 +161,7 @@ def _design_damper(options: Any) -> None:
     from reduced_models.records.sources import make_directory
 
     maps = None if options.study is None else damper_maps(Path(options.study))
-    with _interrupted(options.out):
+    with _print_where_interrupted(options.out):
         result = design_damper(
             options.frequency,
             options.damping,
@@ -180,7 +180,7 @@ def _map_dampers(options: Any) -> None:
 
     target = make_directory(options.out)
     assert target is not None
-    maps = _study(options, target) if options.simulate else _packaged_maps(options, target)
+    maps = _run_map_study(options, target) if options.simulate else _packaged_maps(options, target)
     write_text(target / "study.csv", maps.study.to_csv(index=False))
     maps.view().save(target / SLIDERS)
     maps_page(maps, SLIDERS).save(target / "report.html")
@@ -206,12 +206,12 @@ def _packaged_maps(options: Any, target: Path) -> DamperMaps:
     return damper_maps()
 
 
-def _study(options: Any, target: Path) -> DamperMaps:
+def _run_map_study(options: Any, target: Path) -> DamperMaps:
     from reduced_models.designs.maps import DamperMaps
     from reduced_models.designs.study import run_study
 
     points = POINTS if options.points is None else options.points
-    with _interrupted(options.out):
+    with _print_where_interrupted(options.out):
         study = run_study(
             target, points=points, workers=options.workers, progress=not options.quiet
         )
@@ -221,7 +221,7 @@ def _study(options: Any, target: Path) -> DamperMaps:
 
 
 @contextlib.contextmanager
-def _interrupted(out: str | None) -> Iterator[None]:
+def _print_where_interrupted(out: str | None) -> Iterator[None]:
     """Tell after Ctrl-C where the finished simulations are."""
     try:
         yield

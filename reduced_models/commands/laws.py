@@ -178,11 +178,11 @@ def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
         if not colon:
             raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
         unit = units.get(name, "")
-        bounds[name] = (_bound(low, -math.inf, unit), _bound(high, math.inf, unit))
+        bounds[name] = (_parse_bound(low, -math.inf, unit), _parse_bound(high, math.inf, unit))
     return bounds
 
 
-def _bound(words: str, missing: float, unit: str) -> float:
+def _parse_bound(words: str, missing: float, unit: str) -> float:
     """Return the number in the unit of the law, or a quantity of that dimension."""
     from granular.schema.units import si_value
 

@@ -69,7 +69,7 @@ def reading_from(options: Any) -> ReadOptions:
     if options.between is not None:
         start, colon, stop = options.between.partition(":")
         try:
-            between = (_time(start, -math.inf), _time(stop, math.inf))
+            between = (_parse_time(start, -math.inf), _parse_time(stop, math.inf))
         except SceneError:
             colon = ""
         if not colon:
@@ -77,8 +77,8 @@ def reading_from(options: Any) -> ReadOptions:
                 f"--between {quote(options.between)}; give two times, such as 0.5:6 or '5 ms:6 s'"
             )
     return ReadOptions(
-        columns=_pairs("--columns", options.columns.split(",")),
-        units=_pairs("--units", options.units.split(",")),
+        columns=_parse_pairs("--columns", options.columns.split(",")),
+        units=_parse_pairs("--units", options.units.split(",")),
         decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
         between=between, scale=_by_column("--scale", options.scale),
         zero=_by_column("--zero", options.zero), calibration={
@@ -103,13 +103,13 @@ def _by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | Non
     return result or None
 
 
-def _time(words: str, missing: float) -> float:
+def _parse_time(words: str, missing: float) -> float:
     from granular.schema.units import si_value
 
     return si_value(words, "s") if words.strip() else missing
 
 
-def _pairs(option: str, items: Sequence[str]) -> dict[str, str]:
+def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
     pairs = {}
     for item in items:
         if not item.strip():

@@ -133,7 +133,7 @@ def affine_rest_height(candidate: Candidate) -> float:
     The force of N grains falls with the power 2.86 of the height and grows with the square of the
     mean moment.
     """
-    load = candidate.mass / candidate.scale / REFERENCE_MASS / _mean_mass(candidate) ** 2
+    load = candidate.mass / candidate.scale / REFERENCE_MASS / _mean_grain_mass(candidate) ** 2
     return REFERENCE_REST * candidate.scale * load ** (-1.0 / EXPONENT)
 
 
@@ -144,11 +144,11 @@ def affine_damping_ratio(candidate: Candidate) -> float:
     of the sum over its grains, and the frequency is sqrt(2.86 g/h).
     """
     frequency = math.sqrt(EXPONENT * GRAVITY / affine_rest_height(candidate))
-    drag = candidate.grains * candidate.drag * _mean_mass(candidate) / 3.0
+    drag = candidate.grains * candidate.drag * _mean_grain_mass(candidate) / 3.0
     return drag / (2.0 * candidate.mass * frequency)
 
 
-def _mean_mass(candidate: Candidate) -> float:
+def _mean_grain_mass(candidate: Candidate) -> float:
     """Over that of a large grain; moment and drag go with the mass of a grain [D, eq. 4.16]."""
     return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 

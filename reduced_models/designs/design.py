@@ -140,11 +140,11 @@ def design(
                 return result
             if len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
-            aim = _next_aim(target, rounds[first:])
+            aim = _corrected_target(target, rounds[first:])
     raise DesignError(_miss_text(result), result)
 
 
-def _next_aim(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
+def _corrected_target(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next.
 
     The damping goes with the drag; the frequency, which a bed that falls into another order changes
@@ -153,11 +153,13 @@ def _next_aim(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, flo
     last = rounds[-1]
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
-        aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _slope(rounds))
+        aim *= (target.frequency / last.mean("frequency")) ** (
+            1.0 / _frequency_response_slope(rounds)
+        )
     return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
 
 
-def _slope(rounds: Sequence[Round]) -> float:
+def _frequency_response_slope(rounds: Sequence[Round]) -> float:
     """Slope of the measured frequency by the promised one; 1 where it was hardly moved."""
     if len(rounds) < 2:
         return 1.0

@@ -133,9 +133,10 @@ class DamperMaps:
         positions = [damper.coordinates() for damper in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
             name: _fit_surface(
-                np.array([_terms(coordinates, DEGREES[name]) for coordinates in positions]), values
+                np.array([_monomials(coordinates, DEGREES[name]) for coordinates in positions]),
+                values,
             )
-            for name, values in _figures(sound).items()
+            for name, values in _study_figures(sound).items()
         }
 
     def predict(self, damper: Candidate) -> Prediction:
@@ -187,7 +188,7 @@ class DamperMaps:
         float
             Value of the map.
         """
-        return float(_terms(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
+        return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def view(self) -> LivePage:
         """Return the maps under sliders, as a page; ``.save`` writes it for a browser.
@@ -243,7 +244,7 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
         raise InputError(f"{path} holds no study ({error}); make one by run_study") from None
 
 
-def _figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
+def _study_figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
     height, k1 = study["rest_height"].to_numpy(), study["k1"].to_numpy()
     figures = {name: np.log(study[name].to_numpy()) for name in LOGARITHMIC}
     figures["quadratic"] = study["k2"].to_numpy() * height / k1
@@ -256,7 +257,7 @@ def _powers(degree: int) -> tuple[tuple[int, ...], ...]:
     return tuple(p for p in itertools.product(range(degree + 1), repeat=4) if sum(p) <= degree)
 
 
-def _terms(coordinates: np.ndarray, degree: int) -> np.ndarray:
+def _monomials(coordinates: np.ndarray, degree: int) -> np.ndarray:
     single = np.polynomial.legendre.legvander(coordinates, degree)
     powers = _powers(degree)
     return np.array([math.prod(single[k, p] for k, p in enumerate(power)) for power in powers])

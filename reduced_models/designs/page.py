@@ -76,9 +76,12 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
     page.table(
         ("figure", "error of its map"),
         [
-            ("height of rest", _percent(maps.surfaces["rest_height"].error)),
-            ("frequency of the undamped small swing", _percent(maps.surfaces["frequency"].error)),
-            ("damping ratio", _percent(maps.surfaces["damping_ratio"].error)),
+            ("height of rest", _percent_text(maps.surfaces["rest_height"].error)),
+            (
+                "frequency of the undamped small swing",
+                _percent_text(maps.surfaces["frequency"].error),
+            ),
+            ("damping ratio", _percent_text(maps.surfaces["damping_ratio"].error)),
             ("k2 h/k1 of the law", format_number(maps.surfaces["quadratic"].error, 2)),
             ("k3 h²/k1 of the law", format_number(maps.surfaces["cubic"].error, 2)),
         ],
@@ -114,7 +117,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
     return page
 
 
-def _percent(value: float) -> str:
+def _percent_text(value: float) -> str:
     return f"{100.0 * value:.2g} %"
 
 
@@ -158,7 +161,9 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
     positions = [
         [np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side
     ]
-    dampers = [[_exact(coordinates, count) for coordinates in row] for row in positions]
+    dampers = [
+        [_damper_at_grain_count(coordinates, count) for coordinates in row] for row in positions
+    ]
     mass = np.array([[damper.mass for damper in row] for row in dampers])
     drag = np.array([[damper.drag for damper in row] for row in dampers])
     for name, damper in LINES.items():
@@ -170,7 +175,7 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
             longest: np.ndarray = max(segments, key=len, default=np.empty((0, 2)))
             if len(longest) > _SHORTEST:
                 axes.plot(*longest.T, damper.style, color=damper.colour, linewidth=1.1)
-                _label(axes, name, float(level), longest)
+                _label_contour(axes, name, float(level), longest)
     axes.set_xlim(mass.min() / 1.12, mass.max() * 1.12)
     axes.set_ylim(drag.min() / 1.4, drag.max() * 1.3)
     axes.set_xscale("log")
@@ -185,7 +190,7 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
     axes.set_xlabel("mass of the piston [kg]")
 
 
-def _label(axes: Axes, name: str, level: float, line: np.ndarray) -> None:
+def _label_contour(axes: Axes, name: str, level: float, line: np.ndarray) -> None:
     """Level at an end of its line, where no other line has its labels."""
     along, end, offset, (left, top) = ENDS[name]
     axes.annotate(
@@ -205,6 +210,6 @@ def add_legend(drawing: Figure) -> None:
     )  # fmt: skip
 
 
-def _exact(coordinates: np.ndarray, count: int) -> Candidate:
+def _damper_at_grain_count(coordinates: np.ndarray, count: int) -> Candidate:
     """Damper at a place, with the number of grains of the picture."""
     return damper_at(coordinates)._replace(grains=count)

@@ -116,7 +116,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     )
     first = next((damper for damper in dampers if damper is not None), None)
     if first is None:
-        raise InputError(_refusal(maps, target))
+        raise InputError(_unreachable_target_text(maps, target))
     return first
 
 
@@ -135,13 +135,13 @@ def damper_for_target(
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
     """
-    damper = _solve(maps, _coordinates_for(target), aim)
+    damper = _solve_for_damper(maps, _coordinates_for(target), aim)
     return damper if damper is None or target.mass is None else damper._replace(mass=target.mass)
 
 
 def _coordinates_for(target: DesignTarget) -> Coordinates:
     """Ways through the box on which mass and drag, or grains and drag, are free."""
-    fraction = _unit(target.small_share, LOWEST[3], HIGHEST[3])
+    fraction = _to_unit_interval(target.small_share, LOWEST[3], HIGHEST[3])
     if target.mass is not None:
         return _coordinates_of_mass(target.mass, fraction)
     assert target.grains is not None
@@ -149,7 +149,7 @@ def _coordinates_for(target: DesignTarget) -> Coordinates:
 
 
 def _coordinates_of_grains(count: float, fraction: float) -> Coordinates:
-    grains = _unit(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
+    grains = _to_unit_interval(math.log(count), math.log(LOWEST[1]), math.log(HIGHEST[1]))
     return lambda mass, drag: np.array([mass, grains, drag, fraction])
 
 
@@ -158,17 +158,19 @@ def _coordinates_of_mass(mass: float, fraction: float) -> Coordinates:
         low, high = math.log(LOWEST[1]), math.log(HIGHEST[1])
         count = math.exp(low + 0.5 * (grains + 1.0) * (high - low))
         load = mass / math.sqrt(count / REFERENCE_COUNT)
-        position = _unit(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
+        position = _to_unit_interval(math.log(load), math.log(LOWEST[0]), math.log(HIGHEST[0]))
         return None if abs(position) > 1.0 else np.array([position, grains, drag, fraction])
 
     return coordinates_at
 
 
-def _unit(value: float, low: float, high: float) -> float:
+def _to_unit_interval(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solve(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -> Candidate | None:
+def _solve_for_damper(
+    maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]
+) -> Candidate | None:
     """Damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
@@ -194,7 +196,7 @@ def _solve(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -
     return damper_at(point)
 
 
-def _refusal(maps: DamperMaps, target: DesignTarget) -> str:
+def _unreachable_target_text(maps: DamperMaps, target: DesignTarget) -> str:
     """Why there is no such damper, and what can be had."""
     pairs = np.array(
         [

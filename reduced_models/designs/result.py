@@ -197,7 +197,7 @@ class Design:
                 {
                     "damper": round_.damper._asdict(),
                     "promise": round_.promise._asdict(),
-                    "checks": [_without_motion(check) for check in round_.checks],
+                    "checks": [_without_record(check) for check in round_.checks],
                 }
                 for round_ in self.rounds
             ],
@@ -321,5 +321,5 @@ def _deviation_text(value: float, wanted: float) -> str:
     return f"{100.0 * (value / wanted - 1.0):+.2g} %"
 
 
-def _without_motion(check: Check) -> dict[str, Any]:
+def _without_record(check: Check) -> dict[str, Any]:
     return {k: v for k, v in check._asdict().items() if k not in ("times", "heights")}

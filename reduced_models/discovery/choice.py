@@ -40,21 +40,22 @@ def polish_front(
     ][:count]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
-        done += _first_with_model(
-            [candidate_ for candidate_ in order if not _is_among(candidate_, near)], polish
+        done += _best_polishable(
+            [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)],
+            polish,
         )
-    done = _with_simpler_ones(done, polish, judge)
+    done = _with_pruned_candidates(done, polish, judge)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
-        best = _simplest(fitted, _solution_criteria(fitted, judge))
+        best = _simplest_candidate(fitted, _solution_criteria(fitted, judge))
     else:
         left = [*done, *order[len(done) :]]
-        best = _simplest(left, [candidate_.criterion for candidate_ in left])
+        best = _simplest_candidate(left, [candidate_.criterion for candidate_ in left])
     shown = done if best in done else [*done, best]
     rest = [
         candidate_
         for candidate_ in pareto_front(candidates)
-        if not _is_among(candidate_, [*near, *shown])
+        if not _has_same_structure(candidate_, [*near, *shown])
     ]
     front = sorted(
         [*shown, *rest, *others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
@@ -62,7 +63,7 @@ def polish_front(
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
 
-def _first_with_model(
+def _best_polishable(
     order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
 ) -> list[CandidateEquation]:
     """Best of those that come next which can be polished; none where none of many can."""
@@ -73,7 +74,7 @@ def _first_with_model(
     return []
 
 
-def _with_simpler_ones(
+def _with_pruned_candidates(
     done: list[CandidateEquation],
     polish: Callable[[CandidateEquation], CandidateEquation],
     judge: Judge,
@@ -84,12 +85,12 @@ def _with_simpler_ones(
         needed = _needed_terms(candidate)
         if needed:
             simpler = make_candidate(score_terms(judge, needed))
-            if not _is_among(simpler, candidates):
+            if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates
 
 
-def _is_among(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
+def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
     """Return true where one of some candidates is that one, or has its structure."""
     terms = candidate.terms
     return any(
@@ -109,7 +110,9 @@ def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
     return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 
-def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
+def _simplest_candidate(
+    candidates: list[CandidateEquation], criteria: list[float]
+) -> CandidateEquation:
     """One with the fewest numbers of those to which no other is strongly preferred."""
     limit = min(criteria) + _STRONG
     near = [
@@ -117,10 +120,10 @@ def _simplest(candidates: list[CandidateEquation], criteria: list[float]) -> Can
         for candidate, value in zip(candidates, criteria, strict=True)
         if value <= limit
     ]
-    return min(near, key=lambda pair: (_numbers(pair[0]), pair[1]))[0]
+    return min(near, key=lambda pair: (_number_count(pair[0]), pair[1]))[0]
 
 
-def _numbers(candidate: CandidateEquation) -> int:
+def _number_count(candidate: CandidateEquation) -> int:
     return len(parametrise(candidate.expression)[1])
 
 
@@ -206,7 +209,7 @@ def weigh_evidence(
     own = sort_terms(chosen.terms)
     total = score_terms(judge, own).criterion
     costs = {
-        term.text: (score_terms(judge, rest).criterion if rest else _empty(judge)) - total
+        term.text: (score_terms(judge, rest).criterion if rest else _empty_candidate(judge)) - total
         for term in own
         if (rest := [item for item in own if item != term]) is not None
     }
@@ -229,7 +232,7 @@ def weigh_evidence(
     return Evidence(costs, float(fraction), rivals)
 
 
-def _empty(judge: Judge) -> float:
+def _empty_candidate(judge: Judge) -> float:
     target = judge.whitening @ judge.weak.target
     return judge.criterion(float(target @ target), 0)
 

@@ -143,11 +143,11 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     records = [record] if isinstance(record, PistonRecord) else list(record)
-    terms, functions = _texts(terms), _texts(functions)
-    _check(method, form, target, degree, polish, ensemble, effort)
+    terms, functions = _as_texts(terms), _as_texts(functions)
+    _check_arguments(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)
     _check_target(records, library, target)
-    remembers = _is_only(library, MEMORY)
+    remembers = _is_single_library(library, MEMORY)
     if remembers:
         _check_memory(target, form, ensemble, input, map)
     known = _known_terms(library, terms, degree, input)
@@ -174,14 +174,14 @@ def discover(
             proposed = structures_with_memory(weak, search, terms, sparse)
         else:
             now("libraries")
-            _, known, height_map, weak, library_note = _library(
+            _, known, height_map, weak, library_note = _choose_library(
                 records, library, terms, known, derivative, input, map, degree
             )
             now("sparse sums of terms" if search is None else "symbolic regression")
             proposed = propose_structures(
                 weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
             )
-        words = _words(method, form, ensemble, target if remembers else "")
+        words = _method_text(method, form, ensemble, target if remembers else "")
         name = NAME if remembers else f"{NAME} by {words}"
 
         def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
@@ -221,21 +221,21 @@ def _known_terms(
 
     Terms with hidden states have symbols of their own, and are read where these are.
     """
-    if _is_only(library, MEMORY):
+    if _is_single_library(library, MEMORY):
         return ()
-    if _is_only(library, AUTO):
+    if _is_single_library(library, AUTO):
         return tuple(custom_terms(terms, column))
     return library_terms(library, terms, degree, column)
 
 
-def _library(
+def _choose_library(
     records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
     known: tuple[AnyTerm, ...], derivative: DerivativeMethod, column: str | None,
     wanted: HeightMap | Literal["auto"], degree: int,
 ) -> Proposal:  # fmt: skip
     """Terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
-    if _is_only(library, AUTO):
+    if _is_single_library(library, AUTO):
         proposal = propose_library(
             records, derivative, column, height_map if terms else wanted, degree
         )
@@ -252,7 +252,7 @@ def _height_map(
     wanted: HeightMap | Literal["auto"],
 ) -> HeightMap:  # fmt: skip
     """Map that is wanted; own terms and libraries other than the usual mean the height."""
-    usual = _is_only(library, AUTO) or _is_only(library, PHYSICAL)
+    usual = _is_single_library(library, AUTO) or _is_single_library(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
         return HeightMap()
     return choose_height_map(records, wanted)
@@ -277,7 +277,7 @@ def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method,
     return "sindy", True
 
 
-def _is_only(library: str | Sequence[str], name: str) -> bool:
+def _is_single_library(library: str | Sequence[str], name: str) -> bool:
     """Return True where a library's name, or the only one of a list, is this one."""
     return [library] == [name] or list(library) == [name]
 
@@ -289,7 +289,7 @@ def _check_target(
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
-    if target == "force" and not _is_only(library, MEMORY):
+    if target == "force" and not _is_single_library(library, MEMORY):
         raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
 
 
@@ -305,7 +305,7 @@ def _check_memory(
         raise InputError(f"library = {MEMORY!r} is of the height itself; leave out map")
 
 
-def _check(
+def _check_arguments(
     method: str, form: str, target: str, degree: int, polish: int, ensemble: bool, effort: float
 ) -> None:
     for name, value, valid in (
@@ -347,7 +347,7 @@ def _check_kinds(library: object, height_map: object, seed: object) -> None:
         raise InputError(f"map = {quote(height_map)}; give 'auto' or HeightMap(shift, scale)")
 
 
-def _texts(texts: str | Sequence[str]) -> Sequence[str]:
+def _as_texts(texts: str | Sequence[str]) -> Sequence[str]:
     """Texts, or a single one, in a sequence."""
     return (texts,) if isinstance(texts, str) else texts
 
@@ -364,7 +364,7 @@ def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 )
 
 
-def _words(method: str, form: str, ensemble: bool, memory_of: str) -> str:
+def _method_text(method: str, form: str, ensemble: bool, memory_of: str) -> str:
     """Return the method in words; ``memory_of`` is the target where hidden states are searched."""
     name = "sindy and operon" if method == "auto" else method
     if memory_of:

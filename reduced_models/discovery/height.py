@@ -113,7 +113,7 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     variants = [expression]
     for phased in (False, True):
         changed: dict[sympy.Expr, sympy.Expr] = {}
-        for k, call in enumerate(sorted(_calls(expression), key=str)):
+        for k, call in enumerate(sorted(_function_calls(expression), key=str)):
             argument, modulus = call.args
             inner = sympy.Poly(argument, t) if argument.is_polynomial(t) else None
             if inner is None or inner.degree() != 1 or not modulus.is_number:
@@ -130,7 +130,7 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     return variants
 
 
-def _calls(expression: sympy.Expr) -> list[sympy.Expr]:
+def _function_calls(expression: sympy.Expr) -> list[sympy.Expr]:
     import sympy
 
     return [atom for atom in expression.atoms(sympy.Function) if type(atom).__name__ in ELLIPTIC]

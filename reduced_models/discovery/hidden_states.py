@@ -58,7 +58,7 @@ class HiddenState(NamedTuple):
         return f"{forces}; {self.rates}"
 
 
-def _yielding(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _yielding_rate(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     """Ds = dx (1 - |s| s sign(dx)/e^2): a tangent back to zero, a hyperbolic one from there on."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
@@ -71,17 +71,17 @@ def _yielding(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> 
     )
 
 
-def _dahl(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _dahl_rate(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     end = scale if strain >= 0.0 else -scale
     return np.asarray(end + (state - end) * np.exp(-abs(strain) / scale))
 
 
-def _relaxing(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
+def _relaxing_rate(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
     saved = step / scale
     return np.asarray(state * np.exp(-saved) - strain * np.expm1(-saved) / saved)
 
 
-def _values_along(
+def _integrate_states(
     step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray
 ) -> np.ndarray:
     """Values (k, n) of a state with one scale (k,)."""
@@ -92,12 +92,12 @@ def _values_along(
     return values.T
 
 
-def _values_of_one(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    return lambda time, height, scales: _values_along(step, time, height, scales[:, 0])
+def _one_scale_values(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    return lambda time, height, scales: _integrate_states(step, time, height, scales[:, 0])
 
 
-def _values_of_two(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    first, second = (_values_along(_yielding, time, height, scales[:, k]) for k in (0, 1))
+def _two_scale_values(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    first, second = (_integrate_states(_yielding_rate, time, height, scales[:, k]) for k in (0, 1))
     return np.asarray(first + scales[:, 2:] * second)
 
 
@@ -120,20 +120,20 @@ _YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
 HIDDEN_STATES = (
     HiddenState(
         "yielding strain", "w' = " + _YIELDING.format("w", "yielding"), "w", ("yielding",),
-        _values_of_one(_yielding), _yield_scales,
+        _one_scale_values(_yielding_rate), _yield_scales,
     ),
     HiddenState(
         "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", "w",
-        ("yielding",), _values_of_one(_dahl), _yield_scales,
+        ("yielding",), _one_scale_values(_dahl_rate), _yield_scales,
     ),
     HiddenState(
         "relaxing strain", "w' = -z'/z - w/relaxation", "w", ("relaxation",),
-        _values_of_one(_relaxing), _relaxation_scales,
+        _one_scale_values(_relaxing_rate), _relaxation_scales,
     ),
     HiddenState(
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
-        "(w + share*q)", ("yielding", "later", "share"), _values_of_two, _yield_scale_pairs,
+        "(w + share*q)", ("yielding", "later", "share"), _two_scale_values, _yield_scale_pairs,
     ),
 )  # fmt: skip
 

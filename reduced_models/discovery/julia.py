@@ -199,7 +199,7 @@ def missing_requirements() -> str | None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
     if (julia or project) and _juliacall_version() >= _READS_BOTH:
-        return _lack_of_named_julia(julia, project)
+        return _missing_from_named_julia(julia, project)
     if _has_resolved():
         return None
     if julia or project:
@@ -207,7 +207,7 @@ def missing_requirements() -> str | None:
     return "Julia, or PySR's Julia packages, are not there"
 
 
-def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
+def _missing_from_named_julia(julia: str | None, project: str | None) -> str | None:
     """Return what is missing of a Julia and a project that the user names."""
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
@@ -215,14 +215,14 @@ def _lack_of_named_julia(julia: str | None, project: str | None) -> str | None:
         return f"there is no Julia at {quote(julia)}"
     if not os.path.isdir(project):
         return f"there is no Julia project at {quote(project)}"
-    installed = _packages_of(Path(project))
+    installed = _project_packages(Path(project))
     lack = [name for name in _PACKAGES if name not in installed]
     if lack:
         return f"the Julia project at {quote(project)} lacks {' and '.join(lack)}"
     return None
 
 
-def _packages_of(project: Path) -> set[str]:
+def _project_packages(project: Path) -> set[str]:
     """Return the packages of a project's manifests: Julia takes the one of its version."""
     names: set[str] = set()
     for path in project.iterdir():

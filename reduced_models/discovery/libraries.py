@@ -167,7 +167,7 @@ def term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
             return "is not finite"
         if has_pole(term, z, motion.velocity, drive):
             return "has a pole"
-    if not all(np.isfinite(slope).all() for slope in _slopes(motion, term)):
+    if not all(np.isfinite(slope).all() for slope in _term_derivatives(motion, term)):
         return "has no finite slope"
     return ""
 
@@ -204,7 +204,7 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
     return bool((greatest > _POLE * before).any())
 
 
-def _slopes(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
+def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
     """Return the derivatives by which the record's noise enters the term's integrals."""
     if term.total:
         return [term.by_primitive(motion.z)]
@@ -274,7 +274,7 @@ def propose_library(
     weak = weak_form(
         *(estimate_motion(record, usual_map, derivative, column) for record in records)
     )
-    usual = _usual(weak, column, degree)
+    usual = _physical_proposal(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
         height_map_here, weak_form_here = usual_map, weak
@@ -297,10 +297,10 @@ def propose_library(
         terms = library_terms(name, (), 3, column)
         if not any(term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
             proposals.append(Proposal(name, terms, height_map_here, weak_form_here, ""))
-    return _chosen(proposals)
+    return _choose_proposal(proposals)
 
 
-def _chosen(proposals: Sequence[Proposal]) -> Proposal:
+def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
     """Proposal whose best sum has the least criterion, with a note why."""
     scored = [
         score_subsets(
@@ -350,7 +350,9 @@ def _chosen(proposals: Sequence[Proposal]) -> Proposal:
     return proposals[best]._replace(note="; ".join(notes))
 
 
-def _usual(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTerm, ...]:
+def _physical_proposal(
+    weak: WeakForm, column: str | None, least_degree: int
+) -> tuple[AnyTerm, ...]:
     """Physical library; its degree grows while that makes the error less that is held out."""
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf

@@ -95,14 +95,14 @@ def structures_with_memory(
     force = isinstance(weak.parts[0], ForceIntegrals)
     plain = custom_terms(PLAIN_TERMS, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *custom_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
-    judged = _judge_states(weak, known)
+    judged = _score_states(weak, known)
     if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
-        judged = _judge_states(noise_free_weak_form(weak), known)
+        judged = _score_states(noise_free_weak_form(weak), known)
     judges = common_unit_judges([candidate.judge for candidate in judged])
     judged = [
         candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)
     ]
-    groups = [_candidates(candidate) for candidate in judged]
+    groups = [_candidates_of_states(candidate) for candidate in judged]
     best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
     candidates = [study for group in groups for study in group] if sparse else []
     if search is not None:
@@ -112,29 +112,29 @@ def structures_with_memory(
     memory, judge = judged[best].memory, judged[best].judge
     state = None if memory is None else memory.state
     return Structures(
-        [candidate for candidate in candidates if _state(candidate) is state],
+        [candidate for candidate in candidates if _candidate_state(candidate) is state],
         judge,
-        others=[item for item in pareto_front(candidates) if _state(item) is not state],
-        notes=_notes(groups, best),
+        others=[item for item in pareto_front(candidates) if _candidate_state(item) is not state],
+        notes=_memory_notes(groups, best),
         memory=memory,
     )
 
 
-def _state(candidate: CandidateEquation) -> HiddenState | None:
+def _candidate_state(candidate: CandidateEquation) -> HiddenState | None:
     return None if candidate.memory is None else candidate.memory.state
 
 
-def _judge_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
+def _score_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
     """Best sums without a hidden state, and with each of them."""
     still = tuple(item for item in known if not item.driven)
-    white = _White(weak, known)
+    white = _WhitenedColumns(weak, known)
     return [
         _StateScores(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
-        *(_judge_state(state, white, known) for state in HIDDEN_STATES),
+        *(_score_state(state, white, known) for state in HIDDEN_STATES),
     ]
 
 
-class _White:
+class _WhitenedColumns:
     """White columns of a weak form, of which those without a hidden state stay as they are."""
 
     def __init__(self, weak: WeakForm, known: Sequence[AnyTerm]) -> None:
@@ -147,7 +147,7 @@ class _White:
     def least(self, state: HiddenState, scales: np.ndarray) -> int:
         """Index of the scales (k, s) that leave the least squares, with all terms."""
         squares = []
-        for item in _with_state(self.weak, state, scales):
+        for item in _weak_form_with_state(self.weak, state, scales):
             columns = np.hstack([self.still, self.whitening @ item.matrix(self.driven)])
             columns, _ = normalise_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
@@ -155,13 +155,15 @@ class _White:
         return int(np.argmin(squares))
 
 
-def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) -> _StateScores:
+def _score_state(
+    state: HiddenState, white: _WhitenedColumns, known: Sequence[AnyTerm]
+) -> _StateScores:
     """Best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)
     lows, highs = scales.min(axis=0), scales.max(axis=0)
     best = scales[white.least(state, scales)]
-    width = _ratio(scales)
+    width = _grid_ratio(scales)
     for _ in range(_ROUNDS):
         grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
         for k in range(len(best)):  # one scale after the other
@@ -169,18 +171,18 @@ def _judge_state(state: HiddenState, white: _White, known: Sequence[AnyTerm]) ->
             scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
             best = scales[white.least(state, scales)]
         width = width ** (2.0 / (_FINER - 1))
-    strained = _with_state(weak, state, best[None])[0]
+    strained = _weak_form_with_state(weak, state, best[None])[0]
     ranked, judge = score_subsets(strained, known, known, all_subsets(len(known)))
     return _StateScores(Memory(state, tuple(map(float, best))), ranked, judge)
 
 
-def _ratio(scales: np.ndarray) -> np.ndarray:
+def _grid_ratio(scales: np.ndarray) -> np.ndarray:
     """Ratio of neighbours on the first grid, scale by scale."""
     different = [np.unique(column) for column in scales.T]
     return np.array([float((item[1:] / item[:-1]).max()) for item in different])
 
 
-def _with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
+def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
     """Weak form with the hidden state as its input, for each of the scales (k, s)."""
     values = [state.values(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
@@ -209,7 +211,7 @@ def with_memory(
     )
 
 
-def _weighed_anew(
+def _reweigh_candidate(
     candidate: CandidateEquation, count: int, judged: _StateScores
 ) -> CandidateEquation:
     """Candidate with so many numbers by the common unit of misfit, with its hidden state."""
@@ -219,10 +221,10 @@ def _weighed_anew(
     return with_memory(again, judged.memory, judge)
 
 
-def _candidates(judged: _StateScores) -> list[CandidateEquation]:
+def _candidates_of_states(judged: _StateScores) -> list[CandidateEquation]:
     """Best sums first; one that does not hold the hidden state is one without memory."""
     candidates = [
-        _weighed_anew(make_candidate(candidate), len(candidate.terms), judged)
+        _reweigh_candidate(make_candidate(candidate), len(candidate.terms), judged)
         for candidate in judged.ranked
         if judged.memory is None or any(term.driven for term in candidate.terms)
     ]
@@ -238,12 +240,12 @@ def _search_candidates(
     terms = [item for item in known if item.driven or item.still]
     candidates, _ = symbolic_candidates(judged.judge.weak, terms, search)
     return [
-        _weighed_anew(candidate, len(parametrise(candidate.expression)[1]), judged)
+        _reweigh_candidate(candidate, len(parametrise(candidate.expression)[1]), judged)
         for candidate in candidates
     ]
 
 
-def _notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
+def _memory_notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
     """Gain by the hidden state, and others that do as well."""
     lead = groups[best][0]
     if lead.memory is None:

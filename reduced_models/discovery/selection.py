@@ -127,7 +127,7 @@ def score_subsets(
         # The first covariance is that of z'' alone; then that of the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
         judge = _judge_of(weak, every, weak.whitening(*known))
-        ranked = _rank(judge, matrix, terms, subsets)
+        ranked = _rank_subsets(judge, matrix, terms, subsets)
         best = ranked[0]
     return ranked, judge
 
@@ -141,7 +141,7 @@ def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def score_terms(judge: Judge, terms: Sequence[AnyTerm]) -> ScoredTerms:
     """One subset, by the same residuals as all others."""
     matrix = judge.weak.matrix(terms)
-    return _rank(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
+    return _rank_subsets(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
 def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
@@ -151,7 +151,7 @@ def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge
     return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
 
 
-def _rank(
+def _rank_subsets(
     judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[ScoredTerms]:
     columns, sizes = normalise_columns(judge.whitening @ matrix)

@@ -162,10 +162,10 @@ def _sparse_supports(
         inclusion = {
             term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)
         }
-    return _eliminate(weak, terms, supports), inclusion
+    return _add_eliminated_supports(weak, terms, supports), inclusion
 
 
-def _eliminate(
+def _add_eliminated_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
     """Supports, and all that backward elimination makes of them."""
@@ -200,14 +200,14 @@ def symbolic_candidates(
     supports = [
         [index[term] for term in parts if term in index] for _, parts in sums if parts is not None
     ]
-    groups = [*subsets, *_eliminate(weak, union, supports)] or all_subsets(1)
+    groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
-    candidates = [make_candidate(item) for item in _unique(ranked)]
+    candidates = [make_candidate(item) for item in _unique_subsets(ranked)]
     candidates += [_judge_expression(item, judge) for item, parts in sums if parts is None]
     return candidates, judge
 
 
-def _unique(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
+def _unique_subsets(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     """Each subset once, though two searches propose it."""
     unique = {frozenset(candidate.terms): candidate for candidate in reversed(ranked)}
     return sorted(unique.values(), key=lambda item: item.criterion)
@@ -337,12 +337,12 @@ class Regression:
 
 def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> Regression:
     """Estimates of z'' against the terms, sample by sample, away from the ends."""
-    rows = [_inner_rows(motion, terms, len(motions)) for motion in motions]
+    rows = [_interior_samples(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
     return Regression(np.concatenate(matrices), np.concatenate(targets))
 
 
-def _inner_rows(
+def _interior_samples(
     motion: SmoothedMotion, terms: Sequence[AnyTerm], motions: int
 ) -> tuple[np.ndarray, np.ndarray]:
     count = len(motion.time)

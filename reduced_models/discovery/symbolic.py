@@ -143,11 +143,13 @@ class ScaledSamples:
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> ScaledSamples:
     """Return the samples (n,) of each variable and of the target, divided by their sizes."""
-    sizes = {name: _size(values) for name, values in inputs.items()}
+    sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))
-    return ScaledSamples(matrix, target / _size(target), names, sizes, _size(target))
+    return ScaledSamples(
+        matrix, target / _typical_size(target), names, sizes, _typical_size(target)
+    )
 
 
-def _size(values: np.ndarray) -> float:
+def _typical_size(values: np.ndarray) -> float:
     return max(float(np.sqrt((values**2).mean())), 1e-300)

@@ -85,7 +85,7 @@ class CustomTerm:
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Return its values at samples (n,)."""
-        return _values(self.expression, z, v, u)
+        return _evaluate_term(self.expression, z, v, u)
 
     def primitive(self, z: np.ndarray) -> np.ndarray:
         """G(z), of whose rate a total term is, from the least of the samples on.
@@ -102,27 +102,27 @@ class CustomTerm:
 
     def by_primitive(self, z: np.ndarray) -> np.ndarray:
         """G'(z)."""
-        return _values(self._factor, z, z, None)
+        return _evaluate_term(self._factor, z, z, None)
 
     def by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z."""
-        return _values(_slope(self.expression, 0), z, v, u)
+        return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
 
     def by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z'."""
-        return _values(_slope(self.expression, 1), z, v, u)
+        return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
 
 
 def custom_term(expression: sympy.Expr) -> CustomTerm:
     """Term of an exact expression in the symbols of `state_symbols`; max(z, 0) is max(0, z)."""
-    return CustomTerm(expression.replace(_is_extreme, _in_order))
+    return CustomTerm(expression.replace(_is_min_or_max, _sort_operands))
 
 
-def _is_extreme(expression: sympy.Basic) -> bool:
+def _is_min_or_max(expression: sympy.Basic) -> bool:
     return type(expression).__name__ in ("max", "min")
 
 
-def _in_order(extreme: sympy.Expr) -> sympy.Expr:
+def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
     """Maximum or minimum, each of its operands once, in one order."""
     from sympy import default_sort_key
 
@@ -153,10 +153,10 @@ def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Ex
     InputError
         If a text is no formula, names anything else, or is constant zero.
     """
-    return [_read(text, column) for text in texts]
+    return [_read_term(text, column) for text in texts]
 
 
-def _read(text: str, column: str | None) -> sympy.Expr:
+def _read_term(text: str, column: str | None) -> sympy.Expr:
     import sympy
 
     if not isinstance(text, str):
@@ -184,7 +184,7 @@ def _read(text: str, column: str | None) -> sympy.Expr:
     return exact
 
 
-def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
+def _term_derivative(expression: sympy.Expr, index: int) -> sympy.Expr:
     """Return the derivative by z (0) or z' (1); that of a jump is left out."""
     import sympy
 
@@ -194,15 +194,15 @@ def _slope(expression: sympy.Expr, index: int) -> sympy.Expr:
 
 
 @functools.lru_cache(maxsize=256)
-def _function(expression: sympy.Expr) -> Callable[..., Any]:
+def _compiled_term(expression: sympy.Expr) -> Callable[..., Any]:
     return algebra.compile_function(state_symbols(), expression)
 
 
-def _values(
+def _evaluate_term(
     expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.ndarray | None
 ) -> np.ndarray:
     with np.errstate(all="ignore"):
-        values = _function(expression)(z, v, 0.0 if u is None else u)
+        values = _compiled_term(expression)(z, v, 0.0 if u is None else u)
     return np.broadcast_to(np.asarray(values, dtype=np.float64), z.shape)
 
 

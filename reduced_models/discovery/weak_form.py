@@ -177,10 +177,10 @@ class WeakForm:
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
     """Weak form of some motions."""
-    return WeakForm(tuple(map(_integrals, motions)))
+    return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
-def _integrals(motion: SmoothedMotion) -> Integrals:
+def _motion_integrals(motion: SmoothedMotion) -> Integrals:
     """Integrals of a motion, with bumps that overlap all along it."""
     from scipy.sparse import csr_array
 

@@ -221,7 +221,7 @@ def score_drops(
                 f"{level:g} m; give a fall"
             )
     rows = [
-        _row(resolve_law(law, record), record, tuple(unseen.values()), level, scene, starts)
+        _score_law(resolve_law(law, record), record, tuple(unseen.values()), level, scene, starts)
         for law in laws
     ]
     if all(row.model is None for row in rows):
@@ -231,11 +231,11 @@ def score_drops(
     alike = [
         fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop
     ]
-    scatter = tuple(_rms(fall, record.time, record.height) / drop for fall in alike)
+    scatter = tuple(_rms_difference(fall, record.time, record.height) / drop for fall in alike)
     return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
-def _row(
+def _score_law(
     law: Law, record: PistonRecord, unseen: Sequence[PistonRecord], level: float,
     scene: Scene | None, starts: int,
 ) -> DropScore:  # fmt: skip
@@ -243,7 +243,7 @@ def _row(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
             model = fit(
-                record, law, test_fraction=0.0, starts=starts, start=_start(law, scene),
+                record, law, test_fraction=0.0, starts=starts, start=_scene_starts(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
                 map="fitted",
             )  # fmt: skip
@@ -252,7 +252,7 @@ def _row(
     return DropScore(law.name, model, tuple(fall_error(model, fall, level) for fall in unseen))
 
 
-def _start(law: Law, scene: Scene | None) -> dict[str, float] | None:
+def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
     """Start values by the scene of a fall."""
     if scene is None or law.name != "elastoplastic-bed":
         return None
@@ -274,10 +274,10 @@ def fall_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
         motion = model.simulate(fall.time, z0=first, v0=0.0)
     except InputError:
         return math.inf
-    return _rms(fall, motion.time, motion.height) / (first - level)
+    return _rms_difference(fall, motion.time, motion.height) / (first - level)
 
 
-def _rms(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
+def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
     """Rms difference of a record from heights at other times, while both last [m]."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]

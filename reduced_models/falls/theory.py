@@ -178,7 +178,7 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
     from granular.schema.scales import Scales
 
     scales, width = Scales.of(grains), scene.cell.width
-    moment, mass = _means(scene)
+    moment, mass = _mean_moment_and_mass(scene)
     effects = scene.effects
     gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
@@ -189,7 +189,7 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
     rest = (BULK + WALLS / math.sqrt(grains.count)) * lattice
     resistance = grains.count * mass * drag
     inertia = grains.count * mass * scales.mass / 3.0
-    late = _lateness(resistance, weight, rest, gravity)
+    late = _lateness_number(resistance, weight, rest, gravity)
     if late > LATEST:
         raise InputError(
             f"the bed of {quote(scene.name)} follows its piston too late (drag of all grains over "
@@ -197,7 +197,7 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
             "on 368 grains); give less effects.drag.coefficient or more piston.mass, or fit the "
             "law to a fall instead"
         )
-    moved = piston.mass + inertia - _missing(resistance, weight, rest, gravity)
+    moved = piston.mass + inertia - _missing_mass(resistance, weight, rest, gravity)
     return {
         "lam": max((resistance / 3.0 + piston.drag) / (2.0 * moved), 1e-6),  # it has none below
         "weight": WEIGHT * weight / moved,
@@ -208,28 +208,28 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
     }
 
 
-def _missing(resistance: float, weight: float, rest: float, gravity: float) -> float:
+def _missing_mass(resistance: float, weight: float, rest: float, gravity: float) -> float:
     """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines.
 
     ``resistance`` is the drag of all grains [kg/s].
     """
     stiffness = POWER * weight / rest
-    omega = _omega(rest, gravity)
-    late = 15.0 / LATE * _lateness(resistance, weight, rest, gravity)
+    omega = _angular_frequency(rest, gravity)
+    late = 15.0 / LATE * _lateness_number(resistance, weight, rest, gravity)
     return LATE * stiffness * late**2 / 45.0 / omega**2 / (1.0 + (LATE * late / 15.0) ** 2)
 
 
-def _lateness(resistance: float, weight: float, rest: float, gravity: float) -> float:
+def _lateness_number(resistance: float, weight: float, rest: float, gravity: float) -> float:
     """LATE x/15: where it is not small, the missing mass of a small swing is not that of a fall."""
-    return LATE / 15.0 * _omega(rest, gravity) * resistance / (POWER * weight / rest)
+    return LATE / 15.0 * _angular_frequency(rest, gravity) * resistance / (POWER * weight / rest)
 
 
-def _omega(rest: float, gravity: float) -> float:
+def _angular_frequency(rest: float, gravity: float) -> float:
     """Angular frequency of the small swing [1/s]."""
     return math.sqrt((POWER + MODULUS) * gravity / rest)
 
 
-def _means(scene: Scene) -> tuple[float, float]:
+def _mean_moment_and_mass(scene: Scene) -> tuple[float, float]:
     """Mean moment and mass of the grains, over those of the first species."""
     fraction = np.array(scene.grains.fractions())
     return (

@@ -110,7 +110,7 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
         )
     duration = DURATION * (scene.grains.count / 368) ** 0.25
     times = np.linspace(0.0, duration, SAMPLES)
-    z, v, w, affine, excess = _motion(values, start, times)
+    z, v, w, affine, excess = _solve_fall(values, start, times)
     moved = accelerated_mass(scene, values)
     numbers = [values[name] for name in LAW.parameters]
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
@@ -124,7 +124,7 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     )  # fmt: skip
 
 
-def _motion(values: dict[str, float], start: float, times: np.ndarray) -> np.ndarray:
+def _solve_fall(values: dict[str, float], start: float, times: np.ndarray) -> np.ndarray:
     """z, z', w, and the two losses a mass that moves, at some times (5, n)."""
     from scipy.integrate import odeint
 

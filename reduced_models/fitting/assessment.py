@@ -123,7 +123,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
         if profiled is not None:
             intervals = at_least_linear(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
-        model = _model(result, k, intervals, at_rest)
+        model = _make_model(result, k, intervals, at_rest)
         models.append(
             dataclasses.replace(
                 model, undetermined=undetermined, covariance_names=names, covariance=matrix
@@ -132,7 +132,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     return tuple(models)
 
 
-def _model(
+def _make_model(
     result: SearchResult,
     k: int,
     intervals: Mapping[str, Interval],
@@ -154,14 +154,14 @@ def _model(
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
         at_rest=None
         if isinstance(at_rest, NoSwing)
-        else _beside_peaks(at_rest, record, unknowns.law),
+        else _add_peak_damping(at_rest, record, unknowns.law),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
-        domain=_domain([other.record for other in result.joint.grids]),
+        domain=_ranges_of_motion([other.record for other in result.joint.grids]),
         notes=(
-            *_notes(quality, _usual(result, k), record),
+            *_model_notes(quality, _usual_residual(result, k), record),
             *_bound_notes(parameters, problem.bounds),
-            *(() if record.angle else _unit_notes(unknowns.amplitude, unknowns.speed)),
+            *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
         provenance=_provenance(record, problem),
         hidden={
@@ -174,7 +174,7 @@ def _model(
     )
 
 
-def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
+def _add_peak_damping(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
     """With the damping that the peaks of a free swing show, where they contradict the law's."""
     if law.inputs:
         return rest
@@ -185,7 +185,7 @@ def _beside_peaks(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
     return dataclasses.replace(rest, peaks=seen) if seen.contradicts(rest.damping_ratio) else rest
 
 
-def _domain(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
+def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
     """Ranges of height and velocity over all records of a fit."""
     heights = np.concatenate([record.height for record in records])
     speeds = np.concatenate([np.gradient(record.height, record.time) for record in records])
@@ -223,7 +223,7 @@ def _bound_notes(
     )
 
 
-def _unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
+def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     acceleration = speed**2 / amplitude
     if acceleration < VIOLENT:
         return ()
@@ -289,7 +289,7 @@ def structure_words(quality: Quality, interval: float) -> str:
     )
     if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
-    if _drifting(quality):
+    if _sensor_drifts(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > FRACTION:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
@@ -297,7 +297,7 @@ def structure_words(quality: Quality, interval: float) -> str:
     return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
 
 
-def _drifting(quality: Quality) -> bool:
+def _sensor_drifts(quality: Quality) -> bool:
     return quality.drift > DRIFT and quality.slow > quality.swinging
 
 
@@ -305,7 +305,7 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _not_right(quality: Quality, record: PistonRecord) -> str:
+def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Cause of residuals far above the noise, as far as it is seen, and the remedy."""
     if start := release(record):
         return (
@@ -313,11 +313,11 @@ def _not_right(quality: Quality, record: PistonRecord) -> str:
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.from_release)"
         )
-    drift = f", or {_LET_DRIFT} if the record's zero may drift" if _drifting(quality) else ""
+    drift = f", or {_LET_DRIFT} if the record's zero may drift" if _sensor_drifts(quality) else ""
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
-def _usual(result: SearchResult, k: int) -> float:
+def _usual_residual(result: SearchResult, k: int) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
     grid = result.joint.grids[k]
     residuals = grid.residuals(result.theta[result.joint.entries[k]])
@@ -326,7 +326,7 @@ def _usual(result: SearchResult, k: int) -> float:
     return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude
 
 
-def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, ...]:
+def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, ...]:
     notes = []
     if quality.converged < FEW * quality.starts:
         notes.append(
@@ -338,7 +338,7 @@ def _notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, .
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
             f"the residual is {100 * usual / swing:.2g} % of the swing and {as_factor(ratio)} "
-            f"times the record's noise, so {_not_right(quality, record)}"
+            f"times the record's noise, so {_misfit_text(quality, record)}"
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))

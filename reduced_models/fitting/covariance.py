@@ -115,7 +115,7 @@ def joint_covariance(
     independent = 0.0
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
-    alike = _alike([left for left, _ in linear])
+    alike = _variance_ratios([left for left, _ in linear])
     parts = zip(linear, losses, noise, entries, alike, strict=True)
     for (left, slopes), loss, known, here, ratio in parts:
         _, weight = cost_and_weight(left, loss.numbers, np)
@@ -177,7 +177,7 @@ def normal_scores(shape: tuple[int, int], seed: int) -> np.ndarray:
     return np.reshape([random.permutation(scores) for _ in range(columns)], (columns, count)).T
 
 
-def _alike(residuals: Sequence[np.ndarray]) -> np.ndarray:
+def _variance_ratios(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return common variance over that of each record, where all are as noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
@@ -230,7 +230,7 @@ def bootstrap_replicates(
         for grid, residual in zip(joint.grids, residuals, strict=True)
     ]
     draws = [
-        _resampler(residual, grid.gain, grid.loss)
+        _residual_resampler(residual, grid.gain, grid.loss)
         for residual, grid in zip(residuals, joint.grids, strict=True)
     ]
     result = np.empty((count, len(theta)))
@@ -246,7 +246,7 @@ def bootstrap_replicates(
     return result
 
 
-def _resampler(
+def _residual_resampler(
     residuals: np.ndarray, gain: float, loss: Loss
 ) -> Callable[[np.random.Generator], np.ndarray]:
     """Draws of residuals that follow each other as these do, about their middle."""

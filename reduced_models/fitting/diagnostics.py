@@ -66,7 +66,7 @@ def residual_structure(
     swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
     return {
         "whiteness": float(chi2.sf(box, lags)),
-        "signs": float(2.0 * norm.sf(abs(_sign_score(residuals)))),
+        "signs": float(2.0 * norm.sf(abs(_runs_test_score(residuals)))),
         "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
         "slow": slow,
         "swinging": swinging,
@@ -92,7 +92,7 @@ def autocorrelation_time(values: np.ndarray) -> float:
     return max(1.0, float(sums[window]))
 
 
-def _sign_score(residuals: np.ndarray) -> float:
+def _runs_test_score(residuals: np.ndarray) -> float:
     """Return standard score of the number of runs of equal sign, against that of white noise."""
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
@@ -161,10 +161,10 @@ def fit_autoregression(residuals: np.ndarray) -> Autoregression:
             break
         if len(forward) < 2 or variance <= _LEAST * power:
             break
-    return _remembering(best, count)
+    return _correct_bias_of_weight(best, count)
 
 
-def _remembering(autoregression: Autoregression, count: int) -> Autoregression:
+def _correct_bias_of_weight(autoregression: Autoregression, count: int) -> Autoregression:
     """Single weight without its bias: residuals of a fit seem to forget sooner than the noise.
 
     By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a

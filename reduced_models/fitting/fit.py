@@ -62,7 +62,7 @@ P = ParamSpec("P")
 Records = PistonRecord | Sequence[PistonRecord]
 
 
-class _Fit(Protocol[P]):
+class _FitFunction(Protocol[P]):
     """A fit of one record, which gives a model, or of several, which gives one for each."""
 
     @overload
@@ -75,9 +75,9 @@ class _Fit(Protocol[P]):
     ) -> tuple[ReducedModel, ...]: ...
 
 
-def _of_one_or_several(
+def _unwrap_single_record(
     function: Callable[Concatenate[Records, P], tuple[ReducedModel, ...]],
-) -> _Fit[P]:
+) -> _FitFunction[P]:
     """Give the model itself, where there is one record and no sequence."""
 
     @functools.wraps(function)
@@ -85,10 +85,10 @@ def _of_one_or_several(
         models = function(record, *args, **kwargs)
         return models[0] if isinstance(record, PistonRecord) else models
 
-    return cast("_Fit[P]", fit_records)
+    return cast("_FitFunction[P]", fit_records)
 
 
-@_of_one_or_several
+@_unwrap_single_record
 def fit(
     record: PistonRecord | Sequence[PistonRecord],
     law: str | Law = "van-der-pol-like",
@@ -245,7 +245,7 @@ def fit(
     if histories:
         result = fit_with_histories(result, histories)
     if drift:
-        result = _drifting(result)
+        result = _fit_with_drift(result)
     models = make_models(solve_on_verified_grids(result))
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
@@ -285,7 +285,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
         )
         joint = dataclasses.replace(result.joint, grids=grids)
         theta = joint.refit(result.trained, counts, tolerance=1e-6)
-        errors[how] = (_behind(joint, theta, counts), joint)
+        errors[how] = (_later_mean_square(joint, theta, counts), joint)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
         return result
@@ -293,7 +293,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     return result.with_training(joint, joint.refit(result.trained, problem.samples))
 
 
-def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
+def _later_mean_square(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
     """Mean squared residual behind so many samples of each record, over as many at most."""
     total, size = 0.0, 0
     for residuals, count in zip(joint.residuals(theta), counts, strict=True):
@@ -304,7 +304,7 @@ def _behind(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
     return total / max(size, 1)
 
 
-def _drifting(result: SearchResult) -> SearchResult:
+def _fit_with_drift(result: SearchResult) -> SearchResult:
     """Fit with the gains that leave least of the records' residuals.
 
     The zero drifts as a random walk next to the noise. What the walk has done so far is followed by
@@ -314,7 +314,7 @@ def _drifting(result: SearchResult) -> SearchResult:
     """
     joint, theta = result.joint, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = map(_gain, joint.residuals(theta))
+        gains = map(_least_squares_gain, joint.residuals(theta))
         grids = tuple(
             dataclasses.replace(grid, gain=gain)
             for grid, gain in zip(joint.grids, gains, strict=True)
@@ -324,7 +324,7 @@ def _drifting(result: SearchResult) -> SearchResult:
     return result.with_training(joint, theta)
 
 
-def _gain(residuals: np.ndarray) -> float:
+def _least_squares_gain(residuals: np.ndarray) -> float:
     """Gain with the least squares of what is left."""
     from scipy.optimize import minimize_scalar
 

@@ -61,10 +61,12 @@ def checked_histories(
         raise InputError(
             f"initial: {len(given)} motions for {len(records)} records; give one before each"
         )
-    return [_join_record(history, record) for history, record in zip(given, records, strict=True)]
+    return [
+        _prepend_history(history, record) for history, record in zip(given, records, strict=True)
+    ]
 
 
-def _join_record(history: PistonRecord, record: PistonRecord) -> PistonRecord:
+def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecord:
     begin, end = float(record.time[0]), float(history.time[-1])
     step = float(record.time[-1] - begin) / (len(record) - 1)
     before = history.time < begin
@@ -94,7 +96,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
         former, theta = theta, theta.copy()
         low, high = joint.bounds.low.copy(), joint.bounds.high.copy()
         for data, history, here in zip(problem.data, histories, joint.entries, strict=True):
-            states = _at_the_end(joint, theta[here], history, data.guess.period)
+            states = _states_at_history_end(joint, theta[here], history, data.guess.period)
             entries = here[hidden]
             theta[entries] = low[entries] = high[entries] = states
         joint = dataclasses.replace(joint, bounds=Bounds(low, high))
@@ -104,7 +106,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
     return result.with_training(joint, theta)
 
 
-def _at_the_end(
+def _states_at_history_end(
     joint: JointRecords, theta: np.ndarray, history: PistonRecord, period: float
 ) -> np.ndarray:
     """Hidden states (h,) where a history ends, which is at time 0."""

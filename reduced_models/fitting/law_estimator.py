@@ -121,7 +121,7 @@ class LawEstimator:
             If they make no record (two heights at one time, a value that is not finite), or the law
             cannot be fitted to it.
         """
-        times, heights = _times(X), _heights(y)
+        times, heights = _time_vector(X), _height_vector(y)
         if len(times) != len(heights):
             raise InputError(f"{len(times)} times for {len(heights)} heights; give one for each")
         order = np.argsort(times, kind="stable")
@@ -152,7 +152,7 @@ class LawEstimator:
         """
         if not hasattr(self, "model_"):
             raise _not_fitted_error("the estimator has seen no data; call fit first")
-        wanted = _times(X)
+        wanted = _time_vector(X)
         if not len(wanted):
             raise InputError("there are no times; give at least one")
         if wanted.min() < self._start:
@@ -180,7 +180,7 @@ class LawEstimator:
         float
             R^2, at most 1.
         """
-        wanted = _heights(y)
+        wanted = _height_vector(y)
         left = ((wanted - self.predict(X)) ** 2).sum()
         spread = ((wanted - wanted.mean()) ** 2).sum()
         return float(1.0 - left / spread) if spread > 0.0 else 0.0
@@ -197,9 +197,9 @@ class LawEstimator:
         )
 
 
-def _times(given: Any) -> np.ndarray:
+def _time_vector(given: Any) -> np.ndarray:
     """Return the times (n,) of a column or a vector."""
-    array = _real(given, "the times X")
+    array = _real_array(given, "the times X")
     if array.ndim == 2 and array.shape[1] == 0:
         raise InputError(
             f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: the time"
@@ -214,23 +214,23 @@ def _times(given: Any) -> np.ndarray:
     return array.reshape(len(array))
 
 
-def _heights(given: Any) -> np.ndarray:
+def _height_vector(given: Any) -> np.ndarray:
     """Heights (n,) of a vector, or with a warning of a column."""
     if given is None:
         raise InputError(
             "LawEstimator requires y to be passed, but the target y is None; give the heights [m]"
         )
-    array = _real(given, "the heights y")
+    array = _real_array(given, "the heights y")
     if array.ndim == 2 and array.shape[1] == 1:
         words = "A column-vector y was passed when a 1d array was expected; it is flattened"
-        warnings.warn(words, _of_sklearn("DataConversionWarning", UserWarning), stacklevel=3)
+        warnings.warn(words, _sklearn_exception("DataConversionWarning", UserWarning), stacklevel=3)
         return array[:, 0]
     if array.ndim != 1:
         raise InputError(f"the heights y have the shape {array.shape}; give (n,)")
     return array
 
 
-def _real(given: Any, name: str) -> np.ndarray:
+def _real_array(given: Any, name: str) -> np.ndarray:
     """Array of real numbers."""
     if hasattr(given, "tocsr"):
         raise InputError(f"{name} are a sparse matrix; give a dense array, as by .toarray()")
@@ -248,13 +248,13 @@ def _real(given: Any, name: str) -> np.ndarray:
 
 def _not_fitted_error(message: str) -> InputError:
     """Error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
-    kind = _of_sklearn("NotFittedError", InputError)
+    kind = _sklearn_exception("NotFittedError", InputError)
     return (
         kind(message) if kind is InputError else type("NotFitted", (InputError, kind), {})(message)
     )
 
 
-def _of_sklearn(name: str, otherwise: type[Any]) -> type[Any]:
+def _sklearn_exception(name: str, otherwise: type[Any]) -> type[Any]:
     """Class of scikit-learn's exceptions, where that is loaded."""
     result: type[Any] = getattr(sys.modules.get("sklearn.exceptions"), name, otherwise)
     return result

@@ -51,10 +51,10 @@ def check_options(
         ("input_interpolation", interpolation or "spline", INTERPOLATIONS),
     ):
         if value not in known:
-            raise InputError(f"{name} = {quote(value)}; give {_listed(known)}")
+            raise InputError(f"{name} = {quote(value)}; give {_names_text(known)}")
 
 
-def _listed(names: Sequence[str]) -> str:
+def _names_text(names: Sequence[str]) -> str:
     return ", ".join(map(repr, names[:-1])) + f" or {names[-1]!r}"
 
 

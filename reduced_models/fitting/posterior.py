@@ -86,8 +86,8 @@ def posterior(
         raise MissingError(
             f"{error.name} is not installed; pip install 'granular-damper[posterior]'"
         ) from None
-    joint, theta = _joint(model, record, own)
-    potential, centre, spread = _potential(joint, theta, own)
+    joint, theta = _gridded_records(model, record, own)
+    potential, centre, spread = _negative_log_density(joint, theta, own)
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
@@ -98,10 +98,12 @@ def posterior(
         jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0])
     )
     result = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_named(joint, own, centre + result @ spread.T))
+    return arviz.from_dict(_name_draws(joint, own, centre + result @ spread.T))
 
 
-def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
+def _gridded_records(
+    model: Any, record: Any, own: Sequence[str]
+) -> tuple[JointRecords, np.ndarray]:
     """Return the records on their grids, and the fit."""
     records = [entry.from_zero() for entry in as_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
@@ -135,7 +137,7 @@ def _joint(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, n
     return JointRecords(grids, entries, bounds), theta
 
 
-def _potential(
+def _negative_log_density(
     joint: JointRecords, theta: np.ndarray, own: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Minus the logarithm of the density of scaled unknowns, with their centre and their scales.
@@ -187,7 +189,7 @@ def _potential(
     return potential, centre, scale
 
 
-def _named(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+def _name_draws(joint: JointRecords, own: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
     unknowns, size = joint.unknowns, len(joint.held)
     several = len(joint.grids) > 1

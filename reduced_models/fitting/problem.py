@@ -215,8 +215,8 @@ def weights_and_noise(
     several = len(records) > 1
     both: list[tuple[np.ndarray | None, float | None]] = []
     for k, record in enumerate(records):
-        weights_of_record = _of_record("weights", weights, k, record, several=several)
-        noise_of_record = _of_record("noise", noise, k, record, several=several)
+        weights_of_record = _option_of_record("weights", weights, k, record, several=several)
+        noise_of_record = _option_of_record("noise", noise, k, record, several=several)
         if noise_of_record is None or noise_of_record.ndim == 0:
             level = None if noise_of_record is None else float(noise_of_record)
             both.append((weights_of_record, level))
@@ -226,7 +226,7 @@ def weights_and_noise(
     return both
 
 
-def _of_record(
+def _option_of_record(
     what: str, given: Any, k: int, record: PistonRecord, *, several: bool
 ) -> np.ndarray | None:
     if given is None:

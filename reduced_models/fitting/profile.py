@@ -119,8 +119,10 @@ def _distance_to_end(
     done = np.full_like(reach, np.nan)
     done[most <= 0.0] = np.inf
     for _ in range(_ROUNDS):
-        start = _along(theta, guide, entry, sign, reach)
-        fits, costs, lacking = _held(joint, normal, start, entry, _RESOLVED * float(variance.min()))
+        start = _vectors_along_path(theta, guide, entry, sign, reach)
+        fits, costs, lacking = _refit_with_entry_held(
+            joint, normal, start, entry, _RESOLVED * float(variance.min())
+        )
         least = min(least, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
         done = np.where(
@@ -135,11 +137,13 @@ def _distance_to_end(
         far, far_t = np.where(inside, far, reach), np.where(inside, far_t, rise)
         if not np.isnan(done).any():
             break
-        reach = np.where(np.isnan(done), _next(near, near_t, far, far_t, most, quantile), reach)
+        reach = np.where(
+            np.isnan(done), _next_distances(near, near_t, far, far_t, most, quantile), reach
+        )
     return np.where(np.isnan(done), reach, done)
 
 
-def _next(
+def _next_distances(
     near: np.ndarray,
     near_t: np.ndarray,
     far: np.ndarray,
@@ -158,7 +162,7 @@ def _next(
     return np.where(np.isfinite(far), between, np.minimum(near * growth, most))
 
 
-def _along(
+def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:
     """Search vectors (s, p) with each side's entry moved, the others along the path to a guide.
@@ -174,7 +178,7 @@ def _along(
     return start
 
 
-def _held(
+def _refit_with_entry_held(
     joint: JointRecords, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fits (s, p) with one entry held in each, their sums of squares (s,), and what these lack.
@@ -192,13 +196,15 @@ def _held(
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
         start, costs = levenberg_marquardt(normal, start, free, tolerance, Bounds(low, high))
         _, gradient, matrix = map(np.asarray, normal(start))
-        lacking = _descent(gradient, matrix, (start > low) & (start < high))
+        lacking = _gauss_newton_decrease(gradient, matrix, (start > low) & (start < high))
         if (lacking <= 10.0 * resolved).all():
             break
     return start, costs, lacking
 
 
-def _descent(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _gauss_newton_decrease(
+    gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray
+) -> np.ndarray:
     """Decrease of sums of squares (s,) by a Gauss-Newton step of the free entries."""
     result = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):

@@ -125,28 +125,28 @@ def refine_best_start(
     ]  # fmt: skip
     joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
-    first = _canonical(problem, joint, thetas[int(costs.argmin())])
+    first = _canonical_vector(problem, joint, thetas[int(costs.argmin())])
     reached = [float(grid.record.time[-1]) for grid in coarse.grids]
-    best = _refit_onwards(problem, joint, first, reached)
-    cost, coarse_cost = _cost(problem, joint, best), float(costs.min())
+    best = _refit_from_time(problem, joint, first, reached)
+    cost, coarse_cost = _training_cost(problem, joint, best), float(costs.min())
     other = _collocation_fit(problem, joint, best, cost)
     collocation = "none"
     if other is best:
         collocation = "same"
     elif other is not None:
         tie = count * TIE**2
-        other_cost = _cost(problem, joint, other)
+        other_cost = _training_cost(problem, joint, other)
         collocation = "same" if other_cost * _BETTER <= cost + tie else "worse"
         if other_cost + tie < _BETTER * cost:
             coarse_cost *= other_cost / cost
             best = joint.refit(other, problem.samples)
-            cost, collocation = _cost(problem, joint, best), "better"
+            cost, collocation = _training_cost(problem, joint, best), "better"
     limit = agreement_cost(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
     return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
 
 
-def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
+def _canonical_vector(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> np.ndarray:
     """Search vector that means the same, its angles and signs in their canonical form."""
     unknowns = joint.unknowns
     saved = {*problem.own, *problem.bounds}
@@ -160,7 +160,7 @@ def _canonical(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> n
     return theta
 
 
-def _cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> float:
+def _training_cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> float:
     """Cost of the training stretches; infinite where the solution diverges."""
     total = 0.0
     parts = zip(joint.grids, joint.residuals(theta), problem.samples, strict=True)
@@ -173,7 +173,7 @@ def _cost(problem: FitProblem, joint: JointRecords, theta: np.ndarray) -> float:
     return total
 
 
-def _refit_onwards(
+def _refit_from_time(
     problem: FitProblem,
     joint: JointRecords,
     theta: np.ndarray,
@@ -220,16 +220,16 @@ def _collocation_fit(
     adjacent = theta.copy()
     for here in joint.entries:
         adjacent[here[: unknowns.free]] = start[here[: unknowns.free]]
-    risen = _cost(problem, joint, adjacent) - cost
-    if _is_of_one_parabola(joint.normal(problem.samples), theta, adjacent, risen):
+    risen = _training_cost(problem, joint, adjacent) - cost
+    if _agrees_with_parabola(joint.normal(problem.samples), theta, adjacent, risen):
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
         return joint.refit(adjacent, problem.samples, tolerance=_TELLING)
     reached = [FIRST_SWINGS * data.guess.quickest for data in problem.data]
-    return _refit_onwards(problem, joint, start, reached, _TELLING)
+    return _refit_from_time(problem, joint, start, reached, _TELLING)
 
 
-def _is_of_one_parabola(
+def _agrees_with_parabola(
     normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float
 ) -> bool:
     """Check that cost and slope at a point are about those of the parabola about a fit.
@@ -265,7 +265,7 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
         for grid, left, here in zip(joint.grids, residuals, joint.entries, strict=True):
             error, limit, complete = _solver_error(grid, left, theta[here])
             errors.append(error)
-            grids.append(grid if error <= limit else _finer(grid, error, complete=complete))
+            grids.append(grid if error <= limit else _refine_grid(grid, error, complete=complete))
         if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
             return dataclasses.replace(
                 result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
@@ -274,7 +274,7 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
         trained = joint.refit(trained, training)
 
 
-def _finer(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
+def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
     """Record on twice as many steps, because its solution is off by an error."""
     finer = grid.grid.finer
     if finer.steps > FINEST or not complete:

@@ -78,10 +78,10 @@ def search_fit(problem: FitProblem) -> SearchResult:
     joint, vectors = _search(problem, HeightMap(), limit)
     if vectors[1].min() > limit:
         return mapped
-    return min(refine_best_start(problem, joint, vectors), mapped, key=_information)
+    return min(refine_best_start(problem, joint, vectors), mapped, key=_bayesian_criterion)
 
 
-def _information(result: SearchResult) -> float:
+def _bayesian_criterion(result: SearchResult) -> float:
     """Bayesian information criterion; residuals below the tie level count as equal."""
     samples = sum(result.problem.samples)
     mean = max(result.cost / samples, TIE**2)
@@ -126,11 +126,11 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
     """Search vectors that random starts of a law lead to, and what they cost."""
     theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
     costs = np.zeros(problem.starts)
-    for swings in _horizons(problem, joint):
+    for swings in _search_horizons(problem, joint):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
         normal, prior = coarse_normal(problem, joint, swings)
         if problem.law.start is None and not first:
-            theta = _better(normal, theta, start)
+            theta = _keep_better_starts(normal, theta, start)
         rival = first and not math.isinf(limit)
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
@@ -148,7 +148,7 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
     return theta, costs
 
 
-def _better(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
+def _keep_better_starts(normal: Normal, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Search vectors after fewer swings, or the starts themselves where these fit better.
 
     Those of a law that is known by its equation alone come from all of the record: two swings may
@@ -185,7 +185,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     )
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
-    for swings in _horizons(problem, swing):
+    for swings in _search_horizons(problem, swing):
         normal, prior = coarse_normal(problem, swing, swings)
         theta, costs = levenberg_marquardt(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
     values = swinging.physical(theta[:, joint.entries[0]].T)[0]
@@ -249,7 +249,7 @@ def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tu
     return joint_normal(normals, joint.entries), joint.prior(total)
 
 
-def _horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
+def _search_horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
     ends = [float(grid.record.time[-1]) for grid in joint.grids]
     most = max(end / data.guess.quickest for end, data in zip(ends, problem.data, strict=True))

@@ -119,7 +119,7 @@ def _random_draws(
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
     values = canonical_values(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
-    values |= {name: np.full(count, value) for name, value in _held(bounds).items()}
+    values |= {name: np.full(count, value) for name, value in _fixed_by_bounds(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
@@ -141,7 +141,7 @@ def _match_pairs(
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
-    held = _held(bounds)
+    held = _fixed_by_bounds(bounds)
     free = np.array([name not in held for name in law.parameters])
 
     def moved(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
@@ -174,7 +174,7 @@ def _match_pairs(
     return np.stack([home[name] for name in law.parameters], axis=1)
 
 
-def _held(bounds: Pairs | None) -> dict[str, float]:
+def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
     """Parameters that bounds leave one value."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
@@ -205,7 +205,7 @@ def _hidden_starts(
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED]]
     output, cost = levenberg_marquardt(
-        _normal(best, misfits), np.zeros_like(best),
+        _acceleration_normal_equations(best, misfits), np.zeros_like(best),
         Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,
     )  # fmt: skip
     values = best * np.exp(np.clip(output, -50.0, 50.0))
@@ -249,7 +249,9 @@ def acceleration_function(
     return carried
 
 
-def _normal(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
+def _acceleration_normal_equations(
+    units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]
+) -> Normal:
     """Return the normal equations of logarithms (m, p) of factors of the units, by differences."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -55,10 +55,10 @@ def interval_analysis(
     intervals = {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
-        intervals[name] = _interval(values[k], spread, unknowns, k, logarithmic=logs[k])
-    information = _information(unknowns, theta, known)
+        intervals[name] = _confidence_interval(values[k], spread, unknowns, k, logarithmic=logs[k])
+    information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
-    at_rest = _at_rest(unknowns, theta, known.covariance, quantile, seen)
+    at_rest = _rest_figures(unknowns, theta, known.covariance, quantile, seen)
     return intervals, at_rest, open_directions(open_names, information)
 
 
@@ -109,8 +109,8 @@ def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> 
     names, _, logs = named_entries(unknowns, low)
     return {
         name: (
-            _interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
-            _interval(high[k], 0.0, unknowns, k, logarithmic=logs[k])[1],
+            _confidence_interval(low[k], 0.0, unknowns, k, logarithmic=logs[k])[0],
+            _confidence_interval(high[k], 0.0, unknowns, k, logarithmic=logs[k])[1],
         )
         for k, name in enumerate(names)
     }
@@ -129,14 +129,14 @@ def named_entries(
     return names, theta[: len(names)], logs
 
 
-def _unit(unknowns: Unknowns, k: int) -> float:
+def _entry_unit(unknowns: Unknowns, k: int) -> float:
     """Physical size of one unit of an entry of the search vector that is no logarithm."""
     if k < len(unknowns.units):
         return unknowns.units[k]
     return unknowns.amplitude
 
 
-def _interval(
+def _confidence_interval(
     value: float, spread: float, unknowns: Unknowns, k: int, *, logarithmic: bool
 ) -> tuple[float, float]:
     value = float(value)
@@ -146,11 +146,11 @@ def _interval(
             return 0.0, math.inf
         return unit * math.exp(value - spread), unit * math.exp(value + spread)
     offset = unknowns.rest if k >= len(unknowns.units) else 0.0
-    unit = float(_unit(unknowns, k))
+    unit = float(_entry_unit(unknowns, k))
     return offset + unit * (value - spread), offset + unit * (value + spread)
 
 
-def _information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> np.ndarray:
+def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: Information) -> np.ndarray:
     """Fisher information on the logarithms of free parameters and map, the start left open."""
     names, values, logs = named_entries(unknowns, theta)
     relative = np.ones(len(names))
@@ -172,7 +172,7 @@ def physical_covariance(
     """Names and covariance (p, p), in their units, of what was fitted to a record."""
     names, values, logs = named_entries(unknowns, theta)
     units = [
-        _unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
+        _entry_unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
         for k, (value, log) in enumerate(zip(values, logs, strict=True))
     ]
     hidden = unknowns.law.hidden
@@ -202,7 +202,7 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
     return tuple(result)
 
 
-def _at_rest(
+def _rest_figures(
     unknowns: Unknowns,
     theta: np.ndarray,
     covariance: np.ndarray,
@@ -217,7 +217,7 @@ def _at_rest(
         return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
     sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
     seen = _seen_damping(unknowns, theta[:, None], figures[:, None], sizes)
-    equivalent = np.isfinite(seen).all() and _unseen(figures[2], seen[1, 0])
+    equivalent = np.isfinite(seen).all() and _unseen_damping_note(figures[2], seen[1, 0])
     if not (equivalent or math.isfinite(figures[2])):
         return JUMPS
     step = 1e-6 * np.maximum(1.0, np.abs(theta))
@@ -251,7 +251,7 @@ def _at_rest(
     return AtRest(height, period, ratio, dict(zip(names, intervals[:3], strict=True)), others)
 
 
-def _unseen(small: float, at_tenth: float) -> bool:
+def _unseen_damping_note(small: float, at_tenth: float) -> bool:
     """Tell a damping ratio of small swings that is far from that of swings that are seen."""
     if not math.isfinite(small):
         return True

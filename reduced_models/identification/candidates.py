@@ -196,13 +196,13 @@ def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     misfits = {}
     for law in laws:
         if not law.hidden and not law.inputs:
-            misfit = _misfit(law, weak, judge.whitening, guess, height_map)
+            misfit = _law_misfit(law, weak, judge.whitening, guess, height_map)
             if math.isfinite(misfit):
                 misfits[law.name] = misfit
     return Screening(misfits, math.sqrt(judge.excess))
 
 
-class _View(NamedTuple):
+class _LawAlongMotion(NamedTuple):
     """A law's rate along a motion, in the units of the integrals, and where its search starts."""
 
     rate: Callable[..., np.ndarray]
@@ -211,7 +211,9 @@ class _View(NamedTuple):
     starts: Mapping[str, np.ndarray] | None
 
 
-def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: HeightMap) -> _View:
+def _law_along_motion(
+    law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: HeightMap
+) -> _LawAlongMotion:
     random = np.random.default_rng(0)
     if law.swing_form is None:
         # The law holds for the height, and the integrals are of the swing in amplitudes.
@@ -229,17 +231,17 @@ def _view(law: Law, motion: SmoothedMotion, guess: FirstGuesses, height_map: Hei
             accelerations = np.nan_to_num(field(z, v, *values)[0] / size, nan=_LARGEST)
         return np.broadcast_to(np.clip(accelerations, -_LARGEST, _LARGEST), z.shape)
 
-    return _View(rate, plain.parameters, plain.positive, starts)
+    return _LawAlongMotion(rate, plain.parameters, plain.positive, starts)
 
 
-def _misfit(
+def _law_misfit(
     law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, height_map: HeightMap
 ) -> float:
     """Misfit of a law that is fitted to the integrals; infinite where that fails."""
     from scipy.optimize import least_squares
 
     (part,) = weak.parts
-    view = _view(law, part.motion, guess, height_map)
+    view = _law_along_motion(law, part.motion, guess, height_map)
     target = whitening @ weak.target
     if view.starts is None or len(target) < len(view.names) + _FEWEST_ROWS:
         return math.inf

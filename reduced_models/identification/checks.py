@@ -145,7 +145,7 @@ def check_figures(
     of its record.
     """
     duration = float(record.time[-1] - record.time[0])
-    results = [_refit(what, swing, duration, model) for what, swing in runs.swings]
+    results = [_refit_check(what, swing, duration, model) for what, swing in runs.swings]
     other, *scattered = [None if isinstance(result, Failure) else result for result in results]
     checked = {}
     for name, figure in figures.items():
@@ -161,7 +161,7 @@ def check_figures(
     return checked, [result for result in results if isinstance(result, Failure)]
 
 
-def _refit(
+def _refit_check(
     what: str, record: PistonRecord | Failure, duration: float, model: ReducedModel
 ) -> dict[str, float] | Failure:
     if isinstance(record, Failure):
@@ -248,11 +248,12 @@ def checked_records(
         title="checks of step, seeds, lift and falls",
     )
     return [
-        _record_of(check, outcome) for check, outcome in zip(checks, study.outcomes, strict=True)
+        _record_of_check(check, outcome)
+        for check, outcome in zip(checks, study.outcomes, strict=True)
     ]
 
 
-def _record_of(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
+def _record_of_check(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
     if outcome["error"] is not None:
         return Failure(check.what, " ".join(outcome["error"].split()))
     try:
@@ -310,10 +311,10 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
         for k in range(seed, seed + CHECK_SEEDS)
     ]
-    return [drop for drop in drops if _fits(scene, drop)]
+    return [drop for drop in drops if _fits_scene(scene, drop)]
 
 
-def _fits(scene: Scene, check: RunCheck) -> bool:
+def _fits_scene(scene: Scene, check: RunCheck) -> bool:
     """Return true for a scene that can be changed so; a lower piston may leave no space."""
     try:
         scene.replace(**check.changes)

@@ -97,12 +97,12 @@ def compare(
         raise InputError("laws is empty; name at least one")
     if own and test_records:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
-    chosen = [_entry(law, records[0]) for law in laws]
-    rows = [_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
+    chosen = [_make_entry(law, records[0]) for law in laws]
+    rows = [_make_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
-    return _rank(rows, sound)
+    return _rank_rows(rows, sound)
 
 
 def compare_on_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
@@ -111,11 +111,11 @@ def compare_on_records(table: Comparison, test_records: Sequence[PistonRecord]) 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
     that diverges there.
     """
-    rows = [_further(row, test_records) for row in table.rows if not row.failure]
-    return _rank([*rows, *(row for row in table.rows if row.failure)], rows)
+    rows = [_add_further_record(row, test_records) for row in table.rows if not row.failure]
+    return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
-def _further(row: Row, test_records: Sequence[PistonRecord]) -> Row:
+def _add_further_record(row: Row, test_records: Sequence[PistonRecord]) -> Row:
     judged = list(row.records)
     for record in test_records:
         try:
@@ -126,7 +126,7 @@ def _further(row: Row, test_records: Sequence[PistonRecord]) -> Row:
     return dataclasses.replace(row, records=tuple(judged), error=root_mean_square(errors))
 
 
-class _Entry(NamedTuple):
+class _LawEntry(NamedTuple):
     """A law to compare, and the map that it was given, if any."""
 
     law: Law
@@ -142,19 +142,19 @@ def law_name(law: str | Law | ReducedModel) -> str:
     return " ".join(law.split())
 
 
-def _entry(law: Any, record: PistonRecord) -> _Entry:
+def _make_entry(law: Any, record: PistonRecord) -> _LawEntry:
     if isinstance(law, str | Law):
-        return _Entry(resolve_law(law, record), None)
+        return _LawEntry(resolve_law(law, record), None)
     model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
     if model.law.start is not None:
-        return _Entry(model.law, model.map)
-    return _Entry(
+        return _LawEntry(model.law, model.map)
+    return _LawEntry(
         dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map
     )
 
 
-def _row(
-    entry: _Entry,
+def _make_row(
+    entry: _LawEntry,
     records: Sequence[PistonRecord],
     test_fraction: float,
     test_records: Sequence[PistonRecord],
@@ -187,17 +187,17 @@ def _row(
     return Row(law.name, models, count, stretches, judged, error)
 
 
-def _rank(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
-    correlation = min(_correlation(row) for row in sound)
-    scored = [_score(row, correlation) for row in sound]
-    noise = root_mean_square([_noise(model) for model in scored[0].models])
+def _rank_rows(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
+    correlation = min(_residual_correlation_time(row) for row in sound)
+    scored = [_add_information_criteria(row, correlation) for row in sound]
+    noise = root_mean_square([_noise_of_model(model) for model in scored[0].models])
     least = min(row.error for row in scored)
     limit = tie_limit(least, noise)
     alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
     if not alike:  # every law diverges
         alike, worse = sorted(worse, key=lambda row: row.bic), []
-    at_rest = _at_rest(scored[0])
+    at_rest = _holdout_is_at_rest(scored[0])
     verdict = _verdict(alike, worse, at_rest)
     failed = [row for row in rows if row.failure]
     for row in failed:
@@ -205,19 +205,19 @@ def _rank(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     return Comparison((*alike, *worse, *failed), verdict, noise, at_rest)
 
 
-def _correlation(row: Row) -> float:
+def _residual_correlation_time(row: Row) -> float:
     return max(model.quality.correlation for model in row.models)
 
 
-def _noise(model: ReducedModel) -> float:
+def _noise_of_model(model: ReducedModel) -> float:
     return model.quality.noise * model.quality.relative / max(model.quality.residual, 1e-300)
 
 
-def _score(row: Row, correlation: float) -> Row:
+def _add_information_criteria(row: Row, correlation: float) -> Row:
     """Row with its information criteria, for samples that follow each other so far."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
-        count * max(model.quality.residual, _LEAST * _swing(model)) ** 2
+        count * max(model.quality.residual, _LEAST * _rms_swing(model)) ** 2
         for count, model in zip(samples, row.models, strict=True)
     )
     count = sum(samples) / correlation
@@ -231,12 +231,12 @@ def _score(row: Row, correlation: float) -> Row:
     )
 
 
-def _swing(model: ReducedModel) -> float:
+def _rms_swing(model: ReducedModel) -> float:
     """Rms swing of a model's record."""
     return model.quality.residual / max(model.quality.relative, 1e-300)
 
 
-def _at_rest(row: Row) -> float:
+def _holdout_is_at_rest(row: Row) -> float:
     errors = [
         model.quality.test_error_at_rest
         for model in row.models

@@ -32,7 +32,7 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotio
 
     None where it is a cosine, or drag takes too much of the amplitude for one function.
     """
-    if _lost_fraction(model, duration) > _MOST_LOST:
+    if _lost_energy_fraction(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
     motion = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
@@ -41,7 +41,7 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotio
 
 def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
     """Return that a fitted Duffing law and an elliptic function are one motion."""
-    lost = _lost_fraction(model, duration)
+    lost = _lost_energy_fraction(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
         f"The motion of {DUFFING.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
@@ -50,7 +50,7 @@ def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) 
     )
 
 
-def _lost_fraction(model: ReducedModel, duration: float) -> float:
+def _lost_energy_fraction(model: ReducedModel, duration: float) -> float:
     """Fraction of the amplitude that the drag takes in so many seconds."""
     return 1.0 - math.exp(-model.parameters["lam"] * duration)
 
@@ -114,13 +114,13 @@ def average_elliptically(model: ReducedModel, time: np.ndarray) -> Averaging | N
     return Averaging(
         law=model.law.name,
         unit=model.unit,
-        amplitudes=_ends(averaged),
-        frequencies=_ends(averaged_frequency(averaged, oscillator)),
-        solved_amplitudes=_ends(cycles.amplitude),
-        solved_frequencies=_ends(cycles.frequency / (2.0 * math.pi)),
+        amplitudes=_first_and_last_text(averaged),
+        frequencies=_first_and_last_text(averaged_frequency(averaged, oscillator)),
+        solved_amplitudes=_first_and_last_text(cycles.amplitude),
+        solved_frequencies=_first_and_last_text(cycles.frequency / (2.0 * math.pi)),
         critical=critical_fraction(float(cycles.amplitude[0]), oscillator),
     )
 
 
-def _ends(values: np.ndarray) -> tuple[float, float]:
+def _first_and_last_text(values: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[-1])

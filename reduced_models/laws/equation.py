@@ -134,13 +134,13 @@ def parse_law_formulas(equation: str) -> Trees:
         raise InputError(f"{law} must have one equals sign")
     try:
         left, right = map(formulas.parse, sides)
-        hidden = [_hidden(law, text) for text in others]
+        hidden = [_parse_hidden_state(law, text) for text in others]
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
-    coordinate = _coordinate(law, left, right)
+    coordinate = _coordinate_name(law, left, right)
     if coordinate != "z":
-        left, right = (_renamed(tree, coordinate) for tree in (left, right))
-        hidden = [(name, _renamed(tree, coordinate)) for name, tree in hidden]
+        left, right = (_rename_coordinate(tree, coordinate) for tree in (left, right))
+        hidden = [(name, _rename_coordinate(tree, coordinate)) for name, tree in hidden]
     trees = Trees(left, right, dict(hidden))
     if coordinate in (name for name, _ in hidden):
         raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
@@ -159,7 +159,7 @@ def parse_law_formulas(equation: str) -> Trees:
     return trees
 
 
-def _coordinate(law: str, *trees: formulas.Node) -> str:
+def _coordinate_name(law: str, *trees: formulas.Node) -> str:
     """Name that has two primes; z where there is none."""
     result = tuple(
         dict.fromkeys(item.name for item in formulas.variable_names(*trees) if item.primes == 2)
@@ -180,17 +180,17 @@ def _coordinate(law: str, *trees: formulas.Node) -> str:
     return result[0]
 
 
-def _renamed(tree: formulas.Node, coordinate: str) -> formulas.Node:
+def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
     """Return the formula with z for its coordinate."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Applied):
-        operands = tuple(_renamed(operand, coordinate) for operand in tree.operands)
+        operands = tuple(_rename_coordinate(operand, coordinate) for operand in tree.operands)
         return formulas.Applied(tree.head, operands)
     return tree
 
 
-def _hidden(law: str, text: str) -> tuple[str, formulas.Node]:
+def _parse_hidden_state(law: str, text: str) -> tuple[str, formulas.Node]:
     """Name and rate of a hidden state."""
     left, _, right = text.partition("=")
     item = formulas.parse(left) if left.strip() and right.strip() and "=" not in right else None

@@ -207,7 +207,7 @@ def law_from_text(
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
     for name in result.parameters:
         if name not in declared:
-            _ask_about(law, name, columns)
+            _refuse_suspicious_name(law, name, columns)
     if not result.parameters:
         raise InputError(f"{law} has no parameter, so there is nothing to fit")
     return result
@@ -222,7 +222,7 @@ _COLUMNS = ("force", "input", "drive", "load", "excitation", "voltage", "current
 _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
-def _ask_about(law: str, name: str, columns: Collection[str]) -> None:
+def _refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
     """Refuse a parameter whose name says that it is something else."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, start={{{name!r}: ...}}"

@@ -94,21 +94,21 @@ def latex(equation: sympy.Eq) -> str:
 
 def mathml(equation: sympy.Eq) -> str:
     """Equation in z(t) as presentation MathML, a formula a term: lines break between them."""
-    return _formulas(_side(equation.lhs), _side(equation.rhs))
+    return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
 def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
     """Equation of a hidden state, whose rate is an expression in z(t), as `mathml`."""
-    return _formulas([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _side(rate))
+    return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 
 
-def _formulas(left: list[str], right: list[str]) -> str:
+def _mathml_equation(left: list[str], right: list[str]) -> str:
     first, *others = right
     terms = [*left, f"<mo>=</mo>{first}", *others]
     return " ".join(f'<math displaystyle="true"><mrow>{term}</mrow></math>' for term in terms)
 
 
-def _side(expression: Any) -> list[str]:
+def _signed_terms(expression: Any) -> list[str]:
     """Terms of a side, with their signs."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 

@@ -114,14 +114,14 @@ def solve_on_grid(
 
     def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
         given = [inputs[k] for k in range(inputs.shape[0])]
-        return _stack((state[1], *field(*state, *given, *values)), state[0])
+        return _stack_rows((state[1], *field(*state, *given, *values)), state[0])
 
     def advance(state: jax.Array, inputs: jax.Array) -> tuple[jax.Array, jax.Array]:
         slopes: list[jax.Array] = []
         for stage, row in enumerate(_STAGES):
-            slopes.append(rates(_moved(state, row, slopes, step), inputs[stage]))
+            slopes.append(rates(_advance_state(state, row, slopes, step), inputs[stage]))
         point = jnp.stack([state[0], state[1], slopes[0][1]])
-        return _moved(state, _WEIGHTS, slopes, step), point
+        return _advance_state(state, _WEIGHTS, slopes, step), point
 
     def chunk(index: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         state, result = carried
@@ -131,7 +131,7 @@ def solve_on_grid(
 
     # One array for all of the state: each of the compiled operations costs more than its numbers.
     given = jnp.asarray(drive)
-    first = _stack(start, start[0])
+    first = _stack_rows(start, start[0])
     empty = jnp.zeros((len(given), 3, *first.shape[1:]))
     state, output = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
     end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
@@ -140,12 +140,12 @@ def solve_on_grid(
     return output[:, 0], output[:, 1], output[:, 2]
 
 
-def _stack(parts: Sequence[Value], like: jax.Array) -> jax.Array:
+def _stack_rows(parts: Sequence[Value], like: jax.Array) -> jax.Array:
     """Numbers or arrays as the rows of one array."""
     return jnp.stack([jnp.broadcast_to(part, jnp.shape(like)) for part in parts])
 
 
-def _moved(
+def _advance_state(
     state: jax.Array, weights: Sequence[float], slopes: Sequence[jax.Array], step: Value
 ) -> jax.Array:
     """State moved along some slopes."""
@@ -191,7 +191,7 @@ class Solution:
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _adaptive(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
+def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Array, ...]]:
     rates = compile_rates(equation)
 
     def field(t: object, state: States, parameters: Parameters) -> States:
@@ -260,7 +260,7 @@ def solve_law(
     padded = np.full(-(-count // 1024) * 1024, times[-1])
     padded[:count] = times
     for budget in STEP_BUDGETS:
-        solve = _adaptive(law.equation, budget)
+        solve = _adaptive_solver(law.equation, budget)
         z, v, complete, blown_up = solve(padded, start, (values, float(size)), float(size))
         if complete or blown_up:
             break
@@ -276,7 +276,7 @@ _MOST_DRIVEN = 2**22
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _stepping(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
+def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., jax.Array]:
     rates = compile_rates(equation, inputs)
     solver = diffrax.Dopri8()
 
@@ -328,7 +328,7 @@ def _driven_solution(
     padded = padded_steps(count)
     length, cubics = np.ones(padded), np.zeros((padded, *result.cubics.shape[1:]))
     length[:count], cubics[:count] = result.length, result.cubics
-    solve = _stepping(law.equation, law.inputs)
+    solve = _fixed_step_solver(law.equation, law.inputs)
     before = np.full((len(times), 2), np.inf)
     split = 1
     while split * count <= _MOST_DRIVEN:

@@ -54,7 +54,7 @@ def _swing_start(
     return {"c0": c0, "c1": c1, "c2": c2, "k": k, "f": np.full(count, result.force)}
 
 
-def _map_law(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Law with that quadratic damping.
 
     With z = p + q u the damping 2 alpha (z^2 - 2 z) is c0 + c1 u + c2 u^2 where c2 = 2 alpha q^2,
@@ -92,7 +92,7 @@ VAN_DER_POL_LIKE = Law(
     swing_form=SwingForm(
         Law("quadratic damping", "z'' + (c0 + c1*z + c2*z**2)*z' + k*z = f", positive=("k",)),
         _swing_start,
-        _map_law,
+        _law_from_swing,
     ),
     source="[D, eq. 5.12]",
 )
@@ -131,7 +131,7 @@ def quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> Quadrat
     rows, targets = np.empty((count, 5)), np.empty(count)
     for k, centre in enumerate(centres):
         inside = slice(*np.searchsorted(time, (centre - half, centre + half)))
-        bump, slope, curvature = _bump((time[inside] - centre) / half)
+        bump, slope, curvature = _test_function_derivatives((time[inside] - centre) / half)
         weights = np.stack([slope / half, slope / half, slope / half, bump, bump])
         rows[k] = np.trapezoid(weights * powers[:, inside], time[inside], axis=1)
         targets[k] = np.trapezoid(curvature / half**2 * u[inside], time[inside])
@@ -142,7 +142,7 @@ def quadratic_damping(time: np.ndarray, u: np.ndarray, period: float) -> Quadrat
     return QuadraticDamping(result[:3], float(result[3]), float(result[4]), unexplained)
 
 
-def _bump(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _test_function_derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(1 - s^2)^p and its first two derivatives."""
     p, rest = _POWER, np.maximum(1.0 - s * s, 0.0)
     slope = -2.0 * p * s * rest ** (p - 1)

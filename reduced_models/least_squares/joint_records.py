@@ -40,7 +40,7 @@ def joint_entries(unknowns: Unknowns, records: int, own: Sequence[str]) -> Entri
 
 def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
     """Joint vector (..., q) of those of the records (..., p); shared entries are the first's."""
-    joint = np.empty((*vectors[0].shape[:-1], _size(entries)))
+    joint = np.empty((*vectors[0].shape[:-1], _vector_size(entries)))
     for vector, here in zip(reversed(vectors), reversed(entries), strict=True):
         joint[..., here] = vector
     return joint
@@ -48,7 +48,7 @@ def joint_vector(vectors: Sequence[np.ndarray], entries: Entries) -> np.ndarray:
 
 def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
     """Return the normal equations of all records as those of the joint search vector."""
-    size = _size(entries)
+    size = _vector_size(entries)
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(theta)
@@ -64,7 +64,7 @@ def joint_normal(normals: Sequence[Normal], entries: Entries) -> Normal:
     return normal
 
 
-def _size(entries: Entries) -> int:
+def _vector_size(entries: Entries) -> int:
     return 1 + max(int(here.max()) for here in entries)
 
 

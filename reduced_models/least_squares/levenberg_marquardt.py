@@ -116,33 +116,35 @@ def levenberg_marquardt(
     # Each start has its own where one has: profiles hold another entry in each.
     bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
     wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
-    best = _point(normal, np.clip(start, *bounds))
+    best = _evaluate_point(normal, np.clip(start, *bounds))
     sizes = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
-        moved, gain = map(np.asarray, _moved(best, start, precision, sizes, bounds))
+        moved, gain = map(np.asarray, _next_vectors(best, start, precision, sizes, bounds))
         moved = np.where(np.isfinite(moved), moved, theta)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where((gain <= _VAIN * tolerance * total) & (sizes >= _LONG), patience, idle)
-        if _over(idle >= patience, wanted, cost, prior.samples):
+        if _search_is_over(idle >= patience, wanted, cost, prior.samples):
             break
-        trial = _point(normal, moved)
+        trial = _evaluate_point(normal, moved)
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
         judged = _judge_steps(best, start, precision, sizes, moved, total, trial_total)
         better, sizes = map(np.asarray, judged)
         sizes = np.clip(sizes, _SHORTEST, _LONGEST)
         small = np.abs(total - trial_total) <= tolerance * total
         idle = np.where(better & ~small, 0, idle + 1)
-        theta, cost, gradient, matrix = map(functools.partial(_chosen, better), trial, best)
+        theta, cost, gradient, matrix = map(functools.partial(_select_rows, better), trial, best)
         best = theta, cost, gradient, matrix
-        if _over(idle >= patience, wanted, cost, prior.samples):
+        if _search_is_over(idle >= patience, wanted, cost, prior.samples):
             break
     return best[:2]
 
 
-def _over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
+def _search_is_over(
+    resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float
+) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
     agreeing = resting & (cost <= agreement_cost(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
@@ -158,7 +160,7 @@ def promising_starts(cost: np.ndarray, samples: float) -> np.ndarray:
     return np.asarray(cost <= _IN_THE_RUNNING * cost.min() + samples * TIE**2)
 
 
-def _point(normal: Normal, theta: np.ndarray) -> Point:
+def _evaluate_point(normal: Normal, theta: np.ndarray) -> Point:
     cost, gradient, matrix = map(np.asarray, normal(theta))
     return theta, cost, gradient, matrix
 
@@ -174,7 +176,7 @@ def _scale_coefficients(
     return scale * slope, full * jnp.outer(scale, scale), scale
 
 
-def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
+def _quadratic_model(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
     """Cost, slope and matrix at a point, as optimistix takes them."""
     operator = lineax.MatrixLinearOperator(matrix, lineax.positive_semidefinite_tag)
     return optimistix.FunctionInfo.EvalGradHessian(half_cost, slope, operator)
@@ -182,7 +184,7 @@ def _quadratic(half_cost: Any, slope: jax.Array, matrix: jax.Array) -> Any:
 
 @jax.jit
 @jax.vmap
-def _moved(
+def _next_vectors(
     best: Point, start: jax.Array, precision: jax.Array, size: jax.Array, bounds: Bounds
 ) -> tuple[jax.Array, jax.Array]:
     """Next search vectors, within the bounds, and what of the cost they promise to save."""
@@ -196,7 +198,7 @@ def _moved(
     identity = jnp.eye(len(slope))
     matrix = jnp.where(resting[:, None] | resting[None, :], identity, matrix)
     slope = jnp.where(resting, 0.0, slope)
-    point = _quadratic(0.5 * cost, slope, matrix)
+    point = _quadratic_model(0.5 * cost, slope, matrix)
     state = _DESCENT.query(slope, point, _DESCENT.init(slope, point))
     step, _ = _DESCENT.step(size, state)
     gain = -2.0 * slope @ step - step @ matrix @ step
@@ -216,7 +218,7 @@ def _judge_steps(
 ) -> tuple[jax.Array, jax.Array]:
     """Decide whether steps are accepted, and return the size of the next ones."""
     slope, matrix, scale = _scale_coefficients(best, start, precision)
-    here = _quadratic(0.5 * total, slope, matrix)
+    here = _quadratic_model(0.5 * total, slope, matrix)
     there = optimistix.FunctionInfo.Eval(0.5 * trial_total)
     state = _TRUST.init(slope, here)
     state = type(state)(step_size=size)
@@ -227,5 +229,5 @@ def _judge_steps(
     return accepted & (trial_total < total), length
 
 
-def _chosen(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:
+def _select_rows(better: np.ndarray, trial: np.ndarray, former: np.ndarray) -> np.ndarray:
     return np.where(better.reshape(-1, *[1] * (trial.ndim - 1)), trial, former)

@@ -72,7 +72,7 @@ class ResponseComparison:
     @property
     def table(self) -> str:
         """The peaks in columns."""
-        return align_columns([_HEAD, *_cells(self.peaks)])
+        return align_columns([_HEAD, *_table_cells(self.peaks)])
 
 
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
@@ -143,14 +143,14 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
             "simulated, their greatest may miss the peak."
         ),
         header=_HEAD,
-        rows=_cells(comparison.peaks),
+        rows=_table_cells(comparison.peaks),
         frequencies=comparison.frequencies,
         curves={"law": comparison.law, "linear law": comparison.linear},
         notes=notes,
     )
 
 
-def _cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
+def _table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
         (f"{peak.force:g}", format_number(1e3 * peak.simulated, 3),
          format_number(1e3 * peak.law, 3), f"{100.0 * peak.error:+.0f}",

@@ -101,7 +101,7 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     frequencies = [float(own * ratio) for ratio in _COARSE]
     tried = [
         (solve_response(CoupledSystem.of(scene), frequencies, excitation.force), scene)
-        for scene in _candidates(host, excitation, limit)
+        for scene in _candidate_dampers(host, excitation, limit)
     ]
     if not tried:
         raise InputError(
@@ -122,11 +122,11 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     helps = response.peak < HELPS * alone and diameters >= RANGE[0]
     return DamperDesign(
         best, response.peak, alone, ideal, stroke, mass, helps,
-        _verdict(best, response.peak, alone, ideal, diameters),
+        _verdict_text(best, response.peak, alone, ideal, diameters),
     )  # fmt: skip
 
 
-def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Scene]:
+def _candidate_dampers(host: Host, excitation: Excitation, limit: float) -> Iterator[Scene]:
     start = load_scene("machine").replace(
         **{"effects.host": Host(bodies=host.bodies, excitation=excitation).to_plain()}
     )
@@ -151,7 +151,7 @@ def _candidates(host: Host, excitation: Excitation, limit: float) -> Iterator[Sc
                 yield scene
 
 
-def _verdict(scene: Scene, peak: float, alone: float, ideal: float, stroke: float) -> str:
+def _verdict_text(scene: Scene, peak: float, alone: float, ideal: float, stroke: float) -> str:
     drag = scene.effects.drag
     assert scene.piston is not None
     what = (

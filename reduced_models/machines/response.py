@@ -158,7 +158,7 @@ class CoupledSystem(NamedTuple):
 
 
 @compiled
-def _rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
+def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     total, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
@@ -178,7 +178,7 @@ def _rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]."""
-    _rates(law, force, state, rates)
+    _state_rates(law, force, state, rates)
 
 
 @entry
@@ -198,12 +198,12 @@ def squared_amplitudes(
     slopes, sums = np.zeros((4, 6)), np.zeros(4)
     for n in range(steps):
         t = n * h
-        _rates(law, force * math.sin(omega * t), state, slopes[0])
+        _state_rates(law, force * math.sin(omega * t), state, slopes[0])
         for stage in range(1, 4):
             part = h if stage == 3 else 0.5 * h
             for k in range(6):
                 middle[k] = state[k] + part * slopes[stage - 1, k]
-            _rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
+            _state_rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
         for k in range(6):
             state[k] += (
                 h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
@@ -280,7 +280,7 @@ def predicted_response(
     host = scene.effects.host
     law = CoupledSystem.of(scene)
     if force is None:
-        force = _force_of(host)
+        force = _host_force(host)
     response = solve_response(law, frequencies, force)
     diameter = scene.grains.species[0].diameter
     stroke = float(response.stroke[int(response.displacement.argmax())]) / diameter
@@ -295,7 +295,7 @@ def predicted_response(
     return dataclasses.replace(response, outside=outside)
 
 
-def _force_of(host: Host | None) -> float:
+def _host_force(host: Host | None) -> float:
     force = None if host is None or host.excitation is None else host.excitation.force
     if force is None:
         raise InputError("the host is under no force; give one [N]")

@@ -87,10 +87,10 @@ def numpy_source(model: FittedLaw) -> str:
         return str(doprint(expression.xreplace(symbols)))
 
     return _TEMPLATE.format(
-        name=_quotable(law.name),
-        equation=_quotable(law.equation),
-        source=_quotable(law.source or "own"),
-        data=_quotable(model.provenance.get("data", "unknown")),
+        name=_docstring_text(law.name),
+        equation=_docstring_text(law.equation),
+        source=_docstring_text(law.source or "own"),
+        data=_docstring_text(model.provenance.get("data", "unknown")),
         low=low,
         high=high,
         parameters=repr({name: float(model.parameters[name]) for name in law.parameters}),
@@ -123,7 +123,7 @@ def _safe_names(names: Sequence[str]) -> dict[str, str]:
     return result
 
 
-def _quotable(words: str) -> str:
+def _docstring_text(words: str) -> str:
     """Text that can stand in a docstring, whatever it holds."""
     return sanitize(words, MAX_CHARACTERS).replace("\\", "\\\\").replace('"', "'")
 

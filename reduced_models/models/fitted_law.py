@@ -115,12 +115,12 @@ class AtRest:
             known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}
             known |= {"friction": item.intervals["friction"]}
         return "\n".join(
-            f"{name.replace('_', ' ')}: {_with_interval(value, unit, known.get(name))}"
+            f"{name.replace('_', ' ')}: {_value_with_interval_text(value, unit, known.get(name))}"
             for name, value, unit in rows
         )
 
 
-def _with_interval(value: float, unit: str, interval: tuple[float, float] | None) -> str:
+def _value_with_interval_text(value: float, unit: str, interval: tuple[float, float] | None) -> str:
     """To the decimal that the interval's width tells; its ends are rounded outwards."""
     unit = f" {unit}".rstrip()
     if interval is None:
@@ -225,10 +225,12 @@ class FittedLaw:
         """
         if self.at_rest is None:
             return FEWEST_DIGITS
-        enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._tells(digits))
+        enough = (
+            digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits)
+        )
         return next(enough, MOST_DIGITS)
 
-    def _tells(self, digits: int) -> bool:
+    def _digits_suffice(self, digits: int) -> bool:
         """Return whether so many digits give rest level and small swing within their intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
@@ -332,7 +334,7 @@ class FittedLaw:
             self.input_interpolation,
         )  # fmt: skip
         if result.ending != "complete":
-            raise InputError(_incomplete(self.law.name, times, result))
+            raise InputError(_incomplete_solution_text(self.law.name, times, result))
         height, velocity = self.map.to_height(result.z), scale * result.velocity
         return PistonRecord(times, height, velocity, angle=self.angle)
 
@@ -352,7 +354,7 @@ class FittedLaw:
         return self.simulate(t).height
 
 
-def _incomplete(name: str, times: np.ndarray, result: Solution) -> str:
+def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) -> str:
     """Why a solution does not reach the last of the times."""
     from reduced_models.laws.solution import STEP_BUDGETS
 

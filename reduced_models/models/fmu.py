@@ -43,17 +43,17 @@ def write_fmu(model: FittedLaw, path: str | Path) -> None:
     guid = hashlib.sha256(plain.encode()).hexdigest()[:32]
     wrapper = (Path(__file__).parent / "fmu_functions.c").read_text(encoding="utf-8")
     source = f'{plain}\n#define MODEL_GUID "{guid}"\n\n{wrapper}'
-    folder, ending, library = _compiled(source)
+    folder, ending, library = _compile_library(source)
     with (
         replace_when_written(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
     ):
-        file.writestr("modelDescription.xml", _description(model, parts, guid))
+        file.writestr("modelDescription.xml", _model_description(model, parts, guid))
         file.writestr(f"sources/{NAME}.c", source)
         file.writestr(f"binaries/{folder}/{NAME}{ending}", library)
 
 
-def _compiled(source: str) -> tuple[str, str, bytes]:
+def _compile_library(source: str) -> tuple[str, str, bytes]:
     """Folder of the system in an FMU, the ending of a library there, and the library."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))),
                     None)  # fmt: skip
@@ -77,7 +77,7 @@ def _compiled(source: str) -> tuple[str, str, bytes]:
         return f"{system}{bits}", ending, library.read_bytes()
 
 
-def _description(model: FittedLaw, parts: ExportParts, guid: str) -> str:
+def _model_description(model: FittedLaw, parts: ExportParts, guid: str) -> str:
     """modelDescription.xml."""
     names = (model.coordinate, "velocity", *parts.hidden)
     variables = [

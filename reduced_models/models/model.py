@@ -154,14 +154,19 @@ class ReducedModel(FittedLaw):
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
         height, spread = prediction.prediction(
-            self, self.covariance, self.covariance_names, ReducedModel._moved, t, inputs
+            self,
+            self.covariance,
+            self.covariance_names,
+            ReducedModel._with_changed_value,
+            t,
+            inputs,
         )
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
         times = np.asarray(t, dtype=np.float64)
         return prediction.Band(times, height, height - width, height + width, noise, level)
 
-    def _moved(self, name: str, value: float) -> ReducedModel:
+    def _with_changed_value(self, name: str, value: float) -> ReducedModel:
         """Model with another value of one of what was fitted."""
         if name in self.parameters:
             return dataclasses.replace(self, parameters={**self.parameters, name: value})
@@ -201,14 +206,14 @@ class ReducedModel(FittedLaw):
         from granular.shared.plotting import axes_or_new, new_axes
 
         if record is None:
-            return prediction.plot_model(self, self._farthest_decay(), None, axes_or_new(ax))
+            return prediction.plot_model(self, self._longest_decay(), None, axes_or_new(ax))
         motion = self.follow(record)
         if ax is None:
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
             prediction.plot_residuals(motion, record, below)
         return prediction.plot_model(self, motion, record, ax)
 
-    def _farthest_decay(self) -> PistonRecord:
+    def _longest_decay(self) -> PistonRecord:
         if self.at_rest is None:
             return self.decay(0.0)  # which says why there is none
         ends = [end - self.at_rest.height for end in self.domain.get("height", self.initial[:1])]

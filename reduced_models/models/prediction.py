@@ -89,11 +89,11 @@ def prediction(
     with np.errstate(all="ignore"):
         for strength, direction in zip(strengths, directions.T, strict=True):
             sigma = spread * direction * math.sqrt(max(float(strength), 0.0))
-            variance += _change(motion, here, sigma, size) ** 2
+            variance += _change_along_direction(motion, here, sigma, size) ** 2
     return here, np.sqrt(variance)
 
 
-def _change(
+def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
     """Change by one standard deviation along a direction, as if the motion were linear in it.

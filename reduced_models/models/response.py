@@ -81,7 +81,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
     InputError
         If the law has no level of rest or has inputs, or the motion cannot be followed.
     """
-    height, period = _rest(model)
+    height, period = _rest_height_and_period(model)
     time = np.linspace(0.0, periods * period, max(2, math.ceil(periods * _PER_PERIOD) + 1))
     still = {name: np.zeros_like(time) for name in model.law.inputs}
     return model.simulate(time, height + amplitude, 0.0, still)
@@ -107,9 +107,9 @@ def harmonic_cycle(
     """
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
-    height, period = _rest(model)
+    height, period = _rest_height_and_period(model)
     result = harmonic_cycles(
-        _rates(model),
+        _model_rates(model),
         len(model.law.hidden),
         amplitude / abs(model.map.scale),
         model.map.to_law(height),
@@ -154,12 +154,16 @@ def frequency_response(
     """
     if not force > 0.0:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
-    height, period = _rest(model)
+    height, period = _rest_height_and_period(model)
     omega = np.asarray(frequencies, dtype=np.float64)
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
-    rates, hidden, size = _rates(model), len(model.law.hidden), amplitude / abs(model.map.scale)
+    rates, hidden, size = (
+        _model_rates(model),
+        len(model.law.hidden),
+        amplitude / abs(model.map.scale),
+    )
     centre = np.full_like(amplitude, model.map.to_law(height))
     for _ in range(4):
         centre, *_ = centre_cycles(
@@ -171,7 +175,7 @@ def frequency_response(
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
-        roots = _crossings(np.log(amplitude), np.log(needed[:, k] / force))
+        roots = _zero_crossings(np.log(amplitude), np.log(needed[:, k] / force))
         if len(roots):
             low[k], high[k] = math.exp(roots[0]), math.exp(roots[-1])
     return SteadyAmplitudes(omega, low, high)
@@ -220,7 +224,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     )
 
 
-def _rest(model: FittedLaw) -> tuple[float, float]:
+def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
     """Height [m] and small period [s] at rest."""
     if model.at_rest is None:
         raise InputError(
@@ -230,11 +234,11 @@ def _rest(model: FittedLaw) -> tuple[float, float]:
     return model.at_rest.height, model.at_rest.period
 
 
-def _rates(model: FittedLaw) -> Rates:
+def _model_rates(model: FittedLaw) -> Rates:
     return law_rates(model.law, [model.parameters[name] for name in model.law.parameters])
 
 
-def _crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _zero_crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Arguments at which a function passes zero."""
     good = np.isfinite(value)
     position, value = position[good], value[good]

@@ -99,7 +99,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     error = math.inf if lost.any() else guess.amplitude * _rms(residuals)
     rest = guess.rest if model.at_rest is None else model.at_rest.height
     swing = float(total.height.std())
-    motion = _motion(record, height)
+    motion = _record_with_heights(record, height)
     return RollOut(motion, error, error / swing, _rms(total.height - rest) / swing)
 
 
@@ -129,7 +129,7 @@ def theta_of_model(
     return unknowns, np.array(start)
 
 
-def _motion(record: PistonRecord, height: np.ndarray) -> PistonRecord:
+def _record_with_heights(record: PistonRecord, height: np.ndarray) -> PistonRecord:
     """Record with other heights, cut where they end."""
     count = len(height) if np.isfinite(height).all() else int(np.argmin(np.isfinite(height)))
     return PistonRecord(record.time[: max(count, 2)], np.nan_to_num(height[: max(count, 2)]))

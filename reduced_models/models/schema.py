@@ -35,7 +35,7 @@ _MOST_RESOLUTION = 64
 Check = Callable[[str, Any], Any]
 
 
-def _wrong(where: str, value: object, wanted: str) -> InputError:
+def _wrong_value_error(where: str, value: object, wanted: str) -> InputError:
     return InputError(
         f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} "
         "is wanted"
@@ -49,7 +49,7 @@ def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
         except OverflowError:
             number = math.nan
         if isinstance(value, bool) or not least <= number <= most:
-            raise _wrong(where, value, f"a number from {least:g} to {most:g}")
+            raise _wrong_value_error(where, value, f"a number from {least:g} to {most:g}")
         return number
 
     return check
@@ -58,7 +58,7 @@ def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
 def _integer(least: int, most: int) -> Check:
     def check(where: str, value: Any) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-            raise _wrong(where, value, f"an integer from {least} to {most}")
+            raise _wrong_value_error(where, value, f"an integer from {least} to {most}")
         return value
 
     return check
@@ -66,16 +66,16 @@ def _integer(least: int, most: int) -> Check:
 
 def _flag(where: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise _wrong(where, value, "true or false")
+        raise _wrong_value_error(where, value, "true or false")
     return value
 
 
 def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
     def check(where: str, value: Any) -> str:
         if not isinstance(value, str) or len(value) > longest:
-            raise _wrong(where, value, f"a text of at most {longest} characters")
+            raise _wrong_value_error(where, value, f"a text of at most {longest} characters")
         if not (" ".join(value.split()) if lines else value).isprintable():
-            raise _wrong(where, value, "a text that can be printed")
+            raise _wrong_value_error(where, value, "a text that can be printed")
         return value
 
     return check
@@ -84,7 +84,7 @@ def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
 def _one_of(known: Sequence[str]) -> Check:
     def check(where: str, value: Any) -> str:
         if value not in known:
-            raise _wrong(where, value, f"one of {', '.join(known)}")
+            raise _wrong_value_error(where, value, f"one of {', '.join(known)}")
         return str(value)
 
     return check
@@ -92,11 +92,11 @@ def _one_of(known: Sequence[str]) -> Check:
 
 def _format(where: str, value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value != FORMAT:
-        raise _wrong(where, value, f"{FORMAT}, the one that this release reads,")
+        raise _wrong_value_error(where, value, f"{FORMAT}, the one that this release reads,")
     return value
 
 
-def _maybe(check: Check) -> Check:
+def _null_or(check: Check) -> Check:
     """Null, or what another check wants."""
     return lambda where, value: None if value is None else check(where, value)
 
@@ -104,7 +104,7 @@ def _maybe(check: Check) -> Check:
 def _list(element: Check, most: int = _MOST_ITEMS) -> Check:
     def check(where: str, value: Any) -> list[Any]:
         if not isinstance(value, list | tuple) or len(value) > most:
-            raise _wrong(where, value, f"a list of at most {most} items")
+            raise _wrong_value_error(where, value, f"a list of at most {most} items")
         return [element(f"{where}.{index}", item) for index, item in enumerate(value)]
 
     return check
@@ -112,19 +112,19 @@ def _list(element: Check, most: int = _MOST_ITEMS) -> Check:
 
 def _pair(where: str, value: Any) -> tuple[float, float]:
     """Two numbers in order; null stands for an infinite one."""
-    ends = _list(_maybe(_number(-math.inf, math.inf)), 2)(where, value)
+    ends = _list(_null_or(_number(-math.inf, math.inf)), 2)(where, value)
     if len(ends) != 2:
-        raise _wrong(where, value, "a pair")
+        raise _wrong_value_error(where, value, "a pair")
     low, high = -math.inf if ends[0] is None else ends[0], math.inf if ends[1] is None else ends[1]
     if low > high:
-        raise _wrong(where, value, "a pair in order")
+        raise _wrong_value_error(where, value, "a pair in order")
     return low, high
 
 
 def _table(element: Check) -> Check:
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
-            raise _wrong(where, value, f"a table of at most {_MOST_ITEMS} entries")
+            raise _wrong_value_error(where, value, f"a table of at most {_MOST_ITEMS} entries")
         return {
             _text(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()
         }
@@ -137,7 +137,7 @@ def _shape(known: Mapping[str, Check]) -> Check:
 
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping):
-            raise _wrong(where, value, "a table")
+            raise _wrong_value_error(where, value, "a table")
         for key in value:
             if key not in known:
                 raise InputError(
@@ -170,7 +170,7 @@ _MODEL = _shape(
         "confidence": _number(0.0, 1.0),
         "map": _shape({"shift": _number(), "scale": _number(), "fitted": _flag}),
         "initial": _list(_number(), 2),
-        "at_rest": _maybe(
+        "at_rest": _null_or(
             _shape(
                 {
                     "height": _number(),
@@ -179,7 +179,7 @@ _MODEL = _shape(
                     "intervals": _shape(
                         dict.fromkeys(("height", "period", "damping_ratio"), _pair)
                     ),
-                    "equivalent": _maybe(
+                    "equivalent": _null_or(
                         _shape(
                             {
                                 "amplitude": _SIZE,
@@ -191,7 +191,7 @@ _MODEL = _shape(
                             }
                         )
                     ),
-                    "peaks": _maybe(
+                    "peaks": _null_or(
                         _shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))
                     ),
                 }
@@ -201,13 +201,13 @@ _MODEL = _shape(
             {
                 "residual": _SIZE,
                 "relative": _SIZE,
-                "test_error": _maybe(_number(0.0, math.inf)),
-                "test_from": _maybe(_number()),
+                "test_error": _null_or(_number(0.0, math.inf)),
+                "test_from": _null_or(_number()),
                 "starts": _integer(0, 10**9),
                 "converged": _integer(0, 10**9),
                 "samples": _integer(0, 10**12),
                 "solver_error": _SIZE,
-                "test_error_at_rest": _maybe(_SIZE),
+                "test_error_at_rest": _null_or(_SIZE),
                 "noise": _SIZE,
                 "correlation": _SIZE,
                 "collocation": _one_of(("none", "same", "worse", "better")),
@@ -248,18 +248,22 @@ def check_plain_model(data: object) -> dict[str, Any]:
     parameters = result["parameters"]
     for name in result["positive"]:
         if not parameters.get(name, 0.0) > 0.0:
-            raise _wrong(f"model.parameters.{name}", parameters.get(name), "a number above 0")
+            raise _wrong_value_error(
+                f"model.parameters.{name}", parameters.get(name), "a number above 0"
+            )
     fitted = ("shift", "scale") if result["map"]["fitted"] else ()
     for name in (*parameters, *fitted):
         if name not in result["intervals"]:
-            raise _wrong(f"model.intervals.{name}", None, "a pair")
+            raise _wrong_value_error(f"model.intervals.{name}", None, "a pair")
     if not result["map"]["scale"]:
-        raise _wrong("model.map.scale", 0.0, "another number")
+        raise _wrong_value_error("model.map.scale", 0.0, "another number")
     size = len(result["covariance_names"])
     if [len(row) for row in result["covariance"]] != [size] * size:
-        raise _wrong("model.covariance", result["covariance"], "a row and a column for each name")
+        raise _wrong_value_error(
+            "model.covariance", result["covariance"], "a row and a column for each name"
+        )
     if len(result["initial"]) != 2:
-        raise _wrong("model.initial", result["initial"], "a pair")
+        raise _wrong_value_error("model.initial", result["initial"], "a pair")
     return result
 
 
@@ -273,7 +277,9 @@ def read_model(path: Path) -> dict[str, Any]:
     """
     text = read_text(path, _MOST_BYTES)
     try:
-        plain = json.loads(text, parse_constant=_refuse, object_pairs_hook=_once)
+        plain = json.loads(
+            text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_duplicate_keys
+        )
     except (ValueError, RecursionError) as error:
         raise InputError(f"{sanitize(path)}: cannot be read as a model: {error}") from None
     if not isinstance(plain, dict):
@@ -281,11 +287,11 @@ def read_model(path: Path) -> dict[str, Any]:
     return plain
 
 
-def _refuse(constant: str) -> float:
+def _refuse_constant(constant: str) -> float:
     raise ValueError(f"{constant} is no number in JSON; correct it")
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) < len(pairs):
         raise ValueError("an entry is there twice; drop one")

@@ -218,13 +218,13 @@ def c_source(model: FittedLaw) -> str:
         step=repr(parts.step),
         shift=repr(float(model.map.shift)),
         scale=repr(float(model.map.scale)),
-        locals="".join(_locals(parts)),
+        locals="".join(_local_variable_lines(parts)),
         acceleration=printer.doprint(parts.acceleration),
         hidden="".join(rates),
     )
 
 
-def _locals(parts: ExportParts) -> list[str]:
+def _local_variable_lines(parts: ExportParts) -> list[str]:
     """Parameters, hidden states and inputs by their names."""
     groups = (
         (parts.parameters, "parameters", 0), (parts.hidden, "state", 2), (parts.inputs, "inputs", 0)
@@ -327,7 +327,7 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
         title=comment_text(model.law.name).replace('"', "'"),
         comments="\n".join(f"  // {words}" for words in parts.comments),
         parameters="\n".join(
-            f'  parameter Real {safe}(unit = "{_unit(model.unit_of(own))}") = {value!r};'
+            f'  parameter Real {safe}(unit = "{_modelica_unit(model.unit_of(own))}") = {value!r};'
             for own, safe, value in names
         ),
         unit=model.unit,
@@ -340,15 +340,15 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
             f"  Real {name}(start = {value!r}, fixed = true);\n"
             for name, value in zip(parts.hidden, parts.initial[2:], strict=True)
         ),
-        acceleration=_modelica(parts.acceleration),
+        acceleration=_modelica_expression(parts.acceleration),
         rates="".join(
-            f"  der({name}) = {_modelica(rate)};\n"
+            f"  der({name}) = {_modelica_expression(rate)};\n"
             for name, rate in zip(parts.hidden, parts.rates, strict=True)
         ),
     )
 
 
-def _modelica(expression: sympy.Expr) -> str:
+def _modelica_expression(expression: sympy.Expr) -> str:
     """Expression in Modelica: powers by ^, and pi and e as numbers."""
     import sympy
 
@@ -356,7 +356,7 @@ def _modelica(expression: sympy.Expr) -> str:
     return str(sympy.sstr(result)).replace("**", "^").replace("Abs(", "abs(")
 
 
-def _unit(unit: str) -> str:
+def _modelica_unit(unit: str) -> str:
     """Return the unit as Modelica writes it; nothing where it is a user's own word."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if plain in _UNITS else ""

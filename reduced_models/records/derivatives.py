@@ -111,16 +111,16 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
     sigma = noise_level(height, time)
     choose = {
         "savitzky-golay": _local_polynomials,
-        "smoothing-spline": _spline,
-        "finite-differences": _differences,
+        "smoothing-spline": _spline_derivatives,
+        "finite-differences": _difference_derivatives,
     }
     smoother, width = choose[method](time, height, sigma)
     smooth, velocity, acceleration = smoother(height)
-    left = _left_noise(smoother, len(time), sigma)
+    left = _output_noise(smoother, len(time), sigma)
     return Derivatives(method, time, smooth, velocity, acceleration, width, sigma, left)
 
 
-def _left_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
+def _output_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
     """Noise of the outputs: the smoother applied to white noise of unit variance."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
@@ -137,7 +137,7 @@ def _local_polynomials(
     time: np.ndarray, height: np.ndarray, sigma: float
 ) -> tuple[Smoother, float]:
     even = is_evenly_sampled(time)
-    fits = _even_polynomials if even else _uneven_polynomials
+    fits = _savitzky_golay if even else _polynomials_at_uneven_times
     longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
     chosen = _LEAST_WINDOW
     limit = 1.0 + _SIGMAS * np.sqrt(2.0 / len(time))
@@ -145,7 +145,7 @@ def _local_polynomials(
     while window <= longest:
         left = height - fits(height, time, window)[0]
         # A local fit with window w keeps this fraction of the noise, that of its central weight.
-        saved = _central_weight(window)
+        saved = _central_smoother_weight(window)
         if (left**2).mean() > limit * sigma**2 * (1.0 - saved):
             break
         chosen = window
@@ -163,13 +163,13 @@ def is_evenly_sampled(time: np.ndarray) -> bool:
 
 
 @functools.cache
-def _central_weight(window: int) -> float:
+def _central_smoother_weight(window: int) -> float:
     position = np.linspace(-1.0, 1.0, window)
     basis, _ = np.linalg.qr(np.vander(position, _DEGREE + 1))
     return float((basis[window // 2] ** 2).sum())
 
 
-def _even_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
+def _savitzky_golay(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
     from scipy.signal import savgol_filter
 
     step = float(time[-1] - time[0]) / (len(time) - 1)
@@ -178,7 +178,7 @@ def _even_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np.n
     )
 
 
-def _uneven_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
+def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
     count = len(time)
     first = np.clip(np.arange(count) - window // 2, 0, count - window)
     out = np.empty((3, count))
@@ -198,7 +198,9 @@ def _uneven_polynomials(height: np.ndarray, time: np.ndarray, window: int) -> np
 # Splines and differences -------------------------------------------------------------------------
 
 
-def _spline(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _spline_derivatives(
+    time: np.ndarray, height: np.ndarray, sigma: float
+) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     # A penalty in steps^3: 10^p smooths over about 10^(p/4) steps.
     low, high = -2.0, 4.0 * np.log10(len(time))
@@ -220,7 +222,9 @@ def _spline_values(height: np.ndarray, time: np.ndarray, penalty: float) -> np.n
     return np.stack([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
 
 
-def _differences(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _difference_derivatives(
+    time: np.ndarray, height: np.ndarray, sigma: float
+) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     return functools.partial(_difference_values, time=time), 2.0 * step
 
@@ -255,11 +259,11 @@ def local_cubics(
         for here in np.array_split(alike, 1 + size * len(alike) // _WINDOWS_IN_MEMORY):
             inside = first[saved][here, None] + np.arange(size)
             shifted = (time[inside] - positions[saved][here, None]) / half
-            level[here], slope[here], bend[here] = _cubics(shifted, height[inside])
+            level[here], slope[here], bend[here] = _fit_cubics(shifted, height[inside])
     return np.stack([level, slope / half, 2.0 * bend / half**2, positions[saved]])
 
 
-def _cubics(position: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _fit_cubics(position: np.ndarray, height: np.ndarray) -> np.ndarray:
     """First three coefficients (3, m) of cubics in points (m, n) from -1 to 1, by least squares."""
     from numpy.polynomial.legendre import legvander
 

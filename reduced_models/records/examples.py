@@ -75,7 +75,7 @@ def write_examples(out: str | Path) -> dict[str, str]:
     return {files[name].name: example.truth for name, example in EXAMPLES.items()}
 
 
-def _swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
+def _released_swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
     """Free swing of a linear oscillator that is held at 1 until it is released at time 0."""
     since = np.maximum(time, 0.0)
     omega = 2.0 * math.pi * frequency
@@ -87,7 +87,7 @@ def _swing(time: np.ndarray, frequency: float, ratio: float) -> np.ndarray:
 
 def _lvdt(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 3.4, 0.002)
-    height = 4.0 * _swing(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
+    height = 4.0 * _released_swing(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
     return {"time [s]": time, "lvdt [V]": 2.513 + height / 2.4894}
 
 
@@ -107,7 +107,7 @@ def _encoder(random: np.random.Generator) -> dict[str, np.ndarray]:
 
 def _accelerometer(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.001)
-    omega, swing = 2.0 * math.pi * 6.0, 3e-3 * _swing(time, 6.0, 0.03)
+    omega, swing = 2.0 * math.pi * 6.0, 3e-3 * _released_swing(time, 6.0, 0.03)
     acceleration = -(omega**2 * swing + 0.06 * omega * np.gradient(swing, time)) / 9.80665
     return {
         "time [s]": time,

@@ -200,12 +200,12 @@ def first_guesses(record: PistonRecord) -> FirstGuesses:
     half = _half_period(passages, float(time[-1]))
     frequency = math.pi / half
     start, speed = _initial_motion(time, height, half)
-    decay = _decay(time, swing, half)
-    rivals = _rivals(time, swing, passages, frequency)
+    decay = _decay_rate(time, swing, half)
+    rivals = _alternative_frequencies(time, swing, passages, frequency)
     return FirstGuesses(rest, amplitude, frequency, decay, start, speed, len(passages), rivals)
 
 
-def _rivals(
+def _alternative_frequencies(
     time: np.ndarray, swing: np.ndarray, passages: np.ndarray, frequency: float
 ) -> tuple[float, ...]:
     """Frequencies of the first swings and of the spectrum's peak, where they are clearly others."""
@@ -262,7 +262,7 @@ def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[
     return float(line(0.0)), float(line.deriv()(0.0))
 
 
-def _decay(time: np.ndarray, swing: np.ndarray, half: float) -> float:
+def _decay_rate(time: np.ndarray, swing: np.ndarray, half: float) -> float:
     """Slope of the logarithm of the greatest swing in each half period."""
     edges = half * np.floor(time / half)
     first = np.flatnonzero(np.diff(edges, prepend=-1.0))

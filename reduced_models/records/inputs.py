@@ -101,7 +101,9 @@ def interpolate_inputs(
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack([_between(time, column, inside, how) for column in columns], axis=-1)
+    return np.stack(
+        [_interpolate_columns(time, column, inside, how) for column in columns], axis=-1
+    )
 
 
 class PiecewiseCubics(NamedTuple):
@@ -128,7 +130,7 @@ def piecewise_cubics(
     if how == "band-limited":
         fraction = np.arange(_FINER) / _FINER
         fine = np.append((time[:-1, None] + length[:, None] * fraction).ravel(), time[-1])
-        columns = [_between(time, column, fine, how) for column in columns]
+        columns = [_interpolate_columns(time, column, fine, how) for column in columns]
         time, length = fine, np.diff(fine)
     cubics = np.zeros((len(length), 4, len(columns)))
     for k, values in enumerate(columns):
@@ -140,7 +142,7 @@ def piecewise_cubics(
     return PiecewiseCubics(length, cubics)
 
 
-def _between(
+def _interpolate_columns(
     time: np.ndarray, values: np.ndarray, times: np.ndarray, how: Interpolation
 ) -> np.ndarray:
     if how == "linear":

@@ -139,11 +139,11 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
     return Look(
         record, meaning, 1.0 / usual, int((steps > GAP * usual).sum()), float(noise),
-        _level(record.height), _useful(record, float(noise)),
+        _quantization_step(record.height), _end_of_motion(record, float(noise)),
     )  # fmt: skip
 
 
-def _level(height: np.ndarray) -> float | None:
+def _quantization_step(height: np.ndarray) -> float | None:
     """Least step of a sensor that rounds; None for one that does not."""
     steps = np.abs(np.diff(height))
     size = np.abs(height).max()
@@ -156,7 +156,7 @@ def _level(height: np.ndarray) -> float | None:
     return least if few and total else None
 
 
-def _useful(record: PistonRecord, noise: float) -> float:
+def _end_of_motion(record: PistonRecord, noise: float) -> float:
     """Time after which the motion is within some noise levels of where it ends."""
     rest = float(np.median(record.height[-max(3, len(record) // 20) :]))
     away = np.flatnonzero(np.abs(record.height - rest) > _DEAD * noise)

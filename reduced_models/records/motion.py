@@ -45,7 +45,7 @@ def find_motion(record: PistonRecord) -> PistonRecord:
         If something is left out: what, where, and how to keep it.
     """
     record = _without_clipped(record)
-    starts = _releases(record)
+    starts = _release_samples(record)
     if len(starts) > 1 and starts[1] >= LEAST_SAMPLES:
         times = ", ".join(f"{record.time[k]:.4g}" for k in starts)
         end = float(record.time[starts[1] - 1])
@@ -85,7 +85,7 @@ def _without_clipped(record: PistonRecord) -> PistonRecord:
     return record.select(~at_limit)
 
 
-def _releases(record: PistonRecord) -> list[int]:
+def _release_samples(record: PistonRecord) -> list[int]:
     """Return the samples at which a motion is started anew, the first one included.
 
     While it swings, the displacement is large again after each half period; before another release
@@ -107,10 +107,13 @@ def _releases(record: PistonRecord) -> list[int]:
     half_period = float(np.median(np.sort(gaps)[: (len(gaps) + 1) // 2]))
     mostly = (calm[after] - calm[before]) > _CALM * (after - before)
     anew = passes & mostly & (record.time[after] - record.time[before] > _PAUSE * half_period)
-    return [0, *(int(k) for k in after[anew] if _is_sudden(record.time, away, k, half_period))]
+    return [
+        0,
+        *(int(k) for k in after[anew] if _starts_suddenly(record.time, away, k, half_period)),
+    ]
 
 
-def _is_sudden(time: np.ndarray, away: np.ndarray, start: int, half_period: float) -> bool:
+def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half_period: float) -> bool:
     """Return True where it was calm for a period before; beats grow from swing to swing."""
     period = slice(*np.searchsorted(time, time[start] - half_period * np.array(_BEFORE)))
     return bool(away[period].max(initial=0.0) < 1.5 * _SMALL * away.max())

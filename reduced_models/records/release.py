@@ -99,9 +99,9 @@ def release(record: PistonRecord) -> int:
     early = int(np.searchsorted(time, result.moment - result.rise))
     forces = {} if record.force is None else {"force": record.force}
     further = forces | dict(record.extra)
-    if any(_drives(time, name, values, early) for name, values in further.items()):
+    if any(_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
-    return min([start, *(_change(values, early, start) for values in further.values())])
+    return min([start, *(_sample_of_change(values, early, start) for values in further.values())])
 
 
 class _Release(NamedTuple):
@@ -136,16 +136,16 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     times = _crossings(time, displacement, levels)
     if times is None:
         return None
-    since = _square(times[:2], levels[:2])
+    since = _squared_onset(times[:2], levels[:2])
     rise = times[2] - since
     slack = _LATER + 2.0 * _SIGMAS * left_noise / (levels[1] - levels[0])
-    if _square(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
+    if _squared_onset(times[1:], levels[1:]) > since + slack * (times[1] - times[0]):
         return None
     if since < _SHORTEST * rise or not _is_still(
         time[time < since], height[time < since], levels[2] / rise**2, noise
     ):
         return None
-    return _Release(_hinge(time, height, (since, times[0]), times[2]), rise)
+    return _Release(_onset_of_motion(time, height, (since, times[0]), times[2]), rise)
 
 
 def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
@@ -166,7 +166,7 @@ def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -
     )
 
 
-def _square(times: np.ndarray, levels: np.ndarray) -> float:
+def _squared_onset(times: np.ndarray, levels: np.ndarray) -> float:
     """Time at which a square that passes two levels starts."""
     ratio = math.sqrt(levels[1] / levels[0])
     return float((ratio * times[0] - times[1]) / (ratio - 1.0))
@@ -184,7 +184,9 @@ def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: flo
     return bool(error <= _SEEN * curvature and result <= max(error, _STRAIGHT * curvature))
 
 
-def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
+def _onset_of_motion(
+    time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float
+) -> float:
     """Moment between two from which on a level best goes over into a cubic motion."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)
@@ -198,7 +200,7 @@ def _hinge(time: np.ndarray, height: np.ndarray, between: tuple[float, float], e
     return float(moments[np.argmin(left)])
 
 
-def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
+def _acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
     """Return whether a column is a drive, by its name, and acts well before the release."""
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVES):
@@ -206,7 +208,7 @@ def _drives(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool
     return float(np.ptp(values[:early])) > _ACTS * extent > 5.0 * noise_level(values, time)
 
 
-def _change(values: np.ndarray, early: int, start: int) -> int:
+def _sample_of_change(values: np.ndarray, early: int, start: int) -> int:
     """Sample shortly before a release at which a column changes: what set the motion off."""
     if early < 4:
         return start

@@ -53,10 +53,10 @@ def fall_errors() -> dict[str, float]:
     """
     from reduced_models import fit
     from reduced_models.falls.scores import fall_error
-    from reduced_models.falls.theory import parameters_of
+    from reduced_models.falls.theory import bed_parameters
 
     scene = damper()
-    theory = parameters_of(scene)
+    theory = bed_parameters(scene)
     record = fall(scene, FITTED_HEIGHT, FITTED_SEED)
     level = level_of(record)
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
@@ -79,7 +79,7 @@ def fall_errors() -> dict[str, float]:
     heavy = damper(HEAVY)
     levels = [level_of(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
     numbers["rest_off_heavy"] = 100.0 * (
-        parameters_of(heavy)["rest"] / float(np.mean(levels)) - 1.0
+        bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0
     )
     return numbers
 

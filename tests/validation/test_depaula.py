@@ -17,9 +17,9 @@ from validation.depaula import (
     DepaulaExperiment,
     DepaulaRun,
     _compensated_form,
-    _form,
     _position_form,
-    _toolkit,
+    _run_form,
+    _run_toolkit,
     depaula_experiment,
 )
 from validation.exact import bounce
@@ -28,7 +28,7 @@ from validation.exact import bounce
 def forms(*steps: float) -> DepaulaExperiment:
     exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
     return DepaulaExperiment(
-        tuple(_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
+        tuple(_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
     )
 
 
@@ -97,8 +97,8 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 def test_compensated_sums_keep_what_plain_ones_lose() -> None:
     """Two million steps of the toolkit: compensated, the error is the truncation alone."""
     exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
-    clean = _toolkit(1e-6, exact)
-    form = _form(COMPENSATED, 1e-6, exact)
+    clean = _run_toolkit(1e-6, exact)
+    form = _run_form(COMPENSATED, 1e-6, exact)
     assert clean.end == pytest.approx(form.end, rel=1e-13)
 
 

@@ -117,10 +117,10 @@ def group_by_family(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
     result: dict[str, list[Point]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
-    return {name: tuple(sorted(group, key=_work)) for name, group in result.items()}
+    return {name: tuple(sorted(group, key=_cost_of_point)) for name, group in result.items()}
 
 
-def _work(point: Point) -> int:
+def _cost_of_point(point: Point) -> int:
     # What failed is taken for the coarsest: too long a step is why a run fails.
     return point.steps if not point.failed else 0
 

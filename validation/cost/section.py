@@ -89,7 +89,7 @@ def work_precision_task(
         "scene": scene.digest(), "quantities": quantities, "settings": str(settings),
         "options": str(options), **more,
     }  # fmt: skip
-    return Task(scene.name, key, partial(_weigh, scene, quantities, settings, options))
+    return Task(scene.name, key, partial(_measure_studies, scene, quantities, settings, options))
 
 
 SUMS: tuple[dict[str, Any], ...] = (
@@ -119,7 +119,7 @@ def _exact_grain() -> list[Any]:
     return [0.0, problem.exact(1.0).positions / Scales.of(problem.scene.grains).length]
 
 
-def _weigh(
+def _measure_studies(
     scene: Scene,
     quantities: Sequence[str],
     settings: Sequence[SolverSettings],
@@ -164,7 +164,7 @@ def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
         usual = study.usual()
         seconds = math.nan if usual is None else usual.seconds
         rows += [
-            (study.scene, study.quantity, words, *_chosen(study, level, seconds))
+            (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
             for words, level in LEVELS.items()
         ]
     header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds",
@@ -172,7 +172,7 @@ def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
     return text_table(header, rows)
 
 
-def _chosen(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
+def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
     advice = work_precision.advice(level)
     best = advice.point
     if best is None:
@@ -187,7 +187,7 @@ def _chosen(work_precision: WorkPrecision, level: float, usual: float) -> tuple[
     )  # fmt: skip
 
 
-def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
+def _study_tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
     return [
         *((title.format(study), study.table()) for study in join_studies(results)),
@@ -195,7 +195,7 @@ def _tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     ]
 
 
-def _verdict(results: Sequence[Studies]) -> tuple[str, bool]:
+def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
     studies = join_studies(results)
     usual = [
         study for study in studies if any(point.setting[:2] == USUAL for point in study.points)
@@ -209,6 +209,6 @@ def _verdict(results: Sequence[Studies]) -> tuple[str, bool]:
 
 
 WORK_PRECISION = Section(
-    "work-precision", "What accuracy costs", work_precision_tasks, studies_of, _tables, _verdict,
-    show_studies,
+    "work-precision", "What accuracy costs", work_precision_tasks, studies_of, _study_tables,
+    _studies_verdict, show_studies,
 )  # fmt: skip

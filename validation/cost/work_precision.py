@@ -197,7 +197,7 @@ def reference_values(
             if words not in runs:
                 runs[words] = [run_setting(scene, wanted, until) for scene in scenes]
             values = tuple(quantity.measure(run) for run in runs[words])
-            truth.append(Truth(words, values, _floor(quantity, values)))
+            truth.append(Truth(words, values, _scatter_over_starts(quantity, values)))
         else:
             words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
             truth.append(Truth(words, (wanted,) * len(scenes), 0.0))
@@ -234,12 +234,12 @@ def measure_points(
 ) -> list[Point]:
     """Point for each quantity, from the same runs."""
     try:
-        _warm(scenes[0], setting)
+        _compile_setting(scenes[0], setting)
         runs, seconds = zip(
             *(_time_calls(scene, setting, until, repeats) for scene in scenes), strict=True
         )
     except GranularError as stop:
-        return [_failed(setting, stop)] * len(quantities)
+        return [_failed_point(setting, stop)] * len(quantities)
     steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
     measured = []
     for quantity, item in zip(quantities, truth, strict=True):
@@ -250,7 +250,7 @@ def measure_points(
                 Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
             )
         except GranularError as stop:
-            measured.append(_failed(setting, stop))
+            measured.append(_failed_point(setting, stop))
     return measured
 
 
@@ -274,7 +274,7 @@ def deviation_over_starts(
     return float(mean[worst]), float(off[:, worst].std(ddof=1) / math.sqrt(len(values)))
 
 
-def _floor(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
+def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
     """Return the standard deviation of a quantity over starts, as an error."""
     if len(values) < 2 or quantity.of_start:
         return 0.0
@@ -299,11 +299,11 @@ def _time_calls(
     return done, seconds
 
 
-def _failed(setting: SolverSettings, stop: GranularError) -> Point:
+def _failed_point(setting: SolverSettings, stop: GranularError) -> Point:
     return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
-def _warm(scene: Scene, setting: SolverSettings) -> None:
+def _compile_setting(scene: Scene, setting: SolverSettings) -> None:
     """Compile, by a run so short that it costs nothing; a long step may not even fit into it."""
     with contextlib.suppress(GranularError):
         run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)

@@ -110,7 +110,7 @@ class WorkPrecision(PlainData):
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
         axes = axes_or_new(ax)
         levels = {words: self.advice(level) for words, level in LEVELS.items()}
-        _draw(axes, self.points, self.front(), self.floor, levels)
+        _draw_error_over_cost(axes, self.points, self.front(), self.floor, levels)
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
         return axes
@@ -119,7 +119,7 @@ class WorkPrecision(PlainData):
 # Picture ----------------------------------------------------------------------------------------
 
 
-def _draw(
+def _draw_error_over_cost(
     axes: Axes, points: Sequence[Point], front: Sequence[Point], floor: float,
     levels: Mapping[str, Advice],
 ) -> None:  # fmt: skip
@@ -136,7 +136,7 @@ def _draw(
     )  # fmt: skip
     for words, advised in levels.items():
         axes.axhline(advised.tolerance, color="#333333", linewidth=0.6, linestyle=":")
-        _mark(axes, words, advised)
+        _mark_advised_setting(axes, words, advised)
     if floor > 0.0:
         low, high = axes.get_ylim()
         axes.axhspan(low, floor, color=GREY, alpha=0.2, linewidth=0.0)
@@ -161,7 +161,7 @@ def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None
         axes.vlines(seconds, errors, [point.bound for point in done], color=colour, linewidth=0.9)
 
 
-def _mark(axes: Axes, words: str, advised: Advice) -> None:
+def _mark_advised_setting(axes: Axes, words: str, advised: Advice) -> None:
     """Ring the setting to take for a level, and name it at the level's line."""
     best = advised.point
     if best is not None and not advised.below_floor and best.error > 0.0:

@@ -105,12 +105,12 @@ def sliding(time: float = SLIDING_TIME) -> Problem:
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = lone_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return Problem(
-        "sliding", "a grain stopped by dry friction", scene, time, partial(_slid, scene),
+        "sliding", "a grain stopped by dry friction", scene, time, partial(_sliding_grain, scene),
         fewest=256, conservative=False, smooth=False,
     )  # fmt: skip
 
 
-def _slid(scene: Scene, time: float) -> Snapshot:
+def _sliding_grain(scene: Scene, time: float) -> Snapshot:
     """Grain at a time [s]."""
     from mpmath import mpf, sqrt, workdps
 

@@ -28,7 +28,7 @@ def integrate_from_zero(integrand: Potential, end: Number) -> Number:
     return mp.quad(integrand, points, method="gauss-legendre")
 
 
-def _inverse(integrand: Potential, time: Number, guess: Number) -> Number:
+def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Number:
     """Upper end at which the integral from zero equals the time."""
     from mpmath import mp, mpf
 
@@ -75,7 +75,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
     if time == 0:
         return turning
     guess = _rough_inverse(integrand, time, 1 + 0 * turning)
-    s = _inverse(integrand, time, guess)
+    s = _invert_integral(integrand, time, guess)
     return turning + s * s
 
 
@@ -114,7 +114,7 @@ def position_from_top(potential: Potential, low: Number, high: Number, time: Num
     if away <= 0:
         return turning
     integrand = closed_integrand(potential, turning, other)
-    phi = _inverse(integrand, away, _rough_inverse(integrand, away, +pi))
+    phi = _invert_integral(integrand, away, _rough_inverse(integrand, away, +pi))
     return turning + (other - turning) * sin(phi / 2) ** 2
 
 

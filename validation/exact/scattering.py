@@ -98,7 +98,7 @@ def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     return Orbit(potential, turning, momentum, before), (atan2(y, x), distance)
 
 
-def _angle(orbit: Orbit, distance: Number) -> Number:
+def _swept_angle(orbit: Orbit, distance: Number) -> Number:
     """Angle swept between the closest approach and a distance."""
     from mpmath import sqrt
 
@@ -119,7 +119,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         late = mpf(time) / units.time - path.before
         distance = position_after_turning(path.potential, path.turning, late)
         side = 1 if late > 0 else -1
-        angle += _angle(path, start) + side * _angle(path, distance)
+        angle += _swept_angle(path, start) + side * _swept_angle(path, distance)
         energy = path.potential(path.turning)
         along = side * sqrt(2 * abs(energy - path.potential(distance)))
         across = path.momentum / distance

@@ -16,7 +16,7 @@ from validation.hard_cases.case import HardCase, Measure, few_grains
 # Pistons ----------------------------------------------------------------------------------------
 
 
-def _drop(**changes: Any) -> Scene:
+def _damper_fall(**changes: Any) -> Scene:
     """Damper's first fall alone, up to any time."""
     return load_scene("damper").replace(
         **{
@@ -40,7 +40,7 @@ def _compressed_frequency() -> Scene:
     )
 
 
-def _inside() -> Scene:
+def _piston_inside_bed() -> Scene:
     """De Paula's N = 92, whose piston would start inside the bed [D, 3.3]."""
     return load_scene("bed").replace(
         **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D",
@@ -48,7 +48,7 @@ def _inside() -> Scene:
     )  # fmt: skip
 
 
-def _slabs(**bottom: Any) -> Scene:
+def _slab_walls(**bottom: Any) -> Scene:
     """Finite magnetic slabs as bottom and piston."""
     walls = {"left": {}, "right": {}, "bottom": {"law": "slab", **bottom}, "top": {"law": "slab"}}
     return few_grains("bed", **{"effects.walls": walls})
@@ -61,14 +61,14 @@ def piston_cases() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "full-height drop", "the piston falls 55 D before it meets the bed",
-            lambda: _drop(**{"piston.height": "75 D"}), 0.3, 3.0, limit=1e-5,
+            lambda: _damper_fall(**{"piston.height": "75 D"}), 0.3, 3.0, limit=1e-5,
         ),
         HardCase(
             "100 kg piston", "thirteen times the damper's mass falls on the bed",
-            lambda: _drop(**{"piston.mass": 100.0}), 0.15, 3.0,
+            lambda: _damper_fall(**{"piston.mass": 100.0}), 0.15, 3.0,
         ),
         HardCase(
-            "piston inside the bed", "de Paula's N = 92 [D, 3.3]", _inside, 0.05, 0.2,
+            "piston inside the bed", "de Paula's N = 92 [D, 3.3]", _piston_inside_bed, 0.05, 0.2,
             errors=("SceneError",),
         ),
         HardCase(
@@ -77,15 +77,15 @@ def piston_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "slabs under the bed", "a finite magnetic slab as the bottom, another as the piston",
-            _slabs, 0.05, 1.0,
+            _slab_walls, 0.05, 1.0,
         ),
         HardCase(
             "slabs under the bed, with a gap", "grains flow out between two slabs",
-            lambda: _slabs(**gap), 0.05, 1.0,
+            lambda: _slab_walls(**gap), 0.05, 1.0,
         ),
         HardCase(
             "slabs with friction and a gap", "grains rub on their way out between two slabs",
-            lambda: _slabs(**gap).replace(**rubbing), 0.05, 1.0,
+            lambda: _slab_walls(**gap).replace(**rubbing), 0.05, 1.0,
         ),
     )  # fmt: skip
 
@@ -93,7 +93,7 @@ def piston_cases() -> tuple[HardCase, ...]:
 # Sizes ------------------------------------------------------------------------------------------
 
 
-def _sizes(**fractions: tuple[str, float]) -> Scene:
+def _many_sizes(**fractions: tuple[str, float]) -> Scene:
     """Bed of several species: diameter and fraction of each, by its name."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
@@ -107,11 +107,11 @@ def size_cases() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "aspect ratio 0.1", "half of the grains are a tenth as wide [D, 4.1]",
-            lambda: _sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)), 0.05, 1.0,
+            lambda: _many_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)), 0.05, 1.0,
         ),
         HardCase(
             "three species of ratio 10", "the widest grains are ten times as wide as the narrowest",
-            lambda: _sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
+            lambda: _many_sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
             0.05, 1.0,
         ),
     )  # fmt: skip
@@ -135,7 +135,7 @@ FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
 """A far field that matters in a bed of 23 grains."""
 
 
-def _flight() -> Scene:
+def _fast_grain() -> Scene:
     """Grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
     rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
     return few_grains(
@@ -172,7 +172,7 @@ def _with_list(radius: float) -> Scene:
 MANY = 100_000
 
 
-def _many() -> Scene:
+def _bed_of_1e5_grains() -> Scene:
     """Return the packaged bed with 1e5 grains at the same packing, by the mesh."""
     scale = (MANY / 368.0) ** 0.5
     return load_scene("bed").replace(
@@ -201,12 +201,12 @@ def sum_cases() -> tuple[HardCase, ...]:
         *lists,
         HardCase(
             "1e5 grains by the mesh", "the levels of a mesh 270 times as large as a small bed's",
-            _many, 2e-4, 2e-3,
+            _bed_of_1e5_grains, 2e-4, 2e-3,
         ),
         HardCase(
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",
-            _flight, 0.04, 0.04,
+            _fast_grain, 0.04, 0.04,
             Measure("greatest force missed, over the greatest force", missed_force), 1e-12, dt=1e-3,
         ),
         HardCase(

@@ -26,17 +26,19 @@ def _loaded_grain(load: float) -> Scene:
     )
 
 
-def _slow(**changes: Any) -> Scene:
+def _slow_compression(**changes: Any) -> Scene:
     """De Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
     return mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
-def _strong() -> Scene:
+def _strong_friction() -> Scene:
     """Return the static and dynamic friction alike, and the torque that presses to second order."""
-    return _slow(**{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}})
+    return _slow_compression(
+        **{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}}
+    )
 
 
-def _listed() -> Scene:
+def _pair_list_scheme() -> Scene:
     """De Paula's scheme: regularised friction, and its list of pairs."""
     return few_grains(
         "bed",
@@ -81,16 +83,17 @@ def friction_cases() -> tuple[HardCase, ...]:
         HardCase(
             "slow compression with friction of 0.8",
             "static and dynamic friction alike, the torque to second order, de Paula's protocol",
-            _strong, 0.5, 30.0,
+            _strong_friction, 0.5, 30.0,
         ),
         HardCase(
             "1e6 steps of compression under dry friction",
             "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
-            lambda: _slow(**{"output.scalars": 1e-3, "output.frames": 0.1}), 0.2, 2.0, dt=2e-6,
+            lambda: _slow_compression(**{"output.scalars": 1e-3, "output.frames": 0.1}),
+            0.2, 2.0, dt=2e-6,
         ),
         HardCase(
             "regularised friction with de Paula's list",
-            "forces jump where a list takes pairs in, and friction chatters", _listed,
+            "forces jump where a list takes pairs in, and friction chatters", _pair_list_scheme,
             0.2, 2.0, limit=1e-2, errors=BROKEN, may_degrade=True,
         ),
     )  # fmt: skip

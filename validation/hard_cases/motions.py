@@ -54,7 +54,7 @@ def head_on(closest: float) -> Problem:
     return scattering_problem(natural * scales.velocity, 0.0, time)
 
 
-def _shot(speed: float) -> Scene:
+def _fast_shot(speed: float) -> Scene:
     """Grain shot at the bottom wall from 20 D [D/tau], and away again."""
     scales = Scales.of(load_scene("single-particle").grains)
     arrangement = {
@@ -74,28 +74,28 @@ def collision_cases() -> tuple[HardCase, ...]:
         name, time = f"head-on to {closest:g} D", problem.time
         measure = Measure("distance from the exact place afterwards [D]", distance_to(problem))
         cases += [
-            HardCase(name, "the pair's stiffness grows like r^-5", partial(_same, problem.scene),
+            HardCase(name, "the pair's stiffness grows like r^-5", partial(_given, problem.scene),
                      time, time, measure, 1e-2),
             HardCase(f"{name}, energy", "the same, judged by its energy",
-                     partial(_same, problem.scene), time, time, ENERGY_AFTERWARDS, 1e-6),
+                     partial(_given, problem.scene), time, time, ENERGY_AFTERWARDS, 1e-6),
         ]  # fmt: skip
     for speed in (1.0, 10.0, 100.0):
-        scene = _shot(speed)
+        scene = _fast_shot(speed)
         length = scene.protocol[0].total_duration(0.0)
         assert length is not None
         cases.append(
             HardCase(f"shot at the wall with {speed:g} D/tau",
-                     "the wall's stiffness grows like w^-4.5", partial(_same, scene), length,
+                     "the wall's stiffness grows like w^-4.5", partial(_given, scene), length,
                      length, ENERGY_AFTERWARDS, 1e-5)
         )  # fmt: skip
     return tuple(cases)
 
 
-def _same(scene: Scene) -> Scene:
+def _given(scene: Scene) -> Scene:
     return scene
 
 
-def _unequal(ratio: float) -> Scene:
+def _unequal_masses(ratio: float) -> Scene:
     """Light grain shot at a heavy one of that many times its mass."""
     small = 5e-3 / math.sqrt(ratio)
     speed, apart = 0.5, 0.02
@@ -120,7 +120,7 @@ def mass_cases() -> tuple[HardCase, ...]:
     return tuple(
         HardCase(
             f"mass ratio {ratio:g}", "a light grain bounces off a heavy one",
-            partial(_unequal, ratio), 0.08, 0.08, measure, 1e-5,
+            partial(_unequal_masses, ratio), 0.08, 0.08, measure, 1e-5,
         )
         for ratio in (1e2, 1e4, 1e6)
     )  # fmt: skip
@@ -161,7 +161,7 @@ def start_cases() -> tuple[HardCase, ...]:
 # Drags ------------------------------------------------------------------------------------------
 
 
-def _overdamped(ratio: float) -> Scene:
+def _overdamped_grain(ratio: float) -> Scene:
     """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
     mass = Scales.of(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
@@ -188,7 +188,7 @@ def damping_cases() -> tuple[HardCase, ...]:
     return near_one + tuple(
         HardCase(
             f"drag with gamma h/m = {ratio:g}", "the velocity decays within a step",
-            partial(_overdamped, ratio), 0.1, 1.0, fall,
+            partial(_overdamped_grain, ratio), 0.1, 1.0, fall,
         )
         for ratio in (1.0, 1e3, 1e6)
     )  # fmt: skip

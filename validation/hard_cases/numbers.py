@@ -15,7 +15,7 @@ def _count(number: int) -> Scene:
     return few_grains("bed", **{"grains.count": number})
 
 
-def _inject(key: str, value: float) -> Scene:
+def _bed_with_value(key: str, value: float) -> Scene:
     wrong: dict[str, Any] = {
         "arrangement.positions": [[0.15, value]],
         "arrangement.velocities": [[0.0, value]],
@@ -97,7 +97,7 @@ def non_finite_cases() -> tuple[HardCase, ...]:
     cases = []
     for value in (math.nan, math.inf):
         cases += [
-            case(name=f"injected {value}: {words}", scene=partial(_inject, key, value))
+            case(name=f"injected {value}: {words}", scene=partial(_bed_with_value, key, value))
             for words, key in keys.items()
         ]
         cases.append(case(name=f"injected {value}: the step", scene=_bouncing, dt=value))

@@ -128,13 +128,13 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
     reach = 3.0
     found = bed_moduli(scene, points, reach)
     assert found.relaxed.shear < 0.99 * found.affine.shear
-    from granular.observables.moduli import _inner, _weight
+    from granular.observables.moduli import _cutoff_weight, _interior_grains_and_reach
 
-    inner, area, length = _inner(points, reach)
+    inner, area, length = _interior_grains_and_reach(points, reach)
     scaled, reach = points / length, 1.0
     far = ~np.eye(132, dtype=bool)
     gaps = np.linalg.norm(scaled[:, None] - scaled[None], axis=2)
-    weight = np.where(far, _weight(gaps, reach), 0.0)
+    weight = np.where(far, _cutoff_weight(gaps, reach), 0.0)
 
     def energy(places: np.ndarray) -> float:
         gap = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(132)

@@ -90,7 +90,7 @@ def test_limits_hold_for_all_sheets_together(
             sheet.append([k, np.sin(k)])
     book.save(tmp_path / "a.xlsx")
     assert len(PistonRecord.from_file(tmp_path / "a.xlsx", sheet="b")) == 20
-    most = workbook._Limit(512, 2 * 21 * 5)
+    most = workbook._SizeLimit(512, 2 * 21 * 5)
     monkeypatch.setitem(workbook._PARTS, "xl/worksheets/", most)
     with pytest.raises(RecordError, match=r"sheet3\.xml in it, and those before, hold more than"):
         PistonRecord.from_file(tmp_path / "a.xlsx")

@@ -59,11 +59,11 @@ def test_noise_figures_are_those_of_the_weights() -> None:
 
 def test_the_noise_figure_of_the_spline_is_the_scatter_of_records() -> None:
     """At one penalty, over records that differ in their noise alone."""
-    from reduced_models.records.derivatives import _left_noise, _spline
+    from reduced_models.records.derivatives import _output_noise, _spline_derivatives
 
     height = noisy(TIME, 1e-4).height
-    smoother, _ = _spline(TIME, height, 1e-4)
-    figures = _left_noise(smoother, len(TIME), 1e-4)
+    smoother, _ = _spline_derivatives(TIME, height, 1e-4)
+    figures = _output_noise(smoother, len(TIME), 1e-4)
     found = [smoother(noisy(TIME, 1e-4, seed).height)[:, INNER] for seed in range(1, 13)]
     scatter = np.sqrt((np.std(found, axis=0, ddof=1) ** 2).mean(axis=1))
     assert scatter == pytest.approx(np.array(figures), rel=0.1)
@@ -96,11 +96,11 @@ def test_uneven_samples_do_as_well_as_even_ones() -> None:
 
 
 def test_even_and_uneven_fits_are_the_same() -> None:
-    from reduced_models.records.derivatives import _even_polynomials, _uneven_polynomials
+    from reduced_models.records.derivatives import _polynomials_at_uneven_times, _savitzky_golay
 
     record = noisy(TIME, 1e-4)
-    even = _even_polynomials(record.height, TIME, 41)
-    uneven = _uneven_polynomials(record.height, TIME, 41)
+    even = _savitzky_golay(record.height, TIME, 41)
+    uneven = _polynomials_at_uneven_times(record.height, TIME, 41)
     np.testing.assert_allclose(uneven[:, 25:-25], even[:, 25:-25], rtol=1e-6, atol=1e-8)
 
 
