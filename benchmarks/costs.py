@@ -26,7 +26,7 @@ from granular.shared.files import write_text
 from granular.shared.version import versions
 from validation.cost.point import Point, SolverSettings
 from validation.cost.work_precision import (
-    Truth,
+    ReferenceValue,
     measure_points,
     reference_values,
     run_setting,
@@ -158,7 +158,7 @@ def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     """A row of the table; empty for a setting that fails."""
     scenes = scenes_with_other_seeds(one.scene, one.starts - 1)
     chosen = [QUANTITIES[name] for name in one.quantities]
-    known = [Truth("", tuple(each["values"]), each["floor"]) for each in truth.values()]
+    known = [ReferenceValue("", tuple(each["values"]), each["floor"]) for each in truth.values()]
     found = measure_points(scenes, chosen, setting, known, None, 1)
     if any(each.failed for each in found):
         return {}

@@ -30,7 +30,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, Scene, damper, load_scene, simulate
-from validation import catalogue, energy_change, energy_trend, head_on, near_limit, outcome
+from validation import (
+    catalogue,
+    energy_change,
+    energy_trend,
+    head_on,
+    near_limit,
+    outcome,
+)
 from validation.exact.oscillation import harmonic_period
 from validation.exact.oscillation import oscillation_problem as wide_swing
 

@@ -22,14 +22,38 @@ from .models.response import forced_law
 from .models.roll_out import roll_out
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
-from .records.release import from_release
+from .records.release import cut_at_release
 from .records.sources import read_record
 
 __all__ = [
-    "Candidate", "Comparison", "DamperMaps", "DesignTarget",
-    "FirstGuesses", "HeightMap", "Law", "LawEstimator", "PistonRecord", "ReducedModel",
-    "calibrate", "compare", "damper_maps", "design", "discover", "fit", "forced_law",
-    "from_release", "identify", "law_named", "load_model", "posterior", "predict",
-    "propose_design", "read_record", "roll_out", "run_study", "score_drops", "shaking_range",
+    "Candidate",
+    "Comparison",
+    "DamperMaps",
+    "DesignTarget",
+    "FirstGuesses",
+    "HeightMap",
+    "Law",
+    "LawEstimator",
+    "PistonRecord",
+    "ReducedModel",
+    "calibrate",
+    "compare",
+    "cut_at_release",
+    "damper_maps",
+    "design",
+    "discover",
+    "fit",
+    "forced_law",
+    "identify",
+    "law_named",
+    "load_model",
+    "posterior",
+    "predict",
+    "propose_design",
+    "read_record",
+    "roll_out",
+    "run_study",
+    "score_drops",
+    "shaking_range",
     "whole_fall",
 ]  # fmt: skip

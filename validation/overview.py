@@ -20,7 +20,7 @@ from granular.shared.errors import GranularError
 from granular.shared.files import finite_or_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
-from validation.cost.section import studies_of
+from validation.cost.section import studies_from_plain
 from validation.cost.work_precision import (
     STEPS,
     depends_on_seed,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from granular.shared.html import Page
-    from validation.cost.work_precision import Truth
+    from validation.cost.work_precision import ReferenceValue
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
 """Time that the runs of one scene may take [s]."""
@@ -155,7 +155,7 @@ def _run_seconds(scene: Scene, setting: SolverSettings, until: float | None) -> 
 def _check_with_fresh_start(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
-    truth: Sequence[Truth],
+    truth: Sequence[ReferenceValue],
     studies: Sequence[WorkPrecision],
     until: float | None,
 ) -> list[dict[str, Any]]:
@@ -221,7 +221,7 @@ def _outcomes(results: Sequence[Plain]) -> list[Outcome]:
 
 
 def _show_accuracy(page: Page, plain: Plain) -> None:
-    studies = studies_of(plain)
+    studies = studies_from_plain(plain)
     first, starts = studies[0], plain["starts"]
     page.section(f"{first.scene}: what accuracy costs")
     if starts > 1:
@@ -344,7 +344,7 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
     tables = []
     for result in results:
         if "studies" in result:
-            studies = studies_of(result)
+            studies = studies_from_plain(result)
             tables.append((f"{studies[0].scene}: what accuracy costs", advice_table(studies)))
         elif "effects" in result:
             plain = result["effects"]

@@ -121,7 +121,7 @@ class BathLaw(NamedTuple):
         for i in range(constants.grains):
             mass = value_or_one(constants.masses, i)
             vx, vy = state.vx[i], state.vy[i]
-            along, across = normal_pair(seed, step, np.uint64(state.label[i]))
+            along, across = draw_normal_pair(seed, step, np.uint64(state.label[i]))
             width = math.sqrt(spread / mass)
             new_x, new_y = left * vx + width * along, left * vy + width * across
             state.x[i] += half * (vx + new_x)
@@ -154,7 +154,7 @@ def philox(
 
 
 @entry
-def normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
+def draw_normal_pair(seed: np.uint64, step: np.uint64, label: np.uint64) -> tuple[float, float]:
     """Two independent numbers of mean 0 and variance 1."""
     a, b, c, d = philox(seed, step, label)
     # Above 0 and up to 1, by 53 bits: 27 of one word, 26 of another.

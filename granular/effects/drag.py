@@ -57,7 +57,7 @@ class Drag(Flow):
         return DragLaw(self.decay_rate(setting.scales))
 
 
-class LastFlow(NamedTuple):
+class DragFlowCache(NamedTuple):
     """The flow over the last ``dt``.
 
     Attributes
@@ -80,14 +80,14 @@ class DragLaw(NamedTuple):
 
     rate: float
 
-    def workspace(self, size: int, count: int) -> LastFlow:
+    def workspace(self, size: int, count: int) -> DragFlowCache:
         """Buffer of the last flow: steps of equal length share it, and exponentials take long."""
-        return LastFlow(np.full(7, np.nan))
+        return DragFlowCache(np.full(7, np.nan))
 
     @staticmethod
     @compiled(inline=True)
     def kick(
-        law: DragLaw, workspace: LastFlow, index: int, dt: float, bed: Bed, opening: bool
+        law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
@@ -100,7 +100,7 @@ class DragLaw(NamedTuple):
     @staticmethod
     @compiled
     def damping_slope(
-        law: DragLaw, workspace: LastFlow, index: int, slopes: Array, dt: float, bed: Bed
+        law: DragLaw, workspace: DragFlowCache, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants

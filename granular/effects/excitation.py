@@ -221,7 +221,7 @@ def evaluate_excitation(drive: Drive, time: float) -> float:
 
 
 @compiled
-def excitation_of_kick(drive: Drive, time: float, dt: float, opening: bool) -> float:
+def excitation_during_kick(drive: Drive, time: float, dt: float, opening: bool) -> float:
     """Excitation for a kick that begins at ``time`` or, where it closes a step, ends there.
 
     Begin and end, where the drive may jump, fall within a kick: it then counts for its part of the

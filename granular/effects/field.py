@@ -19,7 +19,7 @@ from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force
-from granular.effects.formula import Formula, Functions, Listed
+from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct import padded_values
@@ -131,7 +131,7 @@ class FieldText(Formula, Force):
         return CustomLaw(kind, self.natural(setting.scales), math.inf, factor)
 
 
-class Field(Listed):
+class Field(FormulaList):
     """Fields of force from their energies; see the head of this file.
 
     Attributes

@@ -93,7 +93,7 @@ class Formula(Parametric):
         return (self.definition.digest,)
 
 
-class Listed(Force):
+class FormulaList(Force):
     """Base of an effect that a scene gives as a list of tables, or as one table.
 
     Its subclass declares ``fields``, whose sections are effects.

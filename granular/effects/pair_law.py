@@ -17,7 +17,7 @@ from granular.effects.custom_definition import Grain, Kind
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force import Force
-from granular.effects.formula import Formula, Functions, Listed
+from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import Many, declare, quantity
@@ -76,7 +76,7 @@ class PairText(Formula, Force):
         return CustomLaw(Kind(definition.digest), values, reach, None)
 
 
-class PairLaw(Listed):
+class PairLaw(FormulaList):
     """Forces between grains from their energies; see the head of this file.
 
     Attributes

@@ -49,17 +49,17 @@ class Shaking(Frame):
         """Angular frequency of the motion [1/tau]."""
         return self._natural_swing(scales).omega
 
-    def law(self, setting: EffectContext) -> Swing:
+    def law(self, setting: EffectContext) -> ShakingLaw:
         """Apparent acceleration in natural units."""
         return self._natural_swing(setting.scales)
 
-    def _natural_swing(self, scales: Scales) -> Swing:
+    def _natural_swing(self, scales: Scales) -> ShakingLaw:
         omega = 2.0 * math.pi * self.frequency * scales.time
         size = self.amplitude / scales.length * omega**2
-        return Swing(size * math.cos(self.angle), size * math.sin(self.angle), omega)
+        return ShakingLaw(size * math.cos(self.angle), size * math.sin(self.angle), omega)
 
 
-class Swing(NamedTuple):
+class ShakingLaw(NamedTuple):
     """Apparent acceleration (x, y) sin(omega t), in natural units."""
 
     x: float
@@ -68,7 +68,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: Swing, workspace: None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the apparent forces."""
         state, constants = bed.state, bed.constants
         _add_inertia(law, time, constants.grains, constants.masses, state.fx, state.fy)
@@ -77,7 +77,7 @@ class Swing(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: Swing,
+        law: ShakingLaw,
         workspace: None,
         index: int,
         bed: Bed,
@@ -91,7 +91,7 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: Swing, workspace: None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def work(law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float) -> int:
         """Enter the work that the shaking does on grains and piston in ``dt``, at a time."""
         state, constants = bed.state, bed.constants
         rx, ry = _acceleration_rate(law, time)
@@ -103,20 +103,20 @@ class Swing(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def lift(law: Swing, workspace: None, index: int, time: float) -> float:
+    def lift(law: ShakingLaw, workspace: None, index: int, time: float) -> float:
         """Upward part of the apparent acceleration."""
         return law.y * math.sin(law.omega * time)
 
 
 @compiled
-def _acceleration(swing: Swing, time: float) -> tuple[float, float]:
+def _acceleration(swing: ShakingLaw, time: float) -> tuple[float, float]:
     """Apparent acceleration at a time [tau]."""
     phase = math.sin(swing.omega * time)
     return swing.x * phase, swing.y * phase
 
 
 @compiled
-def _acceleration_rate(swing: Swing, time: float) -> tuple[float, float]:
+def _acceleration_rate(swing: ShakingLaw, time: float) -> tuple[float, float]:
     """Rate of change of the apparent acceleration at a time [tau]."""
     phase = swing.omega * math.cos(swing.omega * time)
     return swing.x * phase, swing.y * phase
@@ -124,7 +124,7 @@ def _acceleration_rate(swing: Swing, time: float) -> tuple[float, float]:
 
 @compiled(inline=True)
 def _add_inertia(
-    swing: Swing, time: float, count: int, masses: Array | None, fx: Array, fy: Array
+    swing: ShakingLaw, time: float, count: int, masses: Array | None, fx: Array, fy: Array
 ) -> None:
     ax, ay = _acceleration(swing, time)
     for i in range(count):
@@ -136,7 +136,7 @@ def _add_inertia(
 
 
 @compiled
-def _inertia_energy(swing: Swing, time: float, bed: Bed) -> float:
+def _inertia_energy(swing: ShakingLaw, time: float, bed: Bed) -> float:
     state, constants = bed.state, bed.constants
     ax, ay = _acceleration(swing, time)
     mx, my = _mass_moment(constants.grains, constants.masses, state.x, state.y)

@@ -44,7 +44,7 @@ class LawName(Kind):
         return value
 
 
-class Own(Kind):
+class MadeSection(Kind):
     """A section that is made already."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
@@ -99,7 +99,7 @@ class Wall(Section):
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = declare(Own(True), default=None)
+    own: Any = declare(MadeSection(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:

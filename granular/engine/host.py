@@ -31,7 +31,7 @@ Seen from a free cell (``mount = "piston"``), the piston is one body with the ch
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.effects.excitation import evaluate_excitation, excitation_of_kick
+from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host import (
     FIXED,
     PISTON_MOUNT,
@@ -170,7 +170,7 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     motion: Motion, time: float, start: float, opening: bool,
 ) -> None:  # fmt: skip
     state, constants = bed.state, bed.constants
-    shake = excitation_of_kick(law.drive, start + time, dt, opening)
+    shake = excitation_during_kick(law.drive, start + time, dt, opening)
     base = shake if law.drive.base else 0.0
     force = 0.0 if law.drive.base else shake
     free, last = motion.free, law.chain.masses.size - 1

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.kernel_data.constants import Acting
-from granular.kernel_data.state import LOSSES, Measurement, Slopes, State
+from granular.kernel_data.constants import EffectLaws
+from granular.kernel_data.state import LOSSES, Measurement, StageSlopes, State
 from granular.methods import Method
 from granular.pairs.direct import padded_coordinates, part_buffers
 from granular.pairs.far_field import FarForces, far_forces_workspace
@@ -16,7 +16,7 @@ from granular.pairs.verlet_list import verlet_list_workspace
 
 
 def new_state(
-    positions: np.ndarray, velocities: np.ndarray, height: float, acting: Acting, method: Method
+    positions: np.ndarray, velocities: np.ndarray, height: float, acting: EffectLaws, method: Method
 ) -> State:
     """State from positions [D], velocities [D/tau] and the piston's height [D].
 
@@ -63,7 +63,7 @@ def _workspace(law: Any, size: int, count: int) -> Any:
     return law.workspace(size, count) if hasattr(law, "workspace") else None
 
 
-def _new_stripes(size: int, acting: Acting) -> Stripes | None:
+def _new_stripes(size: int, acting: EffectLaws) -> Stripes | None:
     if acting.cut is None:
         return None
     cut = acting.cut
@@ -72,14 +72,14 @@ def _new_stripes(size: int, acting: Acting) -> Stripes | None:
     )
 
 
-def _new_far_forces(size: int, acting: Acting) -> FarForces | None:
+def _new_far_forces(size: int, acting: EffectLaws) -> FarForces | None:
     if acting.far is None:
         return None
     return far_forces_workspace(acting.far, size, loaded=acting.weight is not None)
 
 
-def _new_slopes(rows: int, size: int) -> Slopes:
-    return Slopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
+def _new_slopes(rows: int, size: int) -> StageSlopes:
+    return StageSlopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
 
 
 def new_measurement(state: State) -> Measurement:

@@ -11,7 +11,7 @@ from granular.effects.friction_law import sliding_factor
 from granular.effects.host import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensation import compensated_sum
-from granular.kernel_data.constants import Constants, Resistance
+from granular.kernel_data.constants import Constants, PistonResistance
 from granular.kernel_data.state import (
     HEIGHT,
     HEIGHT_ROUNDING,
@@ -61,7 +61,7 @@ def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> No
 
 @compiled(inline=True)
 def _kick_undamped_piston(
-    resistance: Resistance | None, force: float, dt: float, mass: float, state: State,
+    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State,
     opening: bool,
 ) -> None:  # fmt: skip
     if resistance is None:
@@ -78,7 +78,7 @@ def _kick_undamped_piston(
 
 @compiled
 def _stops_within_step(
-    resistance: Resistance, force: float, dt: float, mass: float, state: State
+    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
 ) -> bool:
     """Return whether the force and twice the friction would stop the piston within ``dt``."""
     v = state.piston[SPEED]
@@ -88,7 +88,7 @@ def _stops_within_step(
 
 @compiled
 def _accelerate_with_drag(
-    resistance: Resistance, force: float, dt: float, mass: float, state: State
+    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
 ) -> None:
     """Force and drag, exactly."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(resistance.rate, dt)
@@ -99,7 +99,7 @@ def _accelerate_with_drag(
 
 @compiled
 def _slide_with_friction(
-    resistance: Resistance, force: float, dt: float, mass: float, state: State
+    resistance: PistonResistance, force: float, dt: float, mass: float, state: State
 ) -> None:
     """Force, drag and friction together, where friction alone could stop the piston.
 
@@ -131,7 +131,7 @@ def _slide_with_friction(
 
 
 @compiled
-def _slow_by_friction(resistance: Resistance, dt: float, mass: float, state: State) -> None:
+def _slow_by_friction(resistance: PistonResistance, dt: float, mass: float, state: State) -> None:
     """Sliding piston loses speed, and stops where it has no more."""
     speed = abs(state.piston[SPEED])
     if speed > 0.0:

@@ -7,7 +7,7 @@ from granular.compiled.dispatch import sum_of_hooks
 from granular.effects.wall_side import TOP
 from granular.engine.forces import compute_forces, compute_forces_and_sums
 from granular.engine.piston import enter_work, lift, piston_energy
-from granular.kernel_data.constants import Resistance
+from granular.kernel_data.constants import PistonResistance
 from granular.kernel_data.state import (
     HEIGHT,
     PISTON,
@@ -17,7 +17,7 @@ from granular.kernel_data.state import (
     WORK,
     Bed,
     Measurement,
-    Slopes,
+    StageSlopes,
     State,
     X,
     Y,
@@ -28,7 +28,7 @@ _slow = sum_of_hooks("damping_slope", "slopes dt bed")
 
 
 @compiled
-def _resistance_rate(resistance: Resistance | None) -> float:
+def _resistance_rate(resistance: PistonResistance | None) -> float:
     return 0.0 if resistance is None else resistance.rate
 
 
@@ -73,7 +73,7 @@ def _piston_slopes(
 
 
 @compiled
-def _store_start(state: State, slopes: Slopes, count: int) -> None:
+def _store_start(state: State, slopes: StageSlopes, count: int) -> None:
     base = slopes.grains[-1]
     for i in range(count):
         base[X, i] = state.x[i]
@@ -86,7 +86,13 @@ def _store_start(state: State, slopes: Slopes, count: int) -> None:
 
 @compiled
 def _move_to_stage(
-    weights: Array, slopes: Slopes, h: float, time: float, state: State, count: int, motion: Motion
+    weights: Array,
+    slopes: StageSlopes,
+    h: float,
+    time: float,
+    state: State,
+    count: int,
+    motion: Motion,
 ) -> None:
     """State at a stage: the base and the weighted slopes so far."""
     base = slopes.grains[-1]
@@ -110,7 +116,7 @@ def _move_to_stage(
 
 @compiled
 def runge_kutta_step(
-    tableau: Array, slopes: Slopes, h: float, time: float, start: float, bed: Bed,
+    tableau: Array, slopes: StageSlopes, h: float, time: float, start: float, bed: Bed,
     motion: Motion, measurement: Measurement, measuring: bool,
 ) -> int:  # fmt: skip
     """See `granular.engine.step.make_step`; the work and the losses are integrated alike.

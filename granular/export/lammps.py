@@ -31,7 +31,7 @@ from granular.export.lammps_script import (
     wall_table,
     wall_table_name,
 )
-from granular.export.lammps_stages import Leg, remaining_stage
+from granular.export.lammps_stages import StagePart, remaining_stage
 from granular.pairs import dipole
 from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
@@ -50,7 +50,7 @@ class _Start(NamedTuple):
     grains: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
-    legs: tuple[Leg, ...]
+    legs: tuple[StagePart, ...]
 
 
 def to_lammps(
@@ -137,7 +137,7 @@ def _run_start(run: Trajectory) -> _Start:
 
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, done: float = 0.0
-) -> Iterator[Leg]:
+) -> Iterator[StagePart]:
     """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         next_leg = remaining_stage(stage, height, done)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
-from granular.export.lammps_stages import Leg
+from granular.export.lammps_stages import StagePart
 from granular.pairs import dipole
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
@@ -175,7 +175,7 @@ class Deck(NamedTuple):
     scales: Scales
     charges: tuple[float, ...]
     masses: tuple[float, ...]
-    legs: tuple[Leg, ...]
+    legs: tuple[StagePart, ...]
     piston: float | None
     height: float
     step: float
@@ -373,7 +373,7 @@ def _commensurate_step(deck: Deck) -> float:
     return deck.scene.output.scalars / _records(deck)[0]
 
 
-def _stage(deck: Deck, leg: Leg) -> Iterator[str]:
+def _stage(deck: Deck, leg: StagePart) -> Iterator[str]:
     yield f"# Stage {leg.name}: {leg.kind}, {leg.left:g} s"
     if leg.path is not None and "top" in deck.sides:
         yield f"variable height equal {leg.path.formula}"

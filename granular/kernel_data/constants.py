@@ -11,7 +11,7 @@ from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings
 
 
-class Acting(NamedTuple):
+class EffectLaws(NamedTuple):
     """The effects that act; what does not is None, or no law, and compiled away.
 
     Attributes
@@ -49,7 +49,7 @@ class Acting(NamedTuple):
     nearest: Array | None
 
 
-class Resistance(NamedTuple):
+class PistonResistance(NamedTuple):
     """Resistance to the motion of a free piston.
 
     Attributes
@@ -105,9 +105,9 @@ class Constants(NamedTuple):
     width: float
     piston_mass: float
     piston_weight: float
-    resistance: Resistance | None
+    resistance: PistonResistance | None
     exit: float
-    acting: Acting
+    acting: EffectLaws
     threaded: bool | None
 
 

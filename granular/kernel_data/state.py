@@ -26,7 +26,7 @@ WORK, PISTON, LOSSES = range(3)
 effect takes, in the order of the laws."""
 
 
-class Slopes(NamedTuple):
+class StageSlopes(NamedTuple):
     """Rates of change at the stages of a Runge-Kutta step; behind them, where the step starts.
 
     Attributes
@@ -98,7 +98,7 @@ class State(NamedTuple):
     scratch: np.ndarray
     buffers: np.ndarray | None
     rounding: np.ndarray | None
-    slopes: Slopes | None
+    slopes: StageSlopes | None
 
 
 class Measurement(NamedTuple):

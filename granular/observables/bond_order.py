@@ -8,8 +8,8 @@ import numpy as np
 
 from granular.observables.correlation import (
     PairFunction,
-    check_edges,
-    default_edges,
+    check_bin_edges,
+    default_bin_edges,
     mean_over_pairs,
     sum_pair_products,
 )
@@ -250,7 +250,7 @@ def bond_correlation(
         If the edges do not increase, or fewer than two grains have an interior cell.
     """
     positions = check_positions(positions)
-    edges = default_edges(positions) if edges is None else check_edges(edges)
+    edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
     cells = voronoi_cells(positions) if cells is None else cells
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:

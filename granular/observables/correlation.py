@@ -87,7 +87,9 @@ def per_distance(
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.inside(chosen))
     if edges is None:
-        edges = min((default_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
+        edges = min(
+            (default_bin_edges(frame) for frame in frames), key=lambda some: float(some[-1])
+        )
     parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
     values = divide_by_pair_count(total, np.sum([part.weights for part in parts], axis=0))
@@ -98,7 +100,7 @@ def per_distance(
     )  # fmt: skip
 
 
-def check_edges(edges: np.ndarray) -> np.ndarray:
+def check_bin_edges(edges: np.ndarray) -> np.ndarray:
     """Bin edges as float64 (k + 1,).
 
     Raises
@@ -114,7 +116,7 @@ def check_edges(edges: np.ndarray) -> np.ndarray:
     return array
 
 
-def default_edges(positions: np.ndarray) -> np.ndarray:
+def default_bin_edges(positions: np.ndarray) -> np.ndarray:
     """`BINS` bins up to half the shorter side of the box, or `FARTHEST` mean spacings.
 
     Raises
@@ -226,7 +228,7 @@ def radial_distribution(
     points = present_positions(positions)
     if len(points) < 2:
         raise InputError(f"{len(points)} grains; g(r) needs at least 2")
-    edges = default_edges(points) if edges is None else check_edges(edges)
+    edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     low, high = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
     if not ((points >= low) & (points <= high)).all():
         raise InputError("a grain lies outside of the box; give a box that holds all grains")
@@ -284,7 +286,7 @@ def spatial_correlation(
         positions[known],
         values[known] - (values[known].mean() if known.any() else 0.0),
     )
-    edges = default_edges(points) if edges is None else check_edges(edges)
+    edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
         raise InputError("the values do not differ; there is nothing to correlate")

@@ -8,8 +8,8 @@ import numpy as np
 
 from granular.observables.correlation import (
     PairFunction,
-    check_edges,
-    default_edges,
+    check_bin_edges,
+    default_bin_edges,
     mean_over_pairs,
     sum_pair_products,
 )
@@ -163,7 +163,7 @@ def translational_correlation(
         If the edges do not increase, or no grain has an interior cell.
     """
     points = present_positions(positions)
-    edges = default_edges(points) if edges is None else check_edges(edges)
+    edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     wave = lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
     if wave.shape != (2,):
         raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")

@@ -27,7 +27,7 @@ from granular.pairs.stripes import Stripes
 
 
 @intrinsic
-def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
+def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
     """Set the entries first .. end - 1 of a row to zero; both are multiples of the width."""
     signature = types.void(sums, types.intp, types.intp, types.intp)
 
@@ -42,8 +42,8 @@ def clear_row(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> Any:
 
 
 @intrinsic
-def add_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
-    """Add to the entries first .. end - 1 of a row those of another; as in `clear_row`."""
+def add_row_pairs(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
+    """Add to the entries first .. end - 1 of a row those of another; as in `clear_row_sums`."""
     signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -95,7 +95,7 @@ def _clear_sums_of_part(
 @compiled(inline=True)
 def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
     if sums is not None:
-        clear_row(sums, part, stripes.lows[part], stripes.ends[part])
+        clear_row_sums(sums, part, stripes.lows[part], stripes.ends[part])
 
 
 @compiled
@@ -125,7 +125,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
         if other != part:
-            add_row(sums, part, other, first, end)
+            add_row_pairs(sums, part, other, first, end)
 
 
 @compiled(inline=True)

@@ -15,7 +15,7 @@ from granular.pairs.interact import (
     Cut,
     Extremes,
     Grains,
-    Smooth,
+    SmoothSplit,
     add_lanes,
     broadcast_grain,
     load_eight_grains,
@@ -119,7 +119,7 @@ def _make_cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
     far = None
     if smooth:
         fifth = b.fdiv(cube, square)
-        far = Smooth(
+        far = SmoothSplit(
             _scale_coefficients(code, FIFTH, fifth, square),
             _scale_coefficients(code, CUBE, cube, square),
         )

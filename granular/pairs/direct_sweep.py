@@ -19,7 +19,7 @@ from granular.pairs.interact import (
     Cut,
     Extremes,
     Grains,
-    Images,
+    PeriodicImages,
     add_lanes,
     broadcast_grain,
     load_eight_grains,
@@ -40,7 +40,7 @@ class _Ends(NamedTuple):
     """Cut-off and images of the pairs in a periodic cell; None and None where all pairs count."""
 
     cut: Cut | None
-    images: Images | None
+    images: PeriodicImages | None
 
 
 def _make_ends(code: Code, kind: Any, nearest: Any) -> _Ends:
@@ -54,7 +54,7 @@ def _make_ends(code: Code, kind: Any, nearest: Any) -> _Ends:
     rest = b.fdiv(ir.Constant(square.type, 1.0 / SCALE), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
     cut = Cut(code.splat(square), code.splat(rest))
-    return _Ends(cut, Images(*(code.splat(side) for side in sides)))
+    return _Ends(cut, PeriodicImages(*(code.splat(side) for side in sides)))
 
 
 def _sweep(

@@ -14,7 +14,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY
 from granular.pairs.far_direct import DirectWorkspace, direct_workspace
-from granular.pairs.mesh import PARTS, Mesh, mesh_workspace, place_windows
+from granular.pairs.mesh import PARTS, Mesh, choose_windows, mesh_workspace
 from granular.pairs.mesh_grains import interpolate_potential, spread_grains
 from granular.pairs.mesh_potential import compute_mesh_potential
 from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, value_or_one
@@ -238,7 +238,7 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: FarSums) -> None:
 
 @compiled(inline=True)
 def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
-    return True if around is not None else place_windows(mesh, x, y, grains)
+    return True if around is not None else choose_windows(mesh, x, y, grains)
 
 
 @compiled(inline=True)

@@ -67,7 +67,7 @@ def broadcast_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
     )
 
 
-class Smooth(NamedTuple):
+class SmoothSplit(NamedTuple):
     """Coefficients in r^2 of the far parts of r^-5 and r^-3, over `SCALE`, in every lane."""
 
     fifth: list[Any]
@@ -82,10 +82,10 @@ class Cut(NamedTuple):
 
     square: Any
     cube: Any
-    smooth: Smooth | None = None
+    smooth: SmoothSplit | None = None
 
 
-class Images(NamedTuple):
+class PeriodicImages(NamedTuple):
     """A periodic cell, in every lane: its sides, and one over them."""
 
     width: Any
@@ -157,7 +157,7 @@ def _energy(
 
 def pair_contributions(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
-    lanes: list[bool] | None = None, cut: Cut | None = None, images: Images | None = None,
+    lanes: list[bool] | None = None, cut: Cut | None = None, images: PeriodicImages | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
     """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
 

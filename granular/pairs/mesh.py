@@ -227,7 +227,7 @@ def mesh_workspace(width: float, height: float, radius: float, spacing: float, g
 
 
 @compiled
-def place_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+def choose_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     """Lay each level's window about the grains; False where the mesh is too small."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):

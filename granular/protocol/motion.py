@@ -133,7 +133,7 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
     ) / h
 
 
-def as_tabulated(motion: Motion) -> Motion:
+def tabulated_motion(motion: Motion) -> Motion:
     """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 

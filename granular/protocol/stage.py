@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import Motion, as_tabulated
+from granular.protocol.motion import Motion, tabulated_motion
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, quantity, text
@@ -104,7 +104,7 @@ class Timed(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return as_tabulated(motion) if any(stage.is_tabulated for stage in protocol) else motion
+    return tabulated_motion(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
 
 CLOSE = 1e-11

@@ -20,7 +20,7 @@ from granular.readers.dialect import (
     replace_decimal_commas,
     split_fields,
     split_header,
-    trim,
+    trim_fields,
 )
 from granular.readers.headers import TIME, guess_role, is_unit, parse_header
 from granular.readers.sheet import Column, Sheet
@@ -131,7 +131,8 @@ def _find_first_row(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence
     full = next(
         k
         for k, line in enumerate(lines)
-        if len(fields := trim(split_fields(line.text, form.separator), form.width)) == form.width
+        if len(fields := trim_fields(split_fields(line.text, form.separator), form.width))
+        == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
         and is_row(fields, form)
     )
@@ -261,7 +262,7 @@ def _row_width(line: str, form: Dialect) -> int:
         width = line.count(form.separator) + 1
         if width <= form.width:
             return width
-    return len(trim(split_fields(line, form.separator), form.width))
+    return len(trim_fields(split_fields(line, form.separator), form.width))
 
 
 # Columns ---------------------------------------------------------------------------------------

@@ -166,12 +166,12 @@ def split_header(line: str, separator: str) -> list[str]:
 
 def is_row(fields: Sequence[str], form: Dialect) -> bool:
     """Return True for a line of the table: as many fields, of which some are numbers."""
-    if not form.width <= len(trim(fields, form.width)) <= form.width:
+    if not form.width <= len(trim_fields(fields, form.width)) <= form.width:
         return False
     return any(is_number(fields[k], form.decimal) for k in form.numeric)
 
 
-def trim(fields: Sequence[str], width: int) -> Sequence[str]:
+def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:
     """Return the fields without empty ones beyond the width."""
     end = len(fields)
     while end > width and not fields[end - 1]:

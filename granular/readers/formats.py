@@ -22,11 +22,16 @@ from granular.readers.interpretation import (
     spread_ticks,
 )
 from granular.readers.matlab import read_matlab
-from granular.readers.options import ReadOptions, describing, is_description, read_description
+from granular.readers.options import (
+    ReadOptions,
+    is_description,
+    name_description_in_errors,
+    read_description,
+)
 from granular.readers.parquet import read_parquet
 from granular.readers.sheet import Column, Sheet
 from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
-from granular.readers.workbook import read_workbook, refuse_old
+from granular.readers.workbook import read_workbook, refuse_old_workbook
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, RecordWarning, SceneError
 from granular.shared.files import reading as reading_file
@@ -78,7 +83,7 @@ def interpret_record_file(
         return _interpret_file(path, _load_calibration_points(path, options), form)
     file, described = read_description(path)
     every = _load_calibration_points(path, described.merge(options))
-    with describing(path, file):
+    with name_description_in_errors(path, file):
         return _interpret_file(file, every, None)
 
 
@@ -88,7 +93,7 @@ def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
     for column, given in options.calibrations().items():
         if isinstance(given.get("points"), str):
             file = Path(given["points"])
-            with describing(path, file):
+            with name_description_in_errors(path, file):
                 calibrations[column] = {**given, "points": _read_points(file)}
     return options.merge(ReadOptions(calibration=calibrations)) if calibrations else options
 
@@ -157,7 +162,7 @@ def read_text(content: bytes, options: ReadOptions) -> Sheet:
     RecordError
         If it is no text, or holds no table.
     """
-    refuse_old(content)
+    refuse_old_workbook(content)
     text, encoding = _decode_text(content)
     if is_labview(text):
         sheet = read_labview(text, options)

@@ -11,7 +11,7 @@ import numpy as np
 from granular.readers.delimited import read_delimited
 from granular.readers.headers import TIME
 from granular.readers.options import ReadOptions
-from granular.readers.sheet import Column, Sheet, parsing
+from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
 
@@ -122,7 +122,7 @@ def read_tdms(content: bytes, reading: ReadOptions) -> Sheet:
     RecordError
         If it cannot be read as such, there is no such group, or npTDMS is not installed.
     """
-    with parsing("a TDMS file", "npTDMS", "labview"):
+    with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
         from nptdms import TdmsFile
 
         file = TdmsFile.read(io.BytesIO(content))

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.readers.headers import TIME, guess_role, parse_header
 from granular.readers.options import ReadOptions
-from granular.readers.sheet import Column, Sheet, parsing
+from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
 
@@ -43,7 +43,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
     """
     import scipy.io
 
-    with parsing("a MATLAB file"):
+    with report_parsing_errors("a MATLAB file"):
         _check_unpacked(content)
         try:
             loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)

@@ -282,7 +282,7 @@ def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> Read
 
 
 @contextlib.contextmanager
-def describing(path: Path, file: Path) -> Iterator[None]:
+def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
     """Context in which the file that a description names is read; the module says of errors."""
     try:
         yield

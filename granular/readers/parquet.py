@@ -10,7 +10,7 @@ import numpy as np
 
 from granular.readers.headers import parse_header
 from granular.readers.options import ReadOptions
-from granular.readers.sheet import Column, Sheet, parsing
+from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.files import replace_when_written
 from granular.shared.messages import quote
@@ -27,7 +27,7 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
     RecordError
         If the file cannot be read as such, or pyarrow is not there.
     """
-    with parsing("Parquet", "pyarrow", "parquet"):
+    with report_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 
         source = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
@@ -75,7 +75,7 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
     InputError
         If it cannot be written; what was there before still stands.
     """
-    with parsing("Parquet", "pyarrow", "parquet"):
+    with report_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 
     fields = [

@@ -74,7 +74,7 @@ class Sheet:
 
 
 @contextlib.contextmanager
-def parsing(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
+def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
     """Turn errors of any kind, from a library that reads a file, into one line.
 
     Parameters

@@ -20,7 +20,7 @@ from zipfile import ZipFile, ZipInfo
 
 from granular.readers.delimited import read_delimited
 from granular.readers.options import ReadOptions
-from granular.readers.sheet import Sheet, parsing
+from granular.readers.sheet import Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
 
@@ -53,7 +53,7 @@ _PARTS = {
 """By how their names begin. A full sheet of four columns has 9.4 million elements in 200 MB."""
 
 
-def refuse_old(content: bytes) -> None:
+def refuse_old_workbook(content: bytes) -> None:
     """Refuse a workbook in the form of Excel 97 to 2003.
 
     Raises
@@ -92,10 +92,10 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
 
 def _sheet_tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
     with (
-        parsing("a workbook", "openpyxl", "workbooks"),
+        report_parsing_errors("a workbook", "openpyxl", "workbooks"),
         ZipFile(io.BytesIO(content)) as archive,
     ):
-        check_parts(archive)
+        check_archive_sizes(archive)
         if "content.xml" in archive.namelist():
             sheets = libre_office_sheets(archive)
         else:
@@ -138,7 +138,7 @@ def _too_large_error(what: str) -> RecordError:
     return RecordError(f"{what}: save the columns that are wanted as CSV")
 
 
-def check_parts(archive: ZipFile) -> None:
+def check_archive_sizes(archive: ZipFile) -> None:
     """Refuse an archive whose parts of XML hold too much, before any of them is read.
 
     Raises

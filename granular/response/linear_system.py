@@ -112,7 +112,7 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def with_amplitude(host: Host, key: str, size: float) -> Host:
+def scene_with_amplitude(host: Host, key: str, size: float) -> Host:
     """Host with another amplitude of its excitation."""
     plain = host.to_plain()
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
@@ -126,7 +126,7 @@ def compare_linear(
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = hanging_mass_stiffness(frequencies, mass, spring, dashpot)
-    hosts = [with_amplitude(host, key, size) for size in sizes]
+    hosts = [scene_with_amplitude(host, key, size) for size in sizes]
     alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
     ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
     result = {

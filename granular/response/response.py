@@ -17,8 +17,8 @@ from granular.response.linear_system import (
     damper_mass,
     hanging_mass_stiffness,
     linear_response,
+    scene_with_amplitude,
     tuned_mass,
-    with_amplitude,
 )
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
@@ -87,7 +87,7 @@ class Response:
         """Return fine ``frequency`` [Hz], and the amplitude ``alone`` and with ``ideal`` [m]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
-        host = with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
+        host = scene_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
         dense = np.geomspace(known.min(), known.max(), DENSE)
         mass = damper_mass(self.scene)
         attached = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))

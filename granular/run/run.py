@@ -158,7 +158,7 @@ class Run(RunState):
         seconds = time.perf_counter() - started
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
-            self.threads.hear(done * pace.steps, seconds)
+            self.threads.record_step_time(done * pace.steps, seconds)
         on_record = progress.ticks % pace.every == 0
         last = rows[-2] if on_record else rows[-1]
         progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * pace.h)

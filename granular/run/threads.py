@@ -40,7 +40,7 @@ class Threads:
         self._took: dict[int, float] = {}
         self._until, self._wait = 0.0, SHORTEST
 
-    def hear(self, steps: int, seconds: float) -> None:
+    def record_step_time(self, steps: int, seconds: float) -> None:
         """Learn how long steps took with the present number, and set the next one."""
         if self.most == 1 or steps == 0:
             return

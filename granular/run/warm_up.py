@@ -42,7 +42,7 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
 
 
 def _compile_scene(scene: Scene) -> None:
-    from granular.protocol.motion import Motion, as_tabulated, piston_path
+    from granular.protocol.motion import Motion, piston_path, tabulated_motion
     from granular.run.evaluation import evaluate
     from granular.run.simulation import simulate
 
@@ -50,4 +50,4 @@ def _compile_scene(scene: Scene) -> None:
     positions, velocities = scene.initial_motion()
     evaluate(scene, positions, velocities)
     driven = any(stage.is_tabulated for stage in scene.protocol)
-    piston_path(as_tabulated(Motion()) if driven else Motion(), 0.0)
+    piston_path(tabulated_motion(Motion()) if driven else Motion(), 0.0)

@@ -11,7 +11,7 @@ import functools
 import re
 from typing import Any
 
-from granular.effects.formula import Listed
+from granular.effects.formula import FormulaList
 from granular.effects.registry import effect_names, find_effect
 from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
@@ -89,7 +89,7 @@ def _section_schema(section: type[Section]) -> Schema:
 
 def _effect_schema(effect: type[Section]) -> Schema:
     """Effect: its section, true where no key must be given, or none."""
-    if issubclass(effect, Listed):
+    if issubclass(effect, FormulaList):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section_schema(fields.metadata["kind"].section)
         return {"anyOf": [{"type": "array", "items": item}, item, {"const": "none"}]}

@@ -12,7 +12,7 @@ from numba.core.errors import NumbaError
 from granular.effects.effect import Effect, EffectContext
 from granular.effects.force import Force
 from granular.effects.wall_side import SIDES
-from granular.kernel_data.constants import Acting, Constants, Resistance
+from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
@@ -101,7 +101,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
 
 def _acting_laws(
     scene: Scene, scales: Scales, species: np.ndarray, method: Method | None
-) -> Acting:
+) -> EffectLaws:
     grains, effects = scene.grains, scene.effects.laws
     setting = _effect_context(scene, scales, species)
     weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
@@ -120,7 +120,7 @@ def _acting_laws(
         cut = CutOff(radius, several, None if far is None else True, periods)
     laws = tuple(effect.law(setting) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
-    return Acting(
+    return EffectLaws(
         laws=laws,
         host=named.get("host"),
         dipole=None if dipole is None else True,
@@ -231,9 +231,11 @@ def _piston_mass(scene: Scene, scales: Scales, gravity: float) -> tuple[float, f
     return mass, mass * gravity if weight is None else weight
 
 
-def _piston_resistance(scene: Scene, scales: Scales) -> Resistance | None:
+def _piston_resistance(scene: Scene, scales: Scales) -> PistonResistance | None:
     piston, host = scene.piston, scene.effects.host
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None
     mass = piston.mass if host is None else host.mass_of_piston(piston.mass)
-    return Resistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)
+    return PistonResistance(
+        rate=piston.drag * scales.time / mass, force=piston.friction / scales.force
+    )

@@ -30,7 +30,7 @@ from granular.commands.options import (
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quote
-from reduced_models.commands.records import READING, reading_from, show_result
+from reduced_models.commands.records import READING, read_options_from_line, show_result
 
 if TYPE_CHECKING:
     from reduced_models.designs.maps import DamperMaps
@@ -78,7 +78,7 @@ def calibrate(options: Any) -> None:
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene
     from reduced_models.records.sources import open_source
 
-    source = open_source(options.record, reading_from(options))
+    source = open_source(options.record, read_options_from_line(options))
     if isinstance(source, Scene):
         raise InputError(
             f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file"

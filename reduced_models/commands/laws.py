@@ -33,8 +33,8 @@ from reduced_models.commands.records import (
     A_SOURCE,
     READING,
     SOURCES,
-    reading_from,
-    records_from,
+    load_records,
+    read_options_from_line,
     show_result,
 )
 
@@ -97,9 +97,9 @@ def identify(options: Any) -> None:
 
     import_user_code(options.user_files)
     result = identify_source(
-        open_source(options.source, reading_from(options)),
+        open_source(options.source, read_options_from_line(options)),
         options.out,
-        laws=None if options.laws is None else laws_from(options.laws),
+        laws=None if options.laws is None else parse_laws(options.laws),
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=parse_changes(options.changes),
@@ -150,9 +150,9 @@ def fit(options: Any) -> None:
         return
     require_options(options, sources="SOURCE")
     models = fit_law(
-        records_from(options.sources, options),
+        load_records(options.sources, options),
         options.law,
-        bounds=bounds_from(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
+        bounds=parse_bounds(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
         **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))
@@ -162,7 +162,7 @@ def fit(options: Any) -> None:
     print_result({"models": [model.to_plain() for model in models]}, text, options.json)
 
 
-def bounds_from(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+def parse_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
     """Read bounds of parameters from ``NAME=LOW:HIGH`` texts, by the parameters' SI units.
 
     Raises
@@ -250,7 +250,7 @@ def discover(options: Any) -> None:
     from reduced_models.discovery.libraries import AUTO
 
     require_options(options, sources="SOURCE")
-    records = records_from(options.sources, options)
+    records = load_records(options.sources, options)
     result = discover_law(
         records[0] if len(records) == 1 else records,
         library=options.library or AUTO,
@@ -329,10 +329,10 @@ def _compare_laws(options: Any) -> None:
 
     target = make_directory(options.out)
     table = compare_laws(
-        records_from(options.sources, options),
-        laws_from(options.laws or CANDIDATES),
+        load_records(options.sources, options),
+        parse_laws(options.laws or CANDIDATES),
         options.test_fraction,
-        records_from(options.test_records, options),
+        load_records(options.test_records, options),
         starts=options.starts,
     )
     text = str(table)
@@ -370,7 +370,7 @@ def _compare_response(options: Any) -> None:
     )
 
 
-def laws_from(names: Sequence[str]) -> tuple[str, ...]:
+def parse_laws(names: Sequence[str]) -> tuple[str, ...]:
     """Return the laws to fit; "all" stands for those of the package."""
     from reduced_models.laws.catalogue import LAWS
 

@@ -55,7 +55,7 @@ READING = option_group(
 )  # fmt: skip
 
 
-def reading_from(options: Any) -> ReadOptions:
+def read_options_from_line(options: Any) -> ReadOptions:
     """Return what the command line says of a file.
 
     Raises
@@ -121,12 +121,12 @@ def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
-def records_from(sources: Sequence[str], options: Any) -> list[PistonRecord]:
+def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     """Return the records of sources, of which scenes are run."""
     from reduced_models.records.sources import METHOD, RunOptions, load_record, open_source
 
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
-    said = reading_from(options)
+    said = read_options_from_line(options)
     return [load_record(open_source(source, said), None, run)[0] for source in sources]
 
 
@@ -164,7 +164,7 @@ def look(options: Any) -> None:
     from reduced_models.records.look import look as look_at
     from reduced_models.records.look import plot_look
 
-    said, path = reading_from(options), Path(options.file)
+    said, path = read_options_from_line(options), Path(options.file)
     seen = look_at(path, said)
     if options.plot is not None:
         from granular.render import save_picture

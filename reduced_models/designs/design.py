@@ -25,7 +25,7 @@ from reduced_models.designs.proposal import (
     propose_design,
     targets_by_grain_count,
 )
-from reduced_models.designs.result import Check, Design, Round
+from reduced_models.designs.result import Design, DesignCheck, DesignRound
 from reduced_models.designs.study import check_figures
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
@@ -117,7 +117,7 @@ def design(
     propose_design(
         chosen, target
     )  # refuses what the maps do not hold, before anything is simulated
-    rounds: list[Round] = []
+    rounds: list[DesignRound] = []
     targets = targets_by_grain_count(target)
     for target_ in targets:
         aim = (frequency, damping)
@@ -132,7 +132,7 @@ def design(
                 raise DesignError(
                     str(error), Design(target, tuple(rounds)) if rounds else None
                 ) from None
-            rounds.append(Round(candidate, chosen.predict(candidate), checks))
+            rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
             result = Design(target, tuple(rounds))
             if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 if out is not None:
@@ -144,7 +144,7 @@ def design(
     raise DesignError(_miss_text(result), result)
 
 
-def _corrected_target(target: DesignTarget, rounds: Sequence[Round]) -> tuple[float, float]:
+def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next.
 
     The damping goes with the drag; the frequency, which a bed that falls into another order changes
@@ -159,7 +159,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[Round]) -> tuple[fl
     return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
 
 
-def _frequency_response_slope(rounds: Sequence[Round]) -> float:
+def _frequency_response_slope(rounds: Sequence[DesignRound]) -> float:
     """Slope of the measured frequency by the promised one; 1 where it was hardly moved."""
     if len(rounds) < 2:
         return 1.0
@@ -178,7 +178,7 @@ def _run_checks(
     executor: Executor | None,
     workers: int | None,
     progress: bool,
-) -> tuple[Check, ...]:
+) -> tuple[DesignCheck, ...]:
     study = sweep(
         damper(),
         cases=[candidate.scene(seed).to_plain() for seed in seeds],
@@ -197,7 +197,7 @@ def _run_checks(
                 f"the simulation of {candidate.mass:.4g} kg on {candidate.grains} grains with a "
                 f"drag of {candidate.drag:.4g} kg/s failed: {cause}"
             )
-        checks.append(Check(seed, **figures))
+        checks.append(DesignCheck(seed, **figures))
     return tuple(checks)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Check(NamedTuple):
+class DesignCheck(NamedTuple):
     """A simulation of a proposal.
 
     Attributes
@@ -60,12 +60,12 @@ class Check(NamedTuple):
     heights: Sequence[float]
 
 
-class Round(NamedTuple):
+class DesignRound(NamedTuple):
     """A proposal with its promise and its checks."""
 
     damper: Candidate
     promise: Prediction
-    checks: tuple[Check, ...]
+    checks: tuple[DesignCheck, ...]
 
     def mean(self, name: str) -> float:
         """Mean of a figure over the checks."""
@@ -84,7 +84,7 @@ class Design:
     """
 
     target: DesignTarget
-    rounds: tuple[Round, ...]
+    rounds: tuple[DesignRound, ...]
 
     @property
     def damper(self) -> Candidate:
@@ -97,7 +97,7 @@ class Design:
         return self.rounds[-1].promise
 
     @property
-    def checks(self) -> tuple[Check, ...]:
+    def checks(self) -> tuple[DesignCheck, ...]:
         """Its figures by the simulations."""
         return self.rounds[-1].checks
 
@@ -321,5 +321,5 @@ def _deviation_text(value: float, wanted: float) -> str:
     return f"{100.0 * (value / wanted - 1.0):+.2g} %"
 
 
-def _without_record(check: Check) -> dict[str, Any]:
+def _without_record(check: DesignCheck) -> dict[str, Any]:
     return {k: v for k, v in check._asdict().items() if k not in ("times", "heights")}

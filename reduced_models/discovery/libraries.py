@@ -358,14 +358,14 @@ def _physical_proposal(
     least = math.inf
     for degree in (least_degree, *(degree for degree in _DEGREES if degree > least_degree)):
         terms = library_terms(PHYSICAL, (), degree, column)
-        error = held_out_error(weak, terms)
+        error = test_error_of_terms(weak, terms)
         if chosen and error > _BETTER * least:
             break
         chosen, least = terms, error
     return chosen
 
 
-def held_out_error(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
+def test_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
     """Rms of every third white residual, with coefficients that have not seen it.
 
     Infinite where there are fewer integrals than terms.

@@ -40,7 +40,7 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
-from reduced_models.records.release import release
+from reduced_models.records.release import release_sample
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
@@ -281,7 +281,7 @@ def _test_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> tup
     return _rms(residuals) * grid.unknowns.amplitude / swing, resting
 
 
-def structure_words(quality: Quality, interval: float) -> str:
+def residual_structure_text(quality: Quality, interval: float) -> str:
     """Words for residuals that are not white, however small, of samples so far apart [s]."""
     words = (
         f"the residuals, {100 * quality.relative:.2g} % of the swing, are not white noise (they "
@@ -307,11 +307,11 @@ def _rms(values: np.ndarray) -> float:
 
 def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Cause of residuals far above the noise, as far as it is seen, and the remedy."""
-    if start := release(record):
+    if start := release_sample(record):
         return (
             f"the law is not right for all of the record: it stands still for the first "
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
-            "(reduced_models.from_release)"
+            "(reduced_models.cut_at_release)"
         )
     drift = f", or {_LET_DRIFT} if the record's zero may drift" if _sensor_drifts(quality) else ""
     return f"the law or the fit is not right; try another law or more starts{drift}"
@@ -342,7 +342,7 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))
-        notes.append(structure_words(quality, interval))
+        notes.append(residual_structure_text(quality, interval))
     if quality.noise > NOISY * swing:
         notes.append(
             f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "

@@ -116,7 +116,7 @@ def further_runs(
     """
     step, seeds = scene_with_other_step(run), scenes_with_other_seeds(run)
     swings = [step.check, *seeds]
-    lifts = [other] if lift and (other := held_out_lift(run.scene)) is not None else []
+    lifts = [other] if lift and (other := lift_for_testing(run.scene)) is not None else []
     fall = None if period is None else first_fall(run, period)
     falls = [] if fall is None else fall_checks(run, fall)
     records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
@@ -213,7 +213,7 @@ def scenes_with_other_seeds(run: Trajectory) -> list[RunCheck]:
     ]
 
 
-def held_out_lift(scene: Scene) -> RunCheck | None:
+def lift_for_testing(scene: Scene) -> RunCheck | None:
     """Scene with a lift three times as high; None where not just one stage lifts."""
     from granular.protocol.prescribed import Lift
 

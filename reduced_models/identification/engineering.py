@@ -209,7 +209,7 @@ def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
     )
 
 
-def swing_words(model: ReducedModel) -> str:
+def small_swing_sentence(model: ReducedModel) -> str:
     """Swing that a model's figures are of."""
     rest = model.at_rest
     return "small swing" if rest is None or rest.equivalent is None else "swing"

@@ -25,7 +25,7 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
     propagate_error,
-    swing_words,
+    small_swing_sentence,
 )
 from reduced_models.identification.pictures import downsample
 from reduced_models.identification.residual_tests import ResidualTests
@@ -134,7 +134,7 @@ def add_engineering(
 
 
 def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
-    words = f"Of the {swing_words(model)} about rest, from the fit of {model.law.name}. "
+    words = f"Of the {small_swing_sentence(model)} about rest, from the fit of {model.law.name}. "
     if any(quantity.name.startswith(f"{DAMPING_RATIO} at ") for quantity in quantities):
         words += (
             "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "

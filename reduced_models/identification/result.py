@@ -30,8 +30,8 @@ from reduced_models.identification.engineering import (
     cycles_at_amplitudes,
     engineering_quantities,
     engineering_units,
+    small_swing_sentence,
     swing_text,
-    swing_words,
 )
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
@@ -188,7 +188,7 @@ class Identification:
                 lines += ["", str(self.falls.best.model)]
         lines += ["", self.verdict]
         if self.figures:
-            lines.append(f"{swing_words(self.shown)} about rest, by {self.figures_law}:")
+            lines.append(f"{small_swing_sentence(self.shown)} about rest, by {self.figures_law}:")
         lines += [
             f"  {figure.name}: {figure.text}  [{figure.interval}]" for figure in self.engineering
         ]

@@ -77,10 +77,10 @@ def grid_steps(duration: float, period: float, per_period: int) -> int:
             f"the record holds about {duration / period:.3g} periods, and a fit can follow at most "
             f"{MOST_STEPS // per_period}; fit a part of it, record.between(start, stop)"
         )
-    return whole_chunks(wanted)
+    return round_up_to_chunks(wanted)
 
 
-def whole_chunks(steps: float) -> int:
+def round_up_to_chunks(steps: float) -> int:
     """Return the number of steps in whole chunks, at least that many."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 

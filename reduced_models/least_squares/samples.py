@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, whole_chunks
+from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
 from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
     STAGE_TIMES,
@@ -77,7 +77,7 @@ def grid_over(
     smooth = how in ("spline", "band-limited")
     several = 2.0 ** math.floor(math.log2(1.0 / fraction)) if smooth and fraction < 1.0 else 1.0
     step = sample * several / max(1, math.ceil(fraction))
-    return Grid(step, whole_chunks(duration / step * (1.0 - 1e-12)))
+    return Grid(step, round_up_to_chunks(duration / step * (1.0 - 1e-12)))
 
 
 def samples_on_grid(

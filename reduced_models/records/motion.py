@@ -9,7 +9,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES
-from reduced_models.records.release import from_release
+from reduced_models.records.release import cut_at_release
 
 _LEAST_CLIPPED = 6
 """Samples at a sensor's limit from which on a record is clipped."""
@@ -56,7 +56,7 @@ def find_motion(record: PistonRecord) -> PistonRecord:
             stacklevel=2,
         )
         record = record.between(float(record.time[0]), end)
-    return from_release(record)
+    return cut_at_release(record)
 
 
 def _without_clipped(record: PistonRecord) -> PistonRecord:

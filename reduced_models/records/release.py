@@ -40,7 +40,7 @@ _DRIVES = ("force", "base", "drive", "input")
 """In names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
 
 
-def from_release(record: PistonRecord) -> PistonRecord:
+def cut_at_release(record: PistonRecord) -> PistonRecord:
     """Record from its release on, where it stands still before it moves; else as it is.
 
     Parameters
@@ -61,20 +61,20 @@ def from_release(record: PistonRecord) -> PistonRecord:
     Examples
     --------
     >>> import numpy as np
-    >>> from reduced_models import PistonRecord, from_release
+    >>> from reduced_models import PistonRecord, cut_at_release
     >>> time = np.linspace(0.0, 2.0, 2000)
     >>> record = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-    >>> from_release(record) is record  # it swings from its start on
+    >>> cut_at_release(record) is record  # it swings from its start on
     True
     """
-    start = release(record)
+    start = release_sample(record)
     if start == 0:
         return record
     warnings.warn(cut_notice(record, start), RecordWarning, stacklevel=2)
-    return record_after(record, start)
+    return record_from_sample(record, start)
 
 
-def record_after(record: PistonRecord, start: int) -> PistonRecord:
+def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
     """Record from a sample on."""
     return record.between(float(record.time[start]), math.inf)
 
@@ -87,7 +87,7 @@ def cut_notice(record: PistonRecord, start: int) -> str:
     )
 
 
-def release(record: PistonRecord) -> int:
+def release_sample(record: PistonRecord) -> int:
     """Index of the sample at which a resting record starts to move; 0 where it never rests."""
     if len(record) < LEAST_SAMPLES:
         return 0

@@ -15,8 +15,8 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
 from granular.shared.files import finite_or_none
 from reduced_models.__main__ import main, parser
-from reduced_models.commands.laws import bounds_from
-from reduced_models.commands.records import reading_from
+from reduced_models.commands.laws import parse_bounds
+from reduced_models.commands.records import read_options_from_line
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.laws import LAWS
 from reduced_models.laws.height_map import HeightMap
@@ -183,13 +183,13 @@ def test_bad_words_of_the_other_commands(
 
 def test_numbers_have_units_where_they_are_taken() -> None:
     units = LAWS["polynomial-spring"].units
-    found = bounds_from(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], units)
+    found = parse_bounds(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], units)
     assert found == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
     words = ["design", "--frequency", "3.5 Hz", "--damping", "4 %", "--small-share", "25 %"]
     options = parser().parse_args(words)
     assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)
     options = parser().parse_args(["look", "lab.csv", "--between", "500 ms:"])
-    assert reading_from(options).between == (0.5, math.inf)
+    assert read_options_from_line(options).between == (0.5, math.inf)
 
 
 def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:

@@ -179,7 +179,7 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
-def starts_for(floor: float, tolerance: float) -> int:
+def required_starts(floor: float, tolerance: float) -> int:
     """Return the number of starts for two standard errors of their mean to be a tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
@@ -197,7 +197,7 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
             key=cost_key,
             default=None,
         )
-        return Advice(tolerance, best, starts_for(floor, tolerance), floor)
+        return Advice(tolerance, best, required_starts(floor, tolerance), floor)
     sound = [
         point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)
     ]

@@ -28,7 +28,7 @@ Studies = list[WorkPrecision]
 """Those of one task: a quantity each."""
 
 
-def studies_of(plain: Mapping[str, Any]) -> Studies:
+def studies_from_plain(plain: Mapping[str, Any]) -> Studies:
     """Return the studies of a result."""
     return [WorkPrecision.from_plain(study) for study in plain["studies"]]
 
@@ -209,6 +209,6 @@ def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
 
 
 WORK_PRECISION = Section(
-    "work-precision", "What accuracy costs", work_precision_tasks, studies_of, _study_tables,
-    _studies_verdict, show_studies,
+    "work-precision", "What accuracy costs", work_precision_tasks, studies_from_plain,
+    _study_tables, _studies_verdict, show_studies,
 )  # fmt: skip

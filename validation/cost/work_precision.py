@@ -30,7 +30,7 @@ Reference = SolverSettings | float | np.ndarray | None
 """A setting to take the true value from, the value, or None for the finest or the exact one."""
 
 
-class Truth(NamedTuple):
+class ReferenceValue(NamedTuple):
     """Values that a quantity is measured against.
 
     Attributes
@@ -138,7 +138,7 @@ def make_study(
     quantity: MeasuredQuantity,
     until: float | None,
     points: Iterable[Point],
-    truth: Truth,
+    truth: ReferenceValue,
 ) -> WorkPrecision:
     """Return the study that points against a truth make."""
     unit = "1" if quantity.relative else quantity.unit
@@ -184,7 +184,7 @@ def reference_values(
     quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],
     until: float | None,
-) -> list[Truth]:
+) -> list[ReferenceValue]:
     """Return what each quantity is measured against; no run is made twice."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
@@ -197,10 +197,10 @@ def reference_values(
             if words not in runs:
                 runs[words] = [run_setting(scene, wanted, until) for scene in scenes]
             values = tuple(quantity.measure(run) for run in runs[words])
-            truth.append(Truth(words, values, _scatter_over_starts(quantity, values)))
+            truth.append(ReferenceValue(words, values, _scatter_over_starts(quantity, values)))
         else:
             words = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
-            truth.append(Truth(words, (wanted,) * len(scenes), 0.0))
+            truth.append(ReferenceValue(words, (wanted,) * len(scenes), 0.0))
     return truth
 
 
@@ -228,7 +228,7 @@ def measure_points(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     setting: SolverSettings,
-    truth: Sequence[Truth],
+    truth: Sequence[ReferenceValue],
     until: float | None,
     repeats: int,
 ) -> list[Point]:
@@ -313,7 +313,7 @@ def _outside_points(
     scene: Scene,
     quantity: MeasuredQuantity,
     settings: Sequence[SolverSettings],
-    truth: Truth,
+    truth: ReferenceValue,
     until: float | None,
 ) -> list[Point]:
     """Points of the outside references, which give positions only; compiled before they count."""

@@ -41,7 +41,7 @@ SHORT = 0.205
 whole bounce a Runge-Kutta method of order four seems to have order five."""
 
 
-class Well(NamedTuple):
+class PotentialWell(NamedTuple):
     """The well that the grain moves in, in natural units.
 
     Attributes
@@ -78,7 +78,7 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     return lone_scene(name, time, effects, arrangement=arrangement)
 
 
-def well(scene: Scene) -> Well:
+def well(scene: Scene) -> PotentialWell:
     """Well of a scene with a lone grain at rest; within mpmath's working precision."""
     from mpmath import findroot, mpf
 
@@ -95,7 +95,7 @@ def well(scene: Scene) -> Well:
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
     other = findroot(lambda y: potential(y) - potential(start), guess)
     low, high = min(start, other), max(start, other)
-    return Well(potential, low, high, units.velocity, units.length, units.time)
+    return PotentialWell(potential, low, high, units.velocity, units.length, units.time)
 
 
 def bounce_period(scene: Scene) -> Number:

@@ -120,7 +120,7 @@ def size_cases() -> tuple[HardCase, ...]:
 # Sums over pairs --------------------------------------------------------------------------------
 
 
-def missed_force(run: Trajectory) -> float:
+def greatest_missing_force(run: Trajectory) -> float:
     """Greatest force on a grain that a frame lacks, against lists made for that frame alone."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
@@ -207,7 +207,8 @@ def sum_cases() -> tuple[HardCase, ...]:
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",
             _fast_grain, 0.04, 0.04,
-            Measure("greatest force missed, over the greatest force", missed_force), 1e-12, dt=1e-3,
+            Measure("greatest force missed, over the greatest force", greatest_missing_force),
+            1e-12, dt=1e-3,
         ),
         HardCase(
             "far field at longer steps",

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_trajectory, simulate
-from granular.effects.bath import normal_pair, philox
+from granular.effects.bath import draw_normal_pair, philox
 from granular.observables import configurational_temperature
 from granular.run.directory import is_run
 from granular.shared.errors import InputError, SceneError
@@ -49,7 +49,9 @@ def test_known_answers_of_the_generator() -> None:
 
 def test_normal_numbers() -> None:
     steps, grains = np.divmod(np.arange(40_000, dtype=np.uint64), np.uint64(200))
-    drawn = np.array([normal_pair(np.uint64(7), s, g) for s, g in zip(steps, grains, strict=True)])
+    drawn = np.array(
+        [draw_normal_pair(np.uint64(7), s, g) for s, g in zip(steps, grains, strict=True)]
+    )
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.02)
     np.testing.assert_allclose(drawn.var(axis=0), 1.0, atol=0.03)
     np.testing.assert_allclose((drawn**4).mean(axis=0), 3.0, atol=0.2)

@@ -18,7 +18,7 @@ def heard(found: Threads, seconds: dict[int, float], calls: int) -> list[int]:
     taken = []
     for _ in range(calls):
         taken.append(found.count)
-        found.hear(10, 10 * seconds[found.count])
+        found.record_step_time(10, 10 * seconds[found.count])
     return taken
 
 

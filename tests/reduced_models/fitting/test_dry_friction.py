@@ -12,7 +12,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import fit, load_model
-from reduced_models.fitting.assessment import structure_words
+from reduced_models.fitting.assessment import residual_structure_text
 from reduced_models.laws.linearization import harmonic_cycles, law_rates
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -95,7 +95,7 @@ def test_a_lag_that_cannot_matter_is_not_told(made: Any) -> None:
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
     assert "lags" not in str(model)
     late = dataclasses.replace(model.quality, lag=0.2 * TIME[1])
-    assert "the solution lags by 0.004 s" in structure_words(late, TIME[1])
+    assert "the solution lags by 0.004 s" in residual_structure_text(late, TIME[1])
 
 
 def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) -> None:

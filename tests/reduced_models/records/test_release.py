@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, simulate
 from granular.shared.errors import RecordWarning
-from reduced_models import fit, from_release, identify, read_record
+from reduced_models import cut_at_release, fit, identify, read_record
 from reduced_models.records.look import look
-from reduced_models.records.release import release
+from reduced_models.records.release import release_sample
 
 FREQUENCY, DAMPING = 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY  # undamped
@@ -56,7 +56,7 @@ def test_a_hold_ends_at_the_release(hold: float, kicked: bool) -> None:
         for rate in ((500.0, 1000.0, 5000.0) if noise < 0.03 else (1000.0, 5000.0))
         for count in (0.0, 0.01)
     ]
-    ends = np.array([one.time[release(one)] for one in made])
+    ends = np.array([one.time[release_sample(one)] for one in made])
     assert np.abs(ends - hold - 0.0025).max() < 0.01
 
 
@@ -65,7 +65,7 @@ def test_a_release_has_no_hold_of_its_own(noise: float) -> None:
     """A cut record is left as it is, and so is what starts anywhere on a swing."""
     swing = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.004):
-        assert release(swing.between(start, math.inf)) == 0
+        assert release_sample(swing.between(start, math.inf)) == 0
 
 
 def driven(push: Callable[[float], float], damping: float = 0.05) -> np.ndarray:
@@ -110,7 +110,7 @@ def test_what_moves_at_once_stays_as_it_is(name: str) -> None:
             height = motion + noise * np.random.default_rng(seed).standard_normal(len(TIME))
             for each in (height, 0.01 * np.round(height / 0.01)):
                 made = PistonRecord(TIME, each)
-                assert from_release(made) is made, (noise, seed)
+                assert cut_at_release(made) is made, (noise, seed)
 
 
 @pytest.mark.parametrize("start", [1e-2, 1e-4])
@@ -127,7 +127,7 @@ def test_a_motion_from_an_unstable_rest_starts_by_and_by(start: float) -> None:
         ):
             found = solve_ivp(law, (0.0, 5.0), [3.14159265 - start, 0.0], t_eval=TIME, rtol=1e-8)
             height = found.y[0] + noise * random.standard_normal(len(TIME))
-            assert release(PistonRecord(TIME, height)) == 0
+            assert release_sample(PistonRecord(TIME, height)) == 0
 
 
 def test_further_columns() -> None:
@@ -140,20 +140,20 @@ def test_further_columns() -> None:
         return PistonRecord(kicked.time, kicked.height, extra=extra)
 
     found = with_columns(hammer=pulse)
-    assert 0.49 <= found.time[release(found)] <= pulse.argmax() / 1000.0 + 1e-9
+    assert 0.49 <= found.time[release_sample(found)] <= pulse.argmax() / 1000.0 + 1e-9
     noisy = np.random.default_rng(0).standard_normal(len(clock))
     warm = 20.0 + (kicked.time % 0.7)
     for extra in ({"clock": clock}, {"load": load}, {"input noise": noisy}, {"temperature": warm}):
         found = with_columns(**extra)
-        assert found.time[release(found)] == pytest.approx(0.5, abs=0.005)
-    assert release(with_columns(drive=np.sin(2.0 * kicked.time))) == 0
+        assert found.time[release_sample(found)] == pytest.approx(0.5, abs=0.005)
+    assert release_sample(with_columns(drive=np.sin(2.0 * kicked.time))) == 0
 
 
 def test_a_record_of_a_simulation_stays_as_it_is(small_damper: Any) -> None:
     """It stands still at its release, and is released at once."""
     run = simulate(small_damper, dt="auto*4", progress=False)
     made = run.piston()
-    assert from_release(made) is made
+    assert cut_at_release(made) is made
 
 
 # In files ------------------------------------------------------------------------------------
