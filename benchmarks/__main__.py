@@ -18,38 +18,38 @@ EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
 
 def parser() -> Parser:
     """The command line's grammar."""
-    one = Parser(
+    item = Parser(
         prog="python -m benchmarks",
         description="Speed, side by side.",
         epilog=f"parts:\n{EXAMPLES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_version_option(one)
-    one.add_argument(
+    add_version_option(item)
+    item.add_argument(
         "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
         help="measure this part only; see below (repeatable)",
     )  # fmt: skip
-    one.add_argument(
+    item.add_argument(
         "--history", metavar="FILE",
         help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
         "show the last entries",
     )  # fmt: skip
-    one.add_argument(
+    item.add_argument(
         "--prices", metavar="FILE",
         help="measure anew the table that accuracies are promised from, and write it here; "
         "granular/run/price_table.toml is the one that is read",
     )  # fmt: skip
-    one.add_argument(
+    item.add_argument(
         "-o",
         "--out",
         metavar="DIR",
         help="directory for the report; what is measured is kept there and found again",
     )
-    length = one.add_mutually_exclusive_group()
+    length = item.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
     length.add_argument("--full", action="store_true", help="everything, an hour or so")
-    OUTPUT(one)
-    return one
+    OUTPUT(item)
+    return item
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -67,12 +67,12 @@ def _benchmark(options: Any) -> None:
     from benchmarks.page import benchmark_text
     from benchmarks.programme import benchmark
 
-    found = benchmark(
+    result = benchmark(
         options.out, parts=options.parts or tuple(PARTS), full=options.full,
         progress=not options.quiet,
     )  # fmt: skip
     where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
-    print_result(found, benchmark_text(found) + where, options.json)
+    print_result(result, benchmark_text(result) + where, options.json)
 
 
 def _history(options: Any) -> None:
@@ -89,8 +89,8 @@ def _prices(options: Any) -> None:
     from benchmarks.costs import costs, prices_text
 
     _alone(options, "--prices")
-    found = costs(Path(options.prices), progress=not options.quiet)
-    print_result(found, prices_text(found), options.json)
+    result = costs(Path(options.prices), progress=not options.quiet)
+    print_result(result, prices_text(result), options.json)
 
 
 def _alone(options: Any, name: str) -> None:

@@ -38,8 +38,8 @@ def cost_of_absence(
     for scenery in KERNELS:
         for count in counts:
             _, _, calls = hand_and_engine(scenery, count, steps)
-            found = least_seconds(calls, rounds=rounds)
-            hand, engine = found["by hand"] / steps, found["engine"] / steps
+            result = least_seconds(calls, rounds=rounds)
+            hand, engine = result["by hand"] / steps, result["engine"] / steps
             rows.append(
                 {"effects": scenery, "grains": count, "by hand": hand, "engine": engine,
                  "ratio": engine / hand}

@@ -40,5 +40,5 @@ def pair_forces(x: np.ndarray, y: np.ndarray, fx: np.ndarray, fy: np.ndarray) ->
     function = _library().pair_forces
     function.restype = None
     size = ctypes.c_long(x.size)
-    pointers = [one.ctypes.data_as(ctypes.c_void_p) for one in (x, y, fx, fy)]
+    pointers = [item.ctypes.data_as(ctypes.c_void_p) for item in (x, y, fx, fy)]
     return lambda: function(size, *pointers)

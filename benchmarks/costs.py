@@ -101,94 +101,95 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
     scenes = priced_scenes()
     kept = path.with_suffix("")
     known = run_tasks("references", _references(scenes), kept, progress=progress)
-    failed = next((one for one in known if FAILED in one), None)
+    failed = next((item for item in known if FAILED in item), None)
     if failed is not None:
         raise GranularError(f"the reference of {failed['label']} failed: {failed[FAILED]}")
     entries = iter(run_tasks("settings", _rungs(scenes, known), kept, progress=progress))
     rows = [
-        _row(one, truth, [next(entries) for _ in _settings(one)])
-        for one, truth in zip(scenes, known, strict=True)
+        _row(item, truth, [next(entries) for _ in _settings(item)])
+        for item, truth in zip(scenes, known, strict=True)
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
-    found = {"made": made, "scenes": rows}
+    result = {"made": made, "scenes": rows}
     head = "# Measured by: python -m benchmarks --prices. See granular/run/price_table.py.\n\n"
-    write_text(path, head + tomli_w.dumps(found))
-    return found
+    write_text(path, head + tomli_w.dumps(result))
+    return result
 
 
 def _references(scenes: Sequence[Priced]) -> list[Task]:
     """What each scene's settings are measured against."""
-    return [Task(one.scene.name, one.key, partial(_truth, one)) for one in scenes]
+    return [Task(item.scene.name, item.key, partial(_truth, item)) for item in scenes]
 
 
 def _rungs(scenes: Sequence[Priced], known: Sequence[Plain]) -> list[Task]:
     """The settings of all scenes."""
     return [
         Task(
-            f"{one.scene.name}, {setting.family}, {setting.dt}",
-            one.key | {"setting": [setting.method, str(setting.dt)]},
-            partial(_rung, one, setting, truth),
+            f"{item.scene.name}, {setting.family}, {setting.dt}",
+            item.key | {"setting": [setting.method, str(setting.dt)]},
+            partial(_rung, item, setting, truth),
         )
-        for one, truth in zip(scenes, known, strict=True)
-        for setting in _settings(one)
+        for item, truth in zip(scenes, known, strict=True)
+        for setting in _settings(item)
     ]
 
 
-def _settings(one: Priced) -> list[SolverSettings]:
+def _settings(item: Priced) -> list[SolverSettings]:
     """What is run in a scene."""
-    others = [SolverSettings("blanes-moan-4", dt) for dt in one.others]
-    return [SolverSettings("stormer-verlet", dt) for dt in one.steps] + others
+    others = [SolverSettings("blanes-moan-4", dt) for dt in item.others]
+    return [SolverSettings("stormer-verlet", dt) for dt in item.steps] + others
 
 
-def _truth(one: Priced) -> Plain:
+def _truth(item: Priced) -> Plain:
     """Values of each quantity over the starts, and their scatter."""
-    scenes = scenes_with_other_seeds(one.scene, one.starts - 1)
-    reference = SolverSettings("stormer-verlet", one.reference)
-    chosen = [QUANTITIES[name] for name in one.quantities]
-    given = [None if each.exact is not None else reference for each in chosen]
+    scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
+    reference = SolverSettings("stormer-verlet", item.reference)
+    chosen = [QUANTITIES[name] for name in item.quantities]
+    given = [None if entry.exact is not None else reference for entry in chosen]
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
         for name, truth in zip(
-            one.quantities, reference_values(scenes, chosen, given, None), strict=True
+            item.quantities, reference_values(scenes, chosen, given, None), strict=True
         )
     }
 
 
-def _rung(one: Priced, setting: SolverSettings, truth: Plain) -> Plain:
+def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     """A row of the table; empty for a setting that fails."""
-    scenes = scenes_with_other_seeds(one.scene, one.starts - 1)
-    chosen = [QUANTITIES[name] for name in one.quantities]
-    known = [ReferenceValue("", tuple(each["values"]), each["floor"]) for each in truth.values()]
-    found = measure_points(scenes, chosen, setting, known, None, 1)
-    if any(each.failed for each in found):
+    scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
+    chosen = [QUANTITIES[name] for name in item.quantities]
+    known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
+    result = measure_points(scenes, chosen, setting, known, None, 1)
+    if any(entry.failed for entry in result):
         return {}
     started = time.process_time()  # other programs take none of it
-    seen = run_setting(one.scene, setting, None).settings()["step_times_highest_frequency"]
+    seen = run_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
     seconds = time.process_time() - started
     return {
         "method": setting.method, "dt": str(setting.dt),
-        "fraction": validated_step(setting.dt, one.scene).fraction, "frequency": rounded(seen),
+        "fraction": validated_step(setting.dt, item.scene).fraction, "frequency": rounded(seen),
         "seconds": rounded(seconds),
         "bounds": {
-            name: rounded(each.bound) for name, each in zip(one.quantities, found, strict=True)
+            name: rounded(entry.bound) for name, entry in zip(item.quantities, result, strict=True)
         },
-        "clear": _clear(one.quantities, found),
+        "clear": _clear(item.quantities, result),
     }  # fmt: skip
 
 
-def _row(one: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
+def _row(item: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
     """A scene of the table."""
     return {
-        "name": one.scene.name, "grains": one.scene.grains.count, "kind": damping_kind(one.scene),
-        "starts": one.starts, "reference": one.reference,
-        "floors": {name: rounded(each["floor"]) for name, each in truth.items()},
+        "name": item.scene.name, "grains": item.scene.grains.count,
+        "kind": damping_kind(item.scene),
+        "starts": item.starts, "reference": item.reference,
+        "floors": {name: rounded(entry["floor"]) for name, entry in truth.items()},
         "entries": [rung for rung in entries if "method" in rung],
     }  # fmt: skip
 
 
-def _clear(names: Sequence[str], found: Sequence[Point]) -> list[str]:
+def _clear(names: Sequence[str], result: Sequence[Point]) -> list[str]:
     """Quantities whose error stands out against its doubt, and so falls with the step."""
-    return [name for name, one in zip(names, found, strict=True) if one.error > 2.0 * one.doubt]
+    return [name for name, item in zip(names, result, strict=True) if item.error > 2.0 * item.doubt]
 
 
 def rounded(value: float) -> float:
@@ -199,10 +200,10 @@ def rounded(value: float) -> float:
     return float(np.format_float_positional(math.ceil(value / unit) * unit, 3, fractional=False))
 
 
-def prices_text(found: Mapping[str, Any]) -> str:
+def prices_text(result: Mapping[str, Any]) -> str:
     """The table for people."""
     lines = []
-    for scene in found["scenes"]:
+    for scene in result["scenes"]:
         lines.append(f"{scene['name']} ({scene['starts']} starts): scatter {scene['floors']}")
         lines += [
             f"  {rung['method']} {rung['dt']}: {rung['seconds']:g} s, at most {rung['bounds']}"

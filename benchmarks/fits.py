@@ -81,8 +81,8 @@ def fits(law: str, samples: int, rounds: int = 7) -> list[dict[str, Any]]:
 
 def _measured(law: str, samples: int, rounds: int, store: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "benchmarks.fits", law, str(samples), str(rounds)]
-    found: dict[str, Any] = json.loads(finished(command, {"JAX_COMPILATION_CACHE_DIR": store}))
-    return found
+    result: dict[str, Any] = json.loads(finished(command, {"JAX_COMPILATION_CACHE_DIR": store}))
+    return result
 
 
 def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:

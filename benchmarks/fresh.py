@@ -59,7 +59,7 @@ def _peak() -> int:
     status = Path("/proc/self/status")
     if status.is_file():
         # Linux lets a process inherit what getrusage tells from the one that started it.
-        (line,) = (one for one in status.read_text().splitlines() if one.startswith("VmHWM:"))
+        (line,) = (item for item in status.read_text().splitlines() if item.startswith("VmHWM:"))
         return 1024 * int(line.split()[1])
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 

@@ -80,8 +80,8 @@ def measured(rounds: int = 40) -> dict[str, Any]:
 
     kernels = _kernels()
     calls = {name: kernel.call for name, kernel in kernels.items()}
-    found = least_seconds(calls, rounds=rounds, seconds=0.002)
-    seconds = {name: time / kernels[name].times for name, time in found.items()}
+    result = least_seconds(calls, rounds=rounds, seconds=0.002)
+    seconds = {name: time / kernels[name].times for name, time in result.items()}
     seconds["fit, linear law"] = min(measured_here("linear", 1000, _FITS)["warm"])
     reference = seconds.pop(REFERENCE)
     return {
@@ -131,9 +131,9 @@ def read(path: Path) -> list[dict[str, Any]]:
 
 def _entry(line: str, where: str) -> dict[str, Any]:
     try:
-        found = json.loads(line)
-        ratios = {str(name): float(value) for name, value in found["ratios"].items()}
-        return {"commit": None, "changed": False, "date": ""} | found | {"ratios": ratios}
+        result = json.loads(line)
+        ratios = {str(name): float(value) for name, value in result["ratios"].items()}
+        return {"commit": None, "changed": False, "date": ""} | result | {"ratios": ratios}
     except (ValueError, TypeError, KeyError, AttributeError):
         raise InputError(f"{where} is not an entry of a history; take it out") from None
 
@@ -158,14 +158,14 @@ def add(path: Path, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
 def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
     """The last entries, a row each, and the newest over the median of those shown before it."""
     shown = entries[-_SHOWN:]
-    names = list(dict.fromkeys(name for one in shown for name in one["ratios"]))
+    names = list(dict.fromkeys(name for item in shown for name in item["ratios"]))
     rows = [
-        [one["date"], f"{one['commit'] or '?'}{'+' if one['changed'] else ''}",
-         *(_number(one["ratios"].get(name)) for name in names)]
-        for one in shown
+        [item["date"], f"{item['commit'] or '?'}{'+' if item['changed'] else ''}",
+         *(_number(item["ratios"].get(name)) for name in names)]
+        for item in shown
     ]  # fmt: skip
     if len(shown) > 1:
-        rows.append(["newest over the median before", "", *(_trend(shown, one) for one in names)])
+        rows.append(["newest over the median before", "", *(_trend(shown, item) for item in names)])
     return text_table(["date (UTC)", "commit", *names], rows)
 
 
@@ -174,6 +174,6 @@ def _number(value: float | None) -> str:
 
 
 def _trend(entries: Sequence[Mapping[str, Any]], name: str) -> str:
-    *before, newest = [one["ratios"].get(name) for one in entries]
+    *before, newest = [item["ratios"].get(name) for item in entries]
     known = [value for value in before if value is not None]
     return f"{newest / statistics.median(known):.2f}" if known and newest is not None else ""

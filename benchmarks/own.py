@@ -79,7 +79,7 @@ class BuiltInSpringLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def add_forces(
-        law: BuiltInSpringLaw, workspace: None, place: int, bed: Bed, time: float
+        law: BuiltInSpringLaw, workspace: None, index: int, bed: Bed, time: float
     ) -> int:
         """Add the forces."""
         state = bed.state
@@ -90,7 +90,7 @@ class BuiltInSpringLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: BuiltInSpringLaw, workspace: None, place: int, bed: Bed, time: float, stiffness: Array,
+        law: BuiltInSpringLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array,
         energies: Array,
     ) -> int:  # fmt: skip
         """Enter the energy, and what the spring adds to the stiffness."""
@@ -98,7 +98,7 @@ class BuiltInSpringLaw(NamedTuple):
         for i in range(bed.constants.grains):
             total += 0.5 * law.k * (state.y[i] - law.height) ** 2
             stiffness[i] += law.k
-        energies[place] = total
+        energies[index] = total
         return 0
 
 
@@ -110,11 +110,11 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     steps = max(64, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}
     calls = {name: _call(engine, steps) for name, engine in engines.items()}
-    found = least_seconds(calls, rounds=rounds)
+    result = least_seconds(calls, rounds=rounds)
     return [
         {"spring": name, "grains": count, "seconds": seconds / steps,
-         "ratio": seconds / found["built in"]}
-        for name, seconds in found.items()
+         "ratio": seconds / result["built in"]}
+        for name, seconds in result.items()
     ]  # fmt: skip
 
 

@@ -31,11 +31,13 @@ IMPORTS = (
 def package_figures(rounds: int = 5) -> list[dict[str, Any]]:
     """Size [bytes], and least time [s] of each import, the start of Python taken off."""
     rows: list[dict[str, Any]] = [{"what": "the wheel", "bytes": packed_size()}]
-    times = {one: min(_seconds(one) for _ in range(rounds)) for one in IMPORTS}
+    times = {item: min(_seconds(item) for _ in range(rounds)) for item in IMPORTS}
     start = times["pass"]
     rows.append({"what": "start of Python", "seconds": start})
     return rows + [
-        {"what": one, "seconds": seconds - start} for one, seconds in times.items() if one != "pass"
+        {"what": item, "seconds": seconds - start}
+        for item, seconds in times.items()
+        if item != "pass"
     ]
 
 

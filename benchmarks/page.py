@@ -155,7 +155,7 @@ _GROWTH = Sheet(
 
 def rows_of(results: Sequence[Plain]) -> list[Row]:
     """The rows of a part's pieces that did not fail."""
-    return [row for one in results if FAILED not in one for row in one["rows"]]
+    return [row for item in results if FAILED not in item for row in item["rows"]]
 
 
 def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
@@ -163,7 +163,7 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
 
     Fitted from `LINEAR_FROM` grains on, where there are three counts or more.
     """
-    found = []
+    result = []
     for part, results in parts.items():
         label, rows = SHEETS[part].label, rows_of(results)
         if label is None:
@@ -173,11 +173,11 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
             if len(chosen) > 2:
                 counts = np.array([row["grains"] for row in chosen], dtype=np.float64)
                 slope, half = exponent(counts, np.array([row["seconds"] for row in chosen]))
-                found.append(
+                result.append(
                     {"part": part, "what": name, "exponent": slope, "interval": half,
                      "counts": len(chosen)}
                 )  # fmt: skip
-    return found
+    return result
 
 
 def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
@@ -187,33 +187,33 @@ def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
     )
 
 
-def _sections(found: Mapping[str, Any]) -> list[tuple[Sheet, list[Row], list[str]]]:
+def _sections(result: Mapping[str, Any]) -> list[tuple[Sheet, list[Row], list[str]]]:
     """Each part's sheet, its rows, and what failed."""
     sections = []
-    for name, results in found["parts"].items():
-        failures = [f"{one['label']} failed: {one[FAILED]}" for one in results if FAILED in one]
+    for name, results in result["parts"].items():
+        failures = [f"{item['label']} failed: {item[FAILED]}" for item in results if FAILED in item]
         sections.append((SHEETS[name], rows_of(results), failures))
-    return [*sections, (_GROWTH, found["growth"], [])]
+    return [*sections, (_GROWTH, result["growth"], [])]
 
 
-def benchmark_text(found: Mapping[str, Any]) -> str:
+def benchmark_text(result: Mapping[str, Any]) -> str:
     """The tables, for the console."""
     lines = []
-    for sheet, rows, failures in _sections(found):
+    for sheet, rows, failures in _sections(result):
         if rows or failures:
             lines += [sheet.title, _table(sheet, rows).text() if rows else "", *failures, ""]
-    lines += [f"not measured: {one['what']}: {one['why']}" for one in found["missing"]]
-    return "\n".join([*lines, _machine(found)])
+    lines += [f"not measured: {item['what']}: {item['why']}" for item in result["missing"]]
+    return "\n".join([*lines, _machine(result)])
 
 
-def _machine(found: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {value}" for key, value in found["machine"].items())
+def _machine(result: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in result["machine"].items())
 
 
-def page(found: Mapping[str, Any]) -> Page:
+def page(result: Mapping[str, Any]) -> Page:
     """The page."""
     shown = Page("Speed", "Least times of several, taken in turn; all of a table in one run.")
-    for sheet, rows, failures in _sections(found):
+    for sheet, rows, failures in _sections(result):
         if rows or failures:
             shown.section(sheet.title)
             for words in failures:
@@ -222,11 +222,11 @@ def page(found: Mapping[str, Any]) -> Page:
             made = _table(sheet, rows)
             shown.table(made.header, made.rows)
             _draw(shown, sheet, rows)
-    for one in found["missing"]:
-        shown.note(f"Not measured: {one['what']}: {one['why']}.")
+    for item in result["missing"]:
+        shown.note(f"Not measured: {item['what']}: {item['why']}.")
     when = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    kind = "full" if found["full"] else "quick"
-    shown.footer(f"Made on {when} ({kind}) with {_machine(found)}")
+    kind = "full" if result["full"] else "quick"
+    shown.footer(f"Made on {when} ({kind}) with {_machine(result)}")
     return shown
 
 

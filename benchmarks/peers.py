@@ -142,12 +142,12 @@ def jax_forces(positions: np.ndarray) -> Callable[[], Any]:
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]  # JAX has no types here
-    place = jnp.asarray(positions, dtype=jnp.float64)
+    index = jnp.asarray(positions, dtype=jnp.float64)
 
     @jax.jit
-    def forces(place: Any) -> Any:
-        delta = place[:, None] - place[None]
-        r2 = (delta**2).sum(axis=2) + jnp.diag(jnp.full(len(place), jnp.inf))
+    def forces(index: Any) -> Any:
+        delta = index[:, None] - index[None]
+        r2 = (delta**2).sum(axis=2) + jnp.diag(jnp.full(len(index), jnp.inf))
         return 0.75 * (delta * (1.0 / (r2 * r2 * jnp.sqrt(r2)))[:, :, None]).sum(axis=1)
 
-    return lambda: forces(place).block_until_ready()
+    return lambda: forces(index).block_until_ready()

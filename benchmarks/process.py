@@ -15,7 +15,7 @@ class ProcessError(GranularError):
 
 
 def finished(
-    command: Sequence[str], environment: Mapping[str, str] | None = None, place: Path | None = None
+    command: Sequence[str], environment: Mapping[str, str] | None = None, index: Path | None = None
 ) -> str:
     """What a command prints.
 
@@ -33,7 +33,7 @@ def finished(
         If it ends with another code than 0.
     """
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=place,
+        command, capture_output=True, text=True, check=False, cwd=index,
         env=os.environ | dict(environment or {}),
     )  # fmt: skip
     if done.returncode != 0:

@@ -205,7 +205,7 @@ def benchmark(
         name: run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
         for name in parts
     }
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "parts": results,
         "growth": growth(results),
         "missing": _missing(),
@@ -213,12 +213,12 @@ def benchmark(
         "full": full,
     }
     if where is not None:
-        _save(found, where)
-    return found
+        _save(result, where)
+    return result
 
 
-def _save(found: dict[str, Any], where: Path) -> None:
+def _save(result: dict[str, Any], where: Path) -> None:
     from benchmarks.page import page
 
-    page(found).save(where / "benchmark.html")
-    write_json(where / "benchmark.json", found)
+    page(result).save(where / "benchmark.html")
+    write_json(where / "benchmark.json", result)

@@ -43,7 +43,7 @@ def forces_at_rest(count: int) -> list[dict[str, Any]]:
     scene, exact = _at_rest(scene, "direct", AGAIN)
     rows: list[dict[str, Any]] = [{"method": "direct", "grains": count, **exact}]
     for method in METHODS:
-        _, found = _at_rest(scene, method, AGAIN)
-        off = {f"{name} off": found[name] / exact[name] - 1.0 for name in FORCES}
-        rows.append({"method": method, "grains": count, **found, **off})
+        _, result = _at_rest(scene, method, AGAIN)
+        off = {f"{name} off": result[name] / exact[name] - 1.0 for name in FORCES}
+        rows.append({"method": method, "grains": count, **result, **off})
     return rows

@@ -52,11 +52,11 @@ def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
         name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS
     }  # fmt: skip
     calls = {name: partial(engine.make, STEPS) for name, engine in engines.items()}
-    found = least_seconds(calls, rounds=rounds, seconds=0.0)
+    result = least_seconds(calls, rounds=rounds, seconds=0.0)
     return [
         {"method": name, "grains": count, "seconds": time / STEPS,
-         "times direct": found["direct"] / time}
-        for name, time in found.items()
+         "times direct": result["direct"] / time}
+        for name, time in result.items()
     ]  # fmt: skip
 
 
@@ -69,12 +69,12 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
         scene = bed_of(count, {"pairs.method": name})
         engines = {threads: EngineSteps(scene, threads) for threads in (1, 2)}
         calls = {str(k): partial(engine.make, STEPS) for k, engine in engines.items()}
-        found = least_seconds(calls, rounds=rounds, seconds=0.0)
+        result = least_seconds(calls, rounds=rounds, seconds=0.0)
         alike = bool((engines[1].run.state.x == engines[2].run.state.x).all())
         rows += [
             {"method": name, "grains": count, "threads": int(k), "seconds": time / STEPS,
-             "times one": found["1"] / time, "same bits": alike}
-            for k, time in found.items()
+             "times one": result["1"] / time, "same bits": alike}
+            for k, time in result.items()
         ]  # fmt: skip
     return rows
 
@@ -86,12 +86,12 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     }
     steps = max(STEPS, math.ceil(2e7 / count**2))
     calls = {name: partial(engine.make, steps) for name, engine in engines.items()}
-    found = least_seconds(calls, rounds=rounds, seconds=0.0)
-    base = next(iter(found.values()))
+    result = least_seconds(calls, rounds=rounds, seconds=0.0)
+    base = next(iter(result.values()))
     return [
         {"effect": name, "grains": count, "seconds": time / steps, "added": (time - base) / steps,
          "fraction": time / base - 1.0}
-        for name, time in found.items()
+        for name, time in result.items()
     ]  # fmt: skip
 
 
@@ -103,8 +103,8 @@ def method_errors(count: int) -> list[dict[str, Any]]:
     exact, scale = evaluate(scenes["direct"], positions), _magnitude(scenes["direct"], positions)
     rows = []
     for name, scene in scenes.items():
-        found = evaluate(scene, positions)
-        error = np.linalg.norm(found.force - exact.force, axis=1).max() / scale
+        result = evaluate(scene, positions)
+        error = np.linalg.norm(result.force - exact.force, axis=1).max() / scale
         rows.append(
             {"method": name, "grains": count, "force error": float(error),
              "energy drift": _drift(scene)}
@@ -115,9 +115,9 @@ def method_errors(count: int) -> list[dict[str, Any]]:
 def _magnitude(scene: Scene, positions: np.ndarray) -> float:
     """Root mean square over the grains of the sum of |f| of their pairs [N]."""
     scales = Scales.of(scene.grains)
-    place, sums = positions / scales.length, np.zeros(len(positions))
-    for i in range(len(place)):
-        r2 = ((place[i] - place) ** 2).sum(axis=1)
+    index, sums = positions / scales.length, np.zeros(len(positions))
+    for i in range(len(index)):
+        r2 = ((index[i] - index) ** 2).sum(axis=1)
         r2[i] = np.inf
         sums[i] = (0.75 / r2**2).sum()
     return float(np.sqrt((sums**2).mean()) * scales.force)

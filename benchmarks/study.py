@@ -52,11 +52,11 @@ def study_times(cases: int) -> list[dict[str, Any]]:
     simulate(scene.replace(**{"piston.mass": 1.8}), threads=1, progress=False)
     alone = time.perf_counter() - started
     started = time.perf_counter()
-    found = sweep(scene, grid=grid, measure=rest_height, progress=False)
+    result = sweep(scene, grid=grid, measure=rest_height, progress=False)
     seconds = time.perf_counter() - started
     cores = os.cpu_count() or 1
     return [
-        {"cases": len(found.cases), "grains": GRAINS, "cores": cores, "seconds": seconds,
-         "run alone": alone, "filled": len(found.cases) * alone / (cores * seconds),
-         "failed": len(found.failed)}
+        {"cases": len(result.cases), "grains": GRAINS, "cores": cores, "seconds": seconds,
+         "run alone": alone, "filled": len(result.cases) * alone / (cores * seconds),
+         "failed": len(result.failed)}
     ]  # fmt: skip

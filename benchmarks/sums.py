@@ -58,8 +58,8 @@ def arrangement(count: int, seed: int = 1) -> np.ndarray:
     """Grains of the compressed bed's density, near the places of a square grid (n, 2) [D]."""
     random = np.random.default_rng(seed)
     side, spacing = int(np.ceil(np.sqrt(count))), DENSITY**-0.5
-    place = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
-    return spacing * (place + random.uniform(-0.25, 0.25, (count, 2)))
+    index = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1)
+    return spacing * (index + random.uniform(-0.25, 0.25, (count, 2)))
 
 
 class TimedSum(NamedTuple):
@@ -189,10 +189,10 @@ def by_plain_list(positions: np.ndarray) -> TimedSum:
 
 def exact_forces(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Forces (n, 2) in extended precision, and the sums of their magnitudes (n,) [F*]."""
-    place = positions.astype(np.longdouble)
-    force, magnitude = np.zeros_like(place), np.zeros(len(place), dtype=np.longdouble)
-    for i in range(len(place)):
-        delta = place[i] - place
+    index = positions.astype(np.longdouble)
+    force, magnitude = np.zeros_like(index), np.zeros(len(index), dtype=np.longdouble)
+    for i in range(len(index)):
+        delta = index[i] - index
         r2 = (delta**2).sum(axis=1)
         r2[i] = np.inf
         force[i] = (0.75 * r2[:, None] ** -2.5 * delta).sum(axis=0)
@@ -209,23 +209,23 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     if count <= _JAX_MOST and importlib.util.find_spec("jax") is not None:
         entries["plain JAX"] = in_jax(grains)
     if openmm := engine("openmm"):  # a step, which is little more than the sum
-        for one in openmm.PLATFORMS:
-            entries[f"OpenMM, {one}"] = TimedSum(*openmm.steps(grains.positions, one))
+        for item in openmm.PLATFORMS:
+            entries[f"OpenMM, {item}"] = TimedSum(*openmm.steps(grains.positions, item))
     entries["plain numba loop, with friction load"] = plain(grains, load=True)
     entries["direct sum, with friction load"] = direct(grains, load=True)
     if count >= PARTED_FROM and numba.config.NUMBA_NUM_THREADS > 1:
         entries[f"direct sum, {numba.get_num_threads()} threads"] = direct(grains, threaded=True)
-    calls = {name: one.call for name, one in entries.items()}
+    calls = {name: item.call for name, item in entries.items()}
     seconds = least_seconds(calls, rounds=rounds, seconds=0.002)
-    forces = {name: one.force() for name, one in entries.items()}
+    forces = {name: item.force() for name, item in entries.items()}
     if lammps := engine("lammps"):
         for style in (lammps.TABLE, lammps.EXACT):
             steps = max(5, round(_LAMMPS_PAIRS / count**2))
             seconds[style], forces[style] = lammps.steps(grains.positions, style, count=steps)
     force, magnitude = exact_forces(grains.positions)
     rows = []
-    for name, found in forces.items():
-        error = np.abs(found - force).max(axis=1) / magnitude
+    for name, result in forces.items():
+        error = np.abs(result - force).max(axis=1) / magnitude
         base = "plain numba loop" + (", with friction load" if "load" in name else "")
         rows.append(
             {"sum": name, "grains": count, "seconds": seconds[name],
@@ -243,9 +243,9 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     positions = arrangement(count)
     pairs = len(cKDTree(positions).query_pairs(SOURCE_RADIUS, output_type="ndarray"))
     entries = {"plain Verlet list": by_plain_list(positions), "cut-off": by_cut_off(positions)}
-    calls = {name: one.call for name, one in entries.items()}
-    found = least_seconds(calls, rounds=rounds, seconds=0.0)
-    seconds = {name: time / BATCH for name, time in found.items()}
+    calls = {name: item.call for name, item in entries.items()}
+    result = least_seconds(calls, rounds=rounds, seconds=0.0)
+    seconds = {name: time / BATCH for name, time in result.items()}
     if lammps := engine("lammps"):
         seconds[lammps.TABLE] = lammps.steps(
             positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02,

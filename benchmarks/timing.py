@@ -31,8 +31,8 @@ def least_seconds(
     for name, call in calls.items():
         call()
         repeats[name] = max(1, round(seconds / max(_seconds(call, 1), 1e-9)))
-    found = dict.fromkeys(calls, float("inf"))
+    result = dict.fromkeys(calls, float("inf"))
     for _ in range(rounds):
         for name, call in calls.items():
-            found[name] = min(found[name], _seconds(call, repeats[name]))
-    return found
+            result[name] = min(result[name], _seconds(call, repeats[name]))
+    return result

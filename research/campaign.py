@@ -105,19 +105,19 @@ class Campaign(Generic[Results]):
 
     def parser(self) -> Parser:
         """The command line's grammar."""
-        one = Parser(
+        item = Parser(
             prog=f"python -m research.{self.name}",
             description=self.purpose,
             epilog=self.examples,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        add_version_option(one)
+        add_version_option(item)
         out = f"out/{self.name}"
-        one.add_argument(
+        item.add_argument(
             "-o", "--out", metavar="DIR", default=out,
             help=f"directory of runs and results; what was run is found again ({out} if not given)",
         )  # fmt: skip
-        length = one.add_mutually_exclusive_group()
+        length = item.add_mutually_exclusive_group()
         length.add_argument("--quick", action="store_true", help=self.quick)
         length.add_argument(
             "--full", action="store_true",
@@ -132,9 +132,9 @@ class Campaign(Generic[Results]):
             "--guide", action="store_true",
             help="write blocks and pictures of the committed results into the pages",
         )  # fmt: skip
-        self.add_options(one)
-        OUTPUT(one)
-        return one
+        self.add_options(item)
+        OUTPUT(item)
+        return item
 
     def main(self, arguments: Sequence[str]) -> None:
         """Run the command."""
@@ -149,12 +149,12 @@ class Campaign(Generic[Results]):
             words = [f"{len(stale)} stale", *stale, f"{len(off)} blocks of pages differ", *off]
             print_result({"stale": stale, "pages": off}, "\n".join(words), options.json)
         elif options.quick or options.full:
-            found = self.run(options)
+            result = self.run(options)
             where = f"\nresults: {Path(options.out) / RESULTS}"
-            print_result(self.summary(found), self.text(found) + where, options.json)
+            print_result(self.summary(result), self.text(result) + where, options.json)
         else:
-            found = self.committed() if self.show is None else self.show(options)
-            print_result(self.summary(found), self.text(found), options.json)
+            result = self.committed() if self.show is None else self.show(options)
+            print_result(self.summary(result), self.text(result), options.json)
 
     def with_blocks(self, page: str, blocks: Mapping[str, str]) -> str:
         """A page with the texts between the marks of its blocks replaced, by name."""
@@ -203,9 +203,9 @@ def committed_file(name: str) -> Path:
     return ROOT / "research" / name / RESULTS
 
 
-def add_workers(one: argparse.ArgumentParser, default: int | None, words: str) -> None:
+def add_workers(item: argparse.ArgumentParser, default: int | None, words: str) -> None:
     """How many processes run; see `checked_workers`."""
-    one.add_argument(
+    item.add_argument(
         "--workers", type=int, default=default, metavar="N", help=f"processes ({words})"
     )
 
@@ -283,9 +283,9 @@ def made_now(command: str) -> Plain:
 def rounded(value: Any, digits: int) -> Any:
     """Plain data with every float to so many digits."""
     if isinstance(value, Mapping):
-        return {name: rounded(one, digits) for name, one in value.items()}
+        return {name: rounded(item, digits) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [rounded(one, digits) for one in value]
+        return [rounded(item, digits) for item in value]
     return float(f"{value:.{digits}g}") if isinstance(value, float) else value
 
 

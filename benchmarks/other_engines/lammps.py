@@ -76,17 +76,17 @@ def steps(
         If LAMMPS fails.
     """
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+        index = Path(folder)
         reach = 1.01 * float(np.hypot(*np.ptp(positions, axis=0))) if cut is None else cut
         still = np.zeros_like(positions) if velocities is None else velocities
-        (place / "data").write_text(_data(positions, still, style), encoding="utf-8")
+        (index / "data").write_text(_data(positions, still, style), encoding="utf-8")
         # Grains that keep their velocities may come very near each other.
         nearest = 0.1 if velocities is None else 1e-6
-        (place / "table").write_text(_table(nearest, reach), encoding="utf-8")
+        (index / "table").write_text(_table(nearest, reach), encoding="utf-8")
         script = _script(style, reach, len(positions), count, dt)
-        (place / "in").write_text(script, encoding="utf-8")
-        words = finished([str(_program()), "-in", "in", "-log", "none"], place=place)
-        rows = np.loadtxt(place / "forces", skiprows=9, ndmin=2)
+        (index / "in").write_text(script, encoding="utf-8")
+        words = finished([str(_program()), "-in", "in", "-log", "none"], index=index)
+        rows = np.loadtxt(index / "forces", skiprows=9, ndmin=2)
     times = [float(time) / int(steps) for time, steps in _LOOP.findall(words) if int(steps)]
     return Steps(min(times), rows[np.argsort(rows[:, 0]), 1:])
 

@@ -44,7 +44,7 @@ def steps(
     context.setPositions(np.column_stack([positions, np.zeros(len(positions))]))
 
     def forces() -> np.ndarray:
-        found: Any = context.getState(getForces=True).getForces(asNumpy=True)
-        return np.asarray(found._value)[:, :2]
+        result: Any = context.getState(getForces=True).getForces(asNumpy=True)
+        return np.asarray(result._value)[:, :2]
 
     return lambda: integrator.step(1), forces

@@ -62,7 +62,7 @@ def all_cases(
     systems: Sequence[str] = (), noises: Sequence[float] = NOISES, seeds: int = SEEDS
 ) -> list[Case]:
     """All cases: those with 1 % of noise first, the others seed by seed from the least noise on."""
-    names = [one.name for one in SYSTEMS if not systems or one.name in systems]
+    names = [item.name for item in SYSTEMS if not systems or item.name in systems]
     first = [(noise, seed) for noise in noises if noise == 0.01 for seed in range(seeds)]
     others = [(noise, seed) for seed in range(seeds) for noise in sorted(noises) if noise != 0.01]
     return [
@@ -82,24 +82,24 @@ def measured(case: Case) -> dict[str, Any]:
     system = system_named(case.system)
     record = made_record(system, case.noise, case.seed)
     begun = time.process_time()
-    found: dict[str, Any] = {**case._asdict(), "exact": False, "usable": False, "error": None}
+    result: dict[str, Any] = {**case._asdict(), "exact": False, "usable": False, "error": None}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is doubted is counted here
             law, height_map = _law(case, system, record)
     except GranularError as error:
         seconds = time.process_time() - begun
-        return found | {"seconds": seconds, "equation": "", "failure": str(error)}
+        return result | {"seconds": seconds, "equation": "", "failure": str(error)}
     except Exception as error:
         seconds = time.process_time() - begun
-        return found | {
+        return result | {
             "seconds": seconds,
             "equation": "",
             "crash": f"{type(error).__name__}: {error}",
         }
     seconds = time.process_time() - begun
     judged = worth(law, system, height_map)
-    return found | {
+    return result | {
         "exact": judged.exact, "usable": judged.usable, "error": judged.error,
         "seconds": seconds, "equation": _text(law, height_map),
     }  # fmt: skip
@@ -116,10 +116,10 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
 
     column = INPUT if system.driven else None
     if named:
-        found = discover(record, library=system.library, input=column, seed=case.seed)
+        result = discover(record, library=system.library, input=column, seed=case.seed)
     else:
-        found = discover(record, input=column, seed=case.seed)
-    return found.expression, found.map
+        result = discover(record, input=column, seed=case.seed)
+    return result.expression, result.map
 
 
 def _text(law: sympy.Expr, height_map: HeightMap) -> str:
@@ -127,6 +127,6 @@ def _text(law: sympy.Expr, height_map: HeightMap) -> str:
 
     from reduced_models.discovery.terms import term_text
 
-    numbers = {one: sympy.Float(one, 4) for one in law.atoms(sympy.Float)}
+    numbers = {item: sympy.Float(item, 4) for item in law.atoms(sympy.Float)}
     text = f"z'' = {term_text(law.xreplace(numbers))}"
     return text if height_map == HeightMap() else f"{text}, {height_map}"

@@ -57,13 +57,13 @@ def _is_exact(law: sympy.Expr, system: System, height_map: HeightMap) -> bool:
     if height_map.shift != 0.0:
         return False
     terms = split_terms(law)
-    return terms is not None and frozenset(one.text for one in terms) in right_structures(system)
+    return terms is not None and frozenset(item.text for item in terms) in right_structures(system)
 
 
 def _free_run_error(law: sympy.Expr, system: System, height_map: HeightMap) -> float | None:
     time, truth = unseen_motion(system.name)
     height, velocity = system.unseen
     start = float(height_map.to_law(height)), velocity / height_map.scale
-    found = height_map.shift + height_map.scale * solved(law, time, start, unseen_push)
-    error = float(np.sqrt(((found - truth) ** 2).mean()) / truth.std())
+    result = height_map.shift + height_map.scale * solved(law, time, start, unseen_push)
+    error = float(np.sqrt(((result - truth) ** 2).mean()) / truth.std())
     return error if np.isfinite(error) else None

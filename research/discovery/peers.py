@@ -158,8 +158,8 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     return sympy.Add(
         *(
             sympy.Float(value)
-            * sympy.prod(one ** int(n) for one, n in zip(state_symbols(), each, strict=False))
-            for value, each in zip(row, powers, strict=True)
+            * sympy.prod(item ** int(n) for item, n in zip(state_symbols(), entry, strict=False))
+            for value, entry in zip(row, powers, strict=True)
             if value
         )
     )
@@ -197,7 +197,7 @@ def pyoperon_law(
     ).fit(samples, a)
     text = search.get_model_string(search.model_, 12, list(inputs))
     _, slope, _ = state_symbols()
-    named_symbols = {one.name: one for one in state_symbols()} | {
+    named_symbols = {item.name: item for item in state_symbols()} | {
         "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
     }  # fmt: skip
     return algebra.sympy_expression(parse(text, multiplied=False), named_symbols)

@@ -24,14 +24,14 @@ def draw(results: Results) -> Figure:
         for ax, library in zip(axes, LIBRARIES, strict=True):
             for k, method in enumerate(METHODS):
                 shares = [
-                    results.rate(method, library, SHOWN_NOISE, [one.name]).fraction
-                    for one in SYSTEMS
+                    results.rate(method, library, SHOWN_NOISE, [item.name]).fraction
+                    for item in SYSTEMS
                 ]
                 known = [0.0 if fraction is None else 100.0 * fraction for fraction in shares]
                 ax.barh(places + 0.16 * (2.0 - k), known, 0.15, color=COLOURS[k], label=method)
             ax.set(xlabel="found [%]", xlim=(0.0, 104.0), yticks=places, yticklabels=[])
             ax.set_title(f"{library} library", fontsize=READABLE)
             ax.grid(visible=False, axis="y")
-        axes[0].set_yticklabels([one.name for one in SYSTEMS])
+        axes[0].set_yticklabels([item.name for item in SYSTEMS])
         drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return drawing

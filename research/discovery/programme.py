@@ -73,11 +73,11 @@ def discovery(
         )
     finally:
         if out is not None and cache is not None:
-            found = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
-            write_results(found.to_plain(), Path(out) / RESULTS)
+            result = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
+            write_results(result.to_plain(), Path(out) / RESULTS)
     if out is None:
         return Results(dict(zip(cases, rows, strict=True)), made_now(COMMAND))
-    return found
+    return result
 
 
 def _measured(case: Case) -> dict[str, Any]:

@@ -55,7 +55,7 @@ class Results:
 
     def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> Rate:
         """Of a method with a library at a level of noise, over some systems, or over all."""
-        names = [one.name for one in SYSTEMS if not systems or one.name in systems]
+        names = [item.name for item in SYSTEMS if not systems or item.name in systems]
         rows = [
             row
             for name in names
@@ -77,7 +77,9 @@ class Results:
         return {
             "made": dict(self.made),
             "setting": {
-                "systems": {one.name: {"law": one.law, "library": one.library} for one in SYSTEMS},
+                "systems": {
+                    item.name: {"law": item.law, "library": item.library} for item in SYSTEMS
+                },
                 "record": f"{SAMPLES} samples over {DURATION:g} s",
                 "PySINDy": PYSINDY,
                 "pyoperon": {**PYOPERON, "more where the library is named": FUNCTIONS},

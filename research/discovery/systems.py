@@ -114,30 +114,30 @@ def system_named(name: str) -> System:
     InputError
         If there is none.
     """
-    for one in SYSTEMS:
-        if one.name == name:
-            return one
-    known = ", ".join(quote(one.name) for one in SYSTEMS)
+    for item in SYSTEMS:
+        if item.name == name:
+            return item
+    known = ", ".join(quote(item.name) for item in SYSTEMS)
     raise InputError(f"there is no system {quote(name)}; the systems are {known}")
 
 
 def right_structures(system: System) -> tuple[frozenset[str], ...]:
     """The sums of terms that are the law, by the texts that a candidate's terms have."""
     forms = (frozenset(system.terms), *system.same)
-    return tuple(frozenset(text for one in form for text in _texts(one)) for form in forms)
+    return tuple(frozenset(text for item in form for text in _texts(item)) for form in forms)
 
 
 def _texts(term: str) -> list[str]:
-    found = split_terms(read_terms([term], INPUT)[0])
-    assert found is not None
-    return [one.text for one in found]
+    result = split_terms(read_terms([term], INPUT)[0])
+    assert result is not None
+    return [item.text for item in result]
 
 
 def made_record(system: System, noise: float, seed: int) -> PistonRecord:
     """A record of a system, with white noise as a fraction of the motion's standard deviation."""
     time, height = recorded_motion(system.name)
-    place = [one.name for one in SYSTEMS].index(system.name)
-    random = np.random.default_rng([place, seed, round(1e6 * noise)])
+    position = [item.name for item in SYSTEMS].index(system.name)
+    random = np.random.default_rng([position, seed, round(1e6 * noise)])
     noisy = height + random.normal(0.0, noise * height.std(), len(height))
     extra = {INPUT: push(time)} if system.driven else {}
     return PistonRecord(time, noisy, extra=extra)
@@ -200,13 +200,13 @@ def solved(
         with np.errstate(all="ignore"):
             return [state[1], float(field(state[0], state[1], drive(np.asarray(t))))]
 
-    found = np.full(len(time), np.nan)
+    result = np.full(len(time), np.nan)
     try:
         motion = solve_ivp(
             rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10,
             max_step=_SLOWLY,
         )  # fmt: skip
     except (FloatingPointError, OverflowError, ValueError, ZeroDivisionError, TypeError):
-        return found
-    found[: len(motion.t)] = motion.y[0]
-    return found
+        return result
+    result[: len(motion.t)] = motion.y[0]
+    return result

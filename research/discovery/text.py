@@ -23,59 +23,59 @@ _PEER_WORDS = (
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 
-def text(found: Results) -> str:
+def text(result: Results) -> str:
     """Both tables, and what they say."""
     return "\n\n".join(
-        (rates_table(found).text(), systems_table(found).text(), words(found), settings())
+        (rates_table(result).text(), systems_table(result).text(), words(result), settings())
     )
 
 
-def markdown(found: Results) -> str:
+def markdown(result: Results) -> str:
     """The same for a page."""
-    made = found.made
-    parts = [words(found), markdown_of(rates_table(found)), systems_words(), markdown_of(
-        systems_table(found)), settings()]  # fmt: skip
+    made = result.made
+    parts = [words(result), markdown_of(rates_table(result)), systems_words(), markdown_of(
+        systems_table(result)), settings()]  # fmt: skip
     if made:
         parts.append(f"Made by `{made.get('command', '')}` on {made.get('date', '')}, "
                      f"{made.get('processor', '')}.")  # fmt: skip
     return "\n\n".join(parts)
 
 
-def summary(found: Results) -> dict[str, Any]:
+def summary(result: Results) -> dict[str, Any]:
     """Rates and rows as plain data."""
-    return found.to_plain()
+    return result.to_plain()
 
 
-def rates_table(found: Results) -> TextTable:
+def rates_table(result: Results) -> TextTable:
     """Rates of each method by noise and library, over all systems; nothing where none was run."""
     header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
     rows = []
     for noise in NOISES:
         for library in LIBRARIES:
-            rates = [found.rate(method, library, noise) for method in METHODS]
+            rates = [result.rate(method, library, noise) for method in METHODS]
             if not any(rate.run for rate in rates):
                 continue
             rows.append([
                 f"{100 * noise:g} %", library, *map(rate_words, rates),
                 NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
-                ", ".join("—" if one.seconds is None else f"{one.seconds:.2g}" for one in rates),
+                ", ".join("—" if item.seconds is None else f"{item.seconds:.2g}" for item in rates),
             ])  # fmt: skip
     return text_table(header, rows)
 
 
-def systems_table(found: Results) -> TextTable:
+def systems_table(result: Results) -> TextTable:
     """Of every system at `SHOWN_NOISE`: runs that found it, and how many exactly."""
     header = ["system", *(f"{method}, {library}" for library in LIBRARIES for method in METHODS)]
     rows = [
         [
-            one.name,
+            item.name,
             *(
-                rate_words(found.rate(method, library, SHOWN_NOISE, [one.name]))
+                rate_words(result.rate(method, library, SHOWN_NOISE, [item.name]))
                 for library in LIBRARIES
                 for method in METHODS
             ),
         ]
-        for one in SYSTEMS
+        for item in SYSTEMS
     ]
     return text_table(header, rows)
 
@@ -89,11 +89,11 @@ def rate_words(rate: Rate) -> str:
     return f"{words}, {left} {NOT_RUN}" if left else words
 
 
-def words(found: Results) -> str:
+def words(result: Results) -> str:
     """Which share is found at `SHOWN_NOISE`, beside the better peer; crashes; what was not run."""
     sentences = []
     for library in LIBRARIES:
-        rates = {method: found.rate(method, library, SHOWN_NOISE) for method in METHODS}
+        rates = {method: result.rate(method, library, SHOWN_NOISE) for method in METHODS}
         ours = rates[OURS]
         if ours.fraction is None:
             continue
@@ -107,12 +107,12 @@ def words(found: Results) -> str:
                 fraction, name = max(known)
                 sentence += f"; {how} the better peer, {name}, does in {100 * fraction:.0f} %"
         sentences.append(sentence + ".")
-    ours_rows = [row for case, row in found.rows.items() if case.method == OURS]
+    ours_rows = [row for case, row in result.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
     sentences.append(f"Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
     planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
-    if len(found.rows) < planned:
-        sentences.append(f"{planned - len(found.rows)} of {planned} runs were {NOT_RUN}.")
+    if len(result.rows) < planned:
+        sentences.append(f"{planned - len(result.rows)} of {planned} runs were {NOT_RUN}.")
     return " ".join(sentences)
 
 
@@ -135,8 +135,8 @@ def settings() -> str:
     )
 
 
-def _setting(found: Mapping[str, object]) -> str:
-    return "; ".join(f"{name} {_plain(value)}" for name, value in found.items())
+def _setting(result: Mapping[str, object]) -> str:
+    return "; ".join(f"{name} {_plain(value)}" for name, value in result.items())
 
 
 def _plain(value: object) -> str:

@@ -28,8 +28,8 @@ def run(options: Any) -> Results:
 
 def show(options: Any) -> Results:
     """The committed results of the questions that are asked."""
-    found = CAMPAIGN.committed()
-    return found if options.question is None else {options.question: found[options.question]}
+    result = CAMPAIGN.committed()
+    return result if options.question is None else {options.question: result[options.question]}
 
 
 def blocks(results: Results) -> Mapping[str, Block]:
@@ -45,16 +45,16 @@ def pictures(results: Results) -> Mapping[str, Figure]:
     """Pictures of the guide."""
     from research.disorder.pictures import forces_picture, temperature_picture
 
-    rows = {name: one["rows"] for name, one in results.items()}
+    rows = {name: item["rows"] for name, item in results.items()}
     return {
         "docs/images/temperature.png": temperature_picture(rows["temperature"]),
         "docs/images/forces-and-slip.png": forces_picture(rows["forces"], rows["slip"]),
     }
 
 
-def add_options(one: Parser) -> None:
+def add_options(item: Parser) -> None:
     """The question, all of them if none is given."""
-    one.add_argument(
+    item.add_argument(
         "question", nargs="?", choices=tuple(STUDIES),
         help="what temperature is; forces at defects; the plastic strain that dislocations carry "
         "(all if not given)",

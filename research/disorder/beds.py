@@ -85,14 +85,14 @@ def all_beds() -> list[Bed]:
     beds += [
         ("bath", PACKINGS[(k + 1) % 3], fraction, 5.0) for k, fraction in enumerate(_BATHS[1::2])
     ]
-    beds += [("shaken", PACKINGS[k % 2], *one) for k, one in enumerate(_SHAKEN)]
+    beds += [("shaken", PACKINGS[k % 2], *item) for k, item in enumerate(_SHAKEN)]
     beds += [
         ("compressed", packing, speed, drag)
         for packing, drag in zip(PACKINGS, (0.02, 0.1, 0.02), strict=True)
         for speed in _SPEEDS
     ]
     beds += [("settled", PACKINGS[k % 3], 0.0, 0.0) for k in range(9)]
-    return [Bed(*one, seed) for seed, one in enumerate(STARTS * beds, 1)]
+    return [Bed(*item, seed) for seed, item in enumerate(STARTS * beds, 1)]
 
 
 def set_temperature(bed: Bed) -> float:

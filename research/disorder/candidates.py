@@ -61,30 +61,30 @@ def measured(run: Trajectory) -> dict[str, float]:
     chosen = (times >= window[0]) & (times <= window[1])
     places, velocities = (data[name].values[chosen] for name in ("position", "velocity"))
     heights, forces = (data[name].values[chosen] for name in ("frame_height", "force"))
-    cells = [voronoi_cells(one) for one in places]
-    areas = [one.area[one.interior] for one in cells]
+    cells = [voronoi_cells(item) for item in places]
+    areas = [item.area[item.interior] for item in cells]
     area = float(np.mean(np.concatenate(areas)))
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
     energy = _pair_energy(run, spacing)
     masses = run.scene.grains.masses()
     diameter = run.scene.grains.species[0].diameter
-    found = {
+    result = {
         "kinetic": np.mean([kinetic_temperature(v, masses) for v in velocities]) / energy,
         "local kinetic": np.mean(
-            [local_kinetic_temperature(*one, masses) for one in zip(velocities, cells, strict=True)]
+            [local_kinetic_temperature(*p, masses) for p in zip(velocities, cells, strict=True)]
         ) / energy,
         "configurational": configurational_temperature(run.scene, places, heights, forces) / energy,
         "piston": _piston_temperature(run, window, places, heights) / energy,
         **_shaking(run, spacing, energy),
         "free volume": area / (math.sqrt(0.75) * diameter**2) - 1.0,
-        "cell variance": np.mean([one.var() for one in areas]) / area**2,
-        "defects": np.mean([np.mean(one.sides[one.interior] != 6) for one in cells]),
-        "psi6": np.mean([psi6(*one) for one in zip(places, cells, strict=True)]),
+        "cell variance": np.mean([item.var() for item in areas]) / area**2,
+        "defects": np.mean([np.mean(item.sides[item.interior] != 6) for item in cells]),
+        "psi6": np.mean([psi6(*item) for item in zip(places, cells, strict=True)]),
         "lindemann": _lindemann(places, times[chosen], masses, spacing, energy),
         "spacing": spacing, "pair energy": energy,
         "force": _within(run, window)[1].mean(), "closest": _closest(places) / diameter,
     }  # fmt: skip
-    return {name: float(value) for name, value in found.items()}
+    return {name: float(value) for name, value in result.items()}
 
 
 def local_kinetic_temperature(
@@ -145,7 +145,7 @@ def _piston_temperature(
         response = float((later[1].mean() - force.mean()) / (later[2].mean() - height.mean()))
     if np.abs(left).max() < _STILL * np.abs(force).max():
         return 0.0
-    stiff = np.mean([_stiffness(run, *one) for one in zip(places, heights, strict=True)])
+    stiff = np.mean([_stiffness(run, *item) for item in zip(places, heights, strict=True)])
     return float(np.mean(left**2) / (stiff + response))
 
 
@@ -189,12 +189,12 @@ def _pair_energy(run: Trajectory, spacing: float) -> float:
 def _closest(places: np.ndarray) -> float:
     from scipy.spatial import cKDTree
 
-    return float(min(cKDTree(one).query(one, 2)[0][:, 1].min() for one in places))
+    return float(min(cKDTree(item).query(item, 2)[0][:, 1].min() for item in places))
 
 
 def _window(run: Trajectory, stage: str) -> tuple[float, float]:
-    (found,) = [one for one in run.stages if one.name == stage]
-    return float(found.start), float(found.end)
+    (result,) = [item for item in run.stages if item.name == stage]
+    return float(result.start), float(result.end)
 
 
 def _within(run: Trajectory, window: tuple[float, float]) -> tuple[Any, Any, Any]:

@@ -42,8 +42,8 @@ class Carried(NamedTuple):
 
 def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """One row of all that are alike: different starts may anneal to the same crystal."""
-    found = {(row["grains"], tuple(row["plastic"])): row for row in reversed(rows)}
-    return list(reversed(found.values()))
+    result = {(row["grains"], tuple(row["plastic"])): row for row in reversed(rows)}
+    return list(reversed(result.values()))
 
 
 def carried(
@@ -74,8 +74,8 @@ def carried(
     tail = 0.5 * (1.0 - LEVEL)
     low, high = np.quantile(slopes, [tail, 1.0 - tail])
     others = [(x * np.roll(y, k, axis=0)).sum() / square.sum() for k in range(1, len(rows))]
-    whole = float((y**2).sum())
-    left = float(((y - slope * x) ** 2).sum()) / whole if whole > 0.0 else 1.0
+    full = float((y**2).sum())
+    left = float(((y - slope * x) ** 2).sum()) / full if full > 0.0 else 1.0
     return Carried(float(slope), float(low), float(high), float(np.mean(others)), left)
 
 

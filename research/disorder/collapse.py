@@ -80,13 +80,13 @@ def unseen_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
         Which runs belong together; two groups at least.
     """
     ranks = _ranks(y) / len(y)
-    left = whole = 0.0
+    left = full = 0.0
     for group in np.unique(groups):
         unseen = groups == group
         curve = rising_curve(x[~unseen], ranks[~unseen])
         left += float(((ranks[unseen] - curve(x[unseen])) ** 2).sum())
-        whole += float(((ranks[unseen] - ranks[~unseen].mean()) ** 2).sum())
-    return 1.0 - left / whole if whole > 0.0 else 0.0
+        full += float(((ranks[unseen] - ranks[~unseen].mean()) ** 2).sum())
+    return 1.0 - left / full if full > 0.0 else 0.0
 
 
 def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -97,9 +97,9 @@ def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndar
     """
     from scipy.optimize import isotonic_regression
 
-    known, place = np.unique(x, return_inverse=True)
-    weights = np.bincount(place).astype(float)
-    means = np.bincount(place, y) / weights
+    known, index = np.unique(x, return_inverse=True)
+    weights = np.bincount(index).astype(float)
+    means = np.bincount(index, y) / weights
     levels = isotonic_regression(means, weights=weights).x
 
     def curve(at: np.ndarray) -> np.ndarray:
@@ -130,14 +130,14 @@ def collapse(
     members = [np.flatnonzero(owner == group) for group in np.unique(owner)]
     again, shuffled = np.zeros((2, draws, 2))
     for k in range(draws):
-        drawn = np.concatenate([random.choice(one, len(one)) for one in members])
+        drawn = np.concatenate([random.choice(item, len(item)) for item in members])
         again[k] = _both(x[drawn], y[drawn], owner[drawn])
         shuffled[k] = _both(random.permutation(x), y, owner)
     tail = 0.5 * (1.0 - LEVEL)
     low, high = np.quantile(again, [tail, 1.0 - tail], axis=0)
     chance = np.quantile(shuffled, LEVEL, axis=0)
-    figures = [Figure(*map(float, one))
-               for one in zip(_both(x, y, owner), low, high, chance, strict=True)]  # fmt: skip
+    figures = [Figure(*map(float, item))
+               for item in zip(_both(x, y, owner), low, high, chance, strict=True)]  # fmt: skip
     return Collapse(*figures)
 
 
@@ -147,6 +147,6 @@ def _both(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> tuple[float, floa
 
 def _ranks(values: np.ndarray) -> np.ndarray:
     """Ranks from 1 on; equal values have their mean rank."""
-    _, place, number = np.unique(values, return_inverse=True, return_counts=True)
+    _, index, number = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(number)
-    return np.asarray((last - 0.5 * (number - 1))[place])
+    return np.asarray((last - 0.5 * (number - 1))[index])

@@ -40,8 +40,8 @@ def seen_share(count: int) -> tuple[float, float]:
     """
     rows = ROWS[count]
     lattice = triangular(round(count / rows), rows)
-    found = [_share(lattice, rows, sign, aside) for sign in (1.0, -1.0) for aside in _OFFSETS]
-    moves, total = np.mean(found, axis=0)
+    result = [_share(lattice, rows, sign, aside) for sign in (1.0, -1.0) for aside in _OFFSETS]
+    moves, total = np.mean(result, axis=0)
     return float(moves), float(total)
 
 
@@ -86,6 +86,6 @@ def _share(lattice: np.ndarray, rows: int, sign: float, aside: float) -> tuple[f
     cells = voronoi_cells(frames[0])
     known = interior_grains(cells)
     height = np.ptp(lattice[known, 1]) + np.sqrt(0.75)
-    whole = swept_area(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
-    full = uniaxial_strain(whole[None])[0]
+    complete = swept_area(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
+    full = uniaxial_strain(complete[None])[0]
     return uniaxial_strain(slip.moves)[-1] / full, uniaxial_strain(slip.total)[-1] / full

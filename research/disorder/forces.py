@@ -134,7 +134,7 @@ def _among(field: ForceField, chosen: np.ndarray) -> ForceField:
 
 def interval(values: Sequence[float], seed: int = 1) -> Interval:
     """The mean over runs and the interval of `LEVEL`; runs without a value are left out."""
-    known = np.array([one for one in values if np.isfinite(one)])
+    known = np.array([item for item in values if np.isfinite(item)])
     random = np.random.default_rng(seed)
     means = known[random.integers(len(known), size=(DRAWS, len(known)))].mean(axis=1)
     tail = 0.5 * (1.0 - LEVEL)
@@ -153,4 +153,6 @@ def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, 
         "at": slice(QUIET, QUIET + 2),
         "after": slice(QUIET + QUIET // 2 + 1, 2 * QUIET + 1),
     }
-    return {word: interval(table[:, span].mean(axis=1).tolist()) for word, span in spans.items()}
+    return {
+        word: interval(table[:, duration].mean(axis=1).tolist()) for word, duration in spans.items()
+    }

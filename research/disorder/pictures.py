@@ -28,7 +28,7 @@ _LEAST = 3e-6
 
 def temperature_picture(rows: Sequence[Row]) -> Any:
     """Orders over three temperatures, and the skill of each candidate."""
-    judged = [judged_candidates(rows, one) for one in (GROUPS, AGITATED)]
+    judged = [judged_candidates(rows, item) for item in (GROUPS, AGITATED)]
     with figure(3, 4, width=11.5, height=8.6, sharey="row") as (drawing, table):
         for line, (order, words) in zip(table, ORDERS.items(), strict=True):
             for axes, name in zip(line, SHOWN, strict=False):
@@ -44,9 +44,9 @@ def temperature_picture(rows: Sequence[Row]) -> Any:
             line[3].remove()
         for axes, name in zip(table[-1], SHOWN, strict=False):
             axes.set_xlabel(f"{name} [pair energy]")
-        for place, order in enumerate(ORDERS):
-            axes = drawing.add_subplot(3, 4, 4 * place + 4)
-            _skills(axes, judged, order, last=place == 2)
+        for index, order in enumerate(ORDERS):
+            axes = drawing.add_subplot(3, 4, 4 * index + 4)
+            _skills(axes, judged, order, last=index == 2)
         table[0, 0].legend(loc="upper left", fontsize=8)
     return drawing
 
@@ -60,13 +60,13 @@ def _shown(rows: Sequence[Row], name: str, order: str) -> tuple[np.ndarray, np.n
 
 def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None:
     looks = ((GREY, "D", "all four", 0.15), (COLOURS[0], "o", "bath, shaken", -0.15))
-    for found, (colour, mark, words, aside) in zip(judged, looks, strict=True):
-        for place, name in enumerate(CANDIDATES):
-            one = found[name, order].skill
-            at = len(CANDIDATES) - place + aside
-            axes.plot([max(one.low, -1.0), one.high], [at, at], color=colour, linewidth=1.2)
-            axes.plot(max(one.value, -1.0), at, mark, color=colour, markersize=3.5,
-                      label=words if place == 0 else None)  # fmt: skip
+    for result, (colour, mark, words, aside) in zip(judged, looks, strict=True):
+        for index, name in enumerate(CANDIDATES):
+            item = result[name, order].skill
+            at = len(CANDIDATES) - index + aside
+            axes.plot([max(item.low, -1.0), item.high], [at, at], color=colour, linewidth=1.2)
+            axes.plot(max(item.value, -1.0), at, mark, color=colour, markersize=3.5,
+                      label=words if index == 0 else None)  # fmt: skip
     axes.set(xlim=(-1.05, 1.0), yticks=range(len(CANDIDATES), 0, -1))
     axes.set_yticklabels(CANDIDATES, fontsize=8)
     axes.axvline(0.0, color="black", linewidth=0.8)
@@ -98,26 +98,26 @@ def forces_picture(forces: Sequence[Row], cycles: Sequence[Row]) -> Any:
 
 
 def _shells(axes: Any, rows: Sequence[Row], kind: str, colour: str) -> None:
-    found = [interval(list(some)) for some in zip(*(row["shells"] for row in rows), strict=True)]
-    values = np.array(found)
+    result = [interval(list(some)) for some in zip(*(row["shells"] for row in rows), strict=True)]
+    values = np.array(result)
     axes.errorbar(range(len(values)), values[:, 0],
                   [values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]], fmt="o-",
                   color=colour, label=f"{kind}, {len(rows)} beds", markersize=4.0)  # fmt: skip
 
 
 def _about(axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, style: str) -> None:
-    found = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows),
+    result = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows),
                                                            strict=True)])  # fmt: skip
     time = 1e3 * FRAMES * np.arange(-QUIET, QUIET + 1)
-    axes.plot(time, found[:, 0], style, color=colour, label=words)
-    axes.fill_between(time, found[:, 1], found[:, 2], color=colour, alpha=0.2, linewidth=0)
+    axes.plot(time, result[:, 0], style, color=colour, label=words)
+    axes.fill_between(time, result[:, 1], result[:, 2], color=colour, alpha=0.2, linewidth=0)
 
 
 def _cycle(axes: Any, rows: Sequence[Row]) -> None:
-    row = max(rows, key=lambda one: (one["grains"], -one["seed"]))
+    row = max(rows, key=lambda item: (item["grains"], -item["seed"]))
     lines = {
         "bed, by its bonds": ("plastic",), "bed, by the law": ("law",),
-        **{f"dislocations, {one}": PARTS[one] for one in ("followed", "to the rim")},
+        **{f"dislocations, {item}": PARTS[item] for item in ("followed", "to the rim")},
     }  # fmt: skip
     for k, (words, parts) in enumerate(lines.items()):
         axes.plot(row["driven"], sum(np.array(row[part]) for part in parts), color=COLOURS[k],
@@ -131,12 +131,12 @@ def _slopes(axes: Any, rows: Sequence[Row]) -> None:
         some = [row for row in distinct(rows) if row["grains"] == size]
         x = np.concatenate([increments(row["plastic"]) for row in some])
         y = np.concatenate([increments(row["moves"]) for row in some])
-        one = carried(some, ("moves",))
-        words = f"{size} grains: {one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]"
+        item = carried(some, ("moves",))
+        words = f"{size} grains: {item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]"
         axes.plot(x, y, "os"[k], color=COLOURS[k], markersize=3.5, fillstyle="none", label=words)
         ends = np.array([x.min(), x.max()])
-        axes.fill_between(ends, one.low * ends, one.high * ends, color=COLOURS[k], alpha=0.2)
+        axes.fill_between(ends, item.low * ends, item.high * ends, color=COLOURS[k], alpha=0.2)
     axes.plot(ends, ends, color="black", linewidth=0.8, label="all of it")
-    span = WINDOW * KEPT * FRAMES_OF_CYCLE
-    axes.set(xlabel=f"plastic strain of the bonds in {span:g} s",
+    duration = WINDOW * KEPT * FRAMES_OF_CYCLE
+    axes.set(xlabel=f"plastic strain of the bonds in {duration:g} s",
              ylabel="of the dislocations that were followed")  # fmt: skip

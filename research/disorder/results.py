@@ -59,7 +59,7 @@ def run_studies(
     StoreError
         If the directory cannot be written.
     """
-    found: dict[str, Plain] = {}
+    result: dict[str, Plain] = {}
     for question in questions:
         study = STUDIES[question]
         rows = kept_rows(
@@ -67,14 +67,16 @@ def run_studies(
             ResultCache(out / question), what=question, progress=progress,
         )  # fmt: skip
         command = f"python -m research.disorder {question} {'--quick' if quick else '--full'}"
-        found[question] = {"made": made_now(command), "rows": rounded(rows, DIGITS)}
-    write_results({**read_results(out / RESULTS, from_plain, {}), **found}, out / RESULTS)
-    return found
+        result[question] = {"made": made_now(command), "rows": rounded(rows, DIGITS)}
+    write_results({**read_results(out / RESULTS, from_plain, {}), **result}, out / RESULTS)
+    return result
 
 
 def from_plain(plain: Any) -> Results:
     """Results from what a file holds."""
-    return {name: {"made": one["made"], "rows": list(one["rows"])} for name, one in plain.items()}
+    return {
+        name: {"made": item["made"], "rows": list(item["rows"])} for name, item in plain.items()
+    }
 
 
 def is_whole(question: str, rows: Sequence[Plain]) -> bool:

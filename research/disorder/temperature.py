@@ -68,4 +68,4 @@ def _judge_steps(
 
 def orders_all(judged: Mapping[tuple[str, str], Collapse]) -> list[str]:
     """Candidates that order each of the orders."""
-    return [one for one in CANDIDATES if all(judged[one, order].orders for order in ORDERS)]
+    return [item for item in CANDIDATES if all(judged[item, order].orders for order in ORDERS)]

@@ -30,18 +30,18 @@ _NAMES = {"defects": "defects", "psi6": "ψ₆", "lindemann": "Lindemann"}
 
 def temperature_text(rows: Sequence[Row]) -> str:
     """A table of skills, and what they decide."""
-    every, moving = (judged_candidates(rows, one) for one in (GROUPS, AGITATED))
+    every, moving = (judged_candidates(rows, item) for item in (GROUPS, AGITATED))
     later = judged_candidates([row for row in rows if _is_later(row)], AGITATED)
     heads = [f"{_NAMES[order]}" for order in ORDERS]
     lines = [
-        f"| candidate | {' | '.join(heads)} | {' | '.join(f'{one}, agitated' for one in heads)} |",
+        f"| candidate | {' | '.join(heads)} | {' | '.join(f'{h}, agitated' for h in heads)} |",
         f"|---|{'---|' * (2 * len(heads))}",
     ]
     for name, words in CANDIDATES.items():
         cells = [_interval(judged[name, order].skill)
                  for judged in (every, moving) for order in ORDERS]  # fmt: skip
         lines.append(f"| {words} | {' | '.join(cells)} |")
-    chance = max(one.skill.chance for judged in (every, moving) for one in judged.values())
+    chance = max(item.skill.chance for judged in (every, moving) for item in judged.values())
     words = (
         "Skill of a rising curve in ranks, fitted to the other ways of driving, for the way it has "
         "not seen, with the interval over beds: 1 if all lie on one curve, 0 if it tells no more "
@@ -115,7 +115,7 @@ def forces_text(rows: Sequence[Row]) -> str:
 
 
 def _forces_of(rows: Sequence[Row]) -> dict[str, str]:
-    found = {
+    result = {
         words: _interval(interval([row[name] for row in rows]), 3)
         for words, name in (
             ("unevenness at defects over that elsewhere", "uneven"),
@@ -126,12 +126,12 @@ def _forces_of(rows: Sequence[Row]) -> dict[str, str]:
     }
     for k, words in enumerate(("at defects", "1 neighbour away", "2 away", "3 away")):
         told = _interval(interval([row["shells"][k] for row in rows]))
-        found[f"unevenness {words}, over that 5 away and more"] = told
+        result[f"unevenness {words}, over that 5 away and more"] = told
     for words, name in (("unevenness", "uneven about"), ("force", "force about")):
-        for when, one in before_and_after(rows, name).items():
-            found[f"{words} {_WHEN[when]}"] = _interval(one, 3)
-    found["beds, arrivals"] = f"{len(rows)}, {sum(row['arrivals'] for row in rows)}"
-    return found
+        for when, item in before_and_after(rows, name).items():
+            result[f"{words} {_WHEN[when]}"] = _interval(item, 3)
+    result["beds, arrivals"] = f"{len(rows)}, {sum(row['arrivals'] for row in rows)}"
+    return result
 
 
 _STEP = 1e3 * FRAMES
@@ -159,8 +159,8 @@ def slip_text(rows: Sequence[Row]) -> str:
         cells = [_carried(carried(of_size[size], parts, of)) for of in _STRAINS for size in sizes]
         lines.append(f"| {words} | {' | '.join(cells)} |")
     made = [seen_share(size) for size in sizes]
-    for words, place in (("followed", 0), ("to the rim", 1)):
-        cells = [f"{one[place]:.2f}" for one in made] + [""] * len(sizes)
+    for words, index in (("followed", 0), ("to the rim", 1)):
+        cells = [f"{item[index]:.2f}" for item in made] + [""] * len(sizes)
         lines.append(f"| {words}, of a slip that is made | {' | '.join(cells)} |")
     over = [_over(carried(of_size[size], ("moves",)), seen_share(size)[0]) for size in sizes]
     lines.append(f"| followed, over that | {' | '.join([*over, *[''] * len(sizes)])} |")
@@ -176,7 +176,7 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
         f"{sum(row['grains'] == size for row in rows)} starts of {size} grains ({len(some)} "
         "different beds)" for size, some in of_size.items()
     )  # fmt: skip
-    slopes = [carried(of_size[most], ("moves",), window=one).slope for one in (1, 2, 5, 10, 25)]
+    slopes = [carried(of_size[most], ("moves",), window=item).slope for item in (1, 2, 5, 10, 25)]
     left = [carried(some, ("moves",)).left for some in of_size.values()]
     law = [carried(some, ("law",)) for some in of_size.values()]
     climb = [abs(row["climb"]) for some in of_size.values() for row in some]
@@ -185,10 +185,10 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
         f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s; in brackets the interval over beds, then the "
         "slope with the dislocations of another bed. Increments of 0.2 to 5 s give "
         f"{min(slopes):.2f} to {max(slopes):.2f} for those followed in {most} grains. The line "
-        f"leaves {' and '.join(f'{100 * one:.0f} %' for one in left)} of the square of the "
+        f"leaves {' and '.join(f'{100 * part:.0f} %' for part in left)} of the square of the "
         f"increments of those followed ({' and '.join(map(str, of_size))} grains). The law's "
         "plastic strain is "
-        + " and ".join(f"{one.slope:.2f} [{one.low:.2f}, {one.high:.2f}]" for one in law)
+        + " and ".join(f"{item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]" for item in law)
         + " of that of the bonds. Burgers vectors add up in "
         f"{100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of the events away from the "
         f"rim. Climb leaves an area change of {np.median(climb):.3f} after a cycle (median; "
@@ -196,16 +196,18 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
     )
 
 
-def _over(found: Carried, fraction: float) -> str:
-    return f"{found.slope / fraction:.2f} [{found.low / fraction:.2f}, {found.high / fraction:.2f}]"
+def _over(result: Carried, fraction: float) -> str:
+    return (
+        f"{result.slope / fraction:.2f} [{result.low / fraction:.2f}, {result.high / fraction:.2f}]"
+    )
 
 
-def _carried(found: Carried) -> str:
-    return f"{found.slope:.2f} [{found.low:.2f}, {found.high:.2f}]; {found.control:.2f}"
+def _carried(result: Carried) -> str:
+    return f"{result.slope:.2f} [{result.low:.2f}, {result.high:.2f}]; {result.control:.2f}"
 
 
-def _interval(one: Figure | Interval, digits: int = 2) -> str:
-    return f"{one.value:.{digits}f} [{one.low:.{digits}f}, {one.high:.{digits}f}]"
+def _interval(item: Figure | Interval, digits: int = 2) -> str:
+    return f"{item.value:.{digits}f} [{item.low:.{digits}f}, {item.high:.{digits}f}]"
 
 
 def _words(names: Sequence[str]) -> str:
@@ -220,19 +222,19 @@ TEXTS: Mapping[str, Callable[[Sequence[Row]], str]] = {
 def text(results: Results) -> str:
     """Tables and words of each question; of one that is not run whole, how many beds are."""
     return "\n\n".join(
-        TEXTS[question](one["rows"]) if is_whole(question, one["rows"])
-        else f"{question}: {len(one['rows'])} of {len(STUDIES[question].cases)} beds are run"
-        for question, one in results.items()
+        TEXTS[question](item["rows"]) if is_whole(question, item["rows"])
+        else f"{question}: {len(item['rows'])} of {len(STUDIES[question].cases)} beds are run"
+        for question, item in results.items()
     )  # fmt: skip
 
 
 def summary(results: Results) -> dict[str, Any]:
     """Plain data: rows, and for the temperature the candidates that order them."""
-    found: dict[str, Any] = {name: {"rows": one["rows"]} for name, one in results.items()}
+    result: dict[str, Any] = {name: {"rows": item["rows"]} for name, item in results.items()}
     rows = results.get("temperature", {}).get("rows", [])
     if is_whole("temperature", rows):
-        found["temperature"]["orders"] = {
+        result["temperature"]["orders"] = {
             "all": orders_all(judged_candidates(rows, GROUPS)),
             "agitated": orders_all(judged_candidates(rows, AGITATED)),
         }
-    return found
+    return result

@@ -60,7 +60,7 @@ def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
     ):
         forces = compressive_forces(run.scene, places, float(height))
         rows.append(_of_frame(places, forces, run.scene.cell.width, float(height)))
-    return ForceField(*(np.array(one) for one in zip(*rows, strict=True)))
+    return ForceField(*(np.array(item) for item in zip(*rows, strict=True)))
 
 
 def _of_frame(
@@ -104,14 +104,14 @@ def _spread(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
 
 def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
     """Ways from each grain to the next defect (n,), up to `SHELLS`."""
-    found = np.where(defects, 0, SHELLS)
+    result = np.where(defects, 0, SHELLS)
     i, j = cells.neighbours.T
     for _ in range(SHELLS):
-        step = found.copy()
-        np.minimum.at(step, i, found[j] + 1)
-        np.minimum.at(step, j, found[i] + 1)
-        found = step
-    return found
+        step = result.copy()
+        np.minimum.at(step, i, result[j] + 1)
+        np.minimum.at(step, j, result[i] + 1)
+        result = step
+    return result
 
 
 def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> float:
@@ -132,13 +132,13 @@ def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> fl
     classes = len(DEPTHS) + 1
     frame = np.arange(len(values))[:, None] * classes
     known = field.depth >= 0
-    place = (frame + field.depth)[known]
+    index = (frame + field.depth)[known]
     picked = chosen[known]
     most = classes * len(values)
-    number = np.bincount(place[picked], minlength=most)
-    others = np.bincount(place[~picked], minlength=most)
-    total = np.bincount(place[picked], values[known][picked], minlength=most)
-    rest = np.bincount(place[~picked], values[known][~picked], minlength=most)
+    number = np.bincount(index[picked], minlength=most)
+    others = np.bincount(index[~picked], minlength=most)
+    total = np.bincount(index[picked], values[known][picked], minlength=most)
+    rest = np.bincount(index[~picked], values[known][~picked], minlength=most)
     both = (number > 0) & (others > 0)
     expected = (number * rest / np.maximum(others, 1))[both].sum()
     return float(total[both].sum() / expected) if both.any() else float("nan")
@@ -153,9 +153,9 @@ def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) 
     # Both orders run through the groups one after the other; within them the second is random.
     straight = np.argsort(flat, kind="stable")
     other = mixed[np.argsort(flat[mixed], kind="stable")]
-    found = np.zeros_like(flags)
-    found[straight] = flags[other]
-    return found.reshape(chosen.shape)
+    result = np.zeros_like(flags)
+    result[straight] = flags[other]
+    return result.reshape(chosen.shape)
 
 
 def arrivals(field: ForceField) -> np.ndarray:
@@ -166,12 +166,12 @@ def arrivals(field: ForceField) -> np.ndarray:
     """
     near = field.shell <= 1
     inside = field.depth >= 0
-    found = []
+    result = []
     for frame in range(QUIET, len(near) - QUIET):
         window = slice(frame - QUIET, frame + QUIET + 1)
         able = inside[window].all(axis=0) & ~near[frame - QUIET : frame].any(axis=0)
-        found += [(frame, int(i)) for i in np.flatnonzero(able & (field.shell[frame] == 0))]
-    return np.array(found, dtype=int).reshape(-1, 2)
+        result += [(frame, int(i)) for i in np.flatnonzero(able & (field.shell[frame] == 0))]
+    return np.array(result, dtype=int).reshape(-1, 2)
 
 
 def about_arrivals(field: ForceField, values: np.ndarray, events: np.ndarray) -> np.ndarray:

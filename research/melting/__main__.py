@@ -24,9 +24,9 @@ def run(options: Any) -> Results:
     plan, where = QUICK if options.quick else FULL, Path(options.out)
     layers = run_plan(plan, where, workers=options.workers, progress=not options.quiet)
     length = "--quick" if options.quick else "--full"
-    found = results_of(layers, f"python -m research.melting {length}")
-    write_results(to_plain(found), where / RESULTS)
-    return found
+    result = results_of(layers, f"python -m research.melting {length}")
+    write_results(to_plain(result), where / RESULTS)
+    return result
 
 
 def blocks(results: Results) -> Mapping[str, Block]:
@@ -41,9 +41,9 @@ def pictures(results: Results) -> Mapping[str, Figure]:
     return {"docs/images/melting.png": draw(results)}
 
 
-def add_options(one: Parser) -> None:
+def add_options(item: Parser) -> None:
     """How many processes run."""
-    add_workers(one, 2, "2")
+    add_workers(item, 2, "2")
 
 
 CAMPAIGN = Campaign(

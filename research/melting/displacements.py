@@ -21,8 +21,8 @@ def waves(periods: tuple[float, float], most: float) -> np.ndarray:
     reach = np.floor(most / unit).astype(int)
     columns, rows = np.meshgrid(np.arange(reach[0] + 1), np.arange(-reach[1], reach[1] + 1))
     half = (columns > 0) | (rows > 0)
-    found = np.stack([columns[half], rows[half]], axis=1) * unit
-    return found[np.hypot(*found.T) <= most]
+    result = np.stack([columns[half], rows[half]], axis=1) * unit
+    return result[np.hypot(*result.T) <= most]
 
 
 class OnSites(NamedTuple):
@@ -79,7 +79,7 @@ def on_sites(
 
 
 def mode_squares(
-    found: Sequence[OnSites], sites: np.ndarray, vectors: np.ndarray
+    result: Sequence[OnSites], sites: np.ndarray, vectors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """|u(q)|^2 along q and across it, of every frame, float (f, m) each [m^2].
 
@@ -96,7 +96,7 @@ def mode_squares(
     """
     phase = np.exp(-1j * sites @ vectors.T) / math.sqrt(len(sites))
     modes = np.array([
-        phase[one.site].T @ (one.moved - one.moved.mean(axis=0)) for one in found
+        phase[item.site].T @ (item.moved - item.moved.mean(axis=0)) for item in result
     ])  # fmt: skip
     along = vectors / np.hypot(*vectors.T)[:, None]
     across = along[:, ::-1] * [-1.0, 1.0]
@@ -107,7 +107,7 @@ def mode_squares(
 
 
 def plateau(
-    found: Sequence[OnSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
+    result: Sequence[OnSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
 ) -> float:
     """What the dynamic Lindemann parameter tends to in a crystal whose grains keep their places.
 
@@ -118,12 +118,12 @@ def plateau(
     """
     pairs = neighbours(sites, periods)
     total, number = 0.0, 0
-    for one in found:
+    for item in result:
         grain = np.zeros(len(sites), dtype=int)
-        grain[one.site] = np.arange(len(sites))
-        single = np.bincount(one.site, minlength=len(sites)) == 1
+        grain[item.site] = np.arange(len(sites))
+        single = np.bincount(item.site, minlength=len(sites)) == 1
         good = single[pairs.first] & single[pairs.second]
-        apart = one.moved[grain[pairs.second[good]]] - one.moved[grain[pairs.first[good]]]
+        apart = item.moved[grain[pairs.second[good]]] - item.moved[grain[pairs.first[good]]]
         total += float((apart**2).sum())
         number += len(apart)
     return total / (spacing**2 * max(number, 1))
@@ -158,8 +158,8 @@ def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.nda
 def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
     """Where a line through values, each with an error that is a fraction of it, meets 0."""
     design = np.stack([np.ones_like(x), x], axis=1) / values[:, None]
-    found, *_ = np.linalg.lstsq(design, np.ones_like(x), rcond=None)
-    return float(found[0])
+    result, *_ = np.linalg.lstsq(design, np.ones_like(x), rcond=None)
+    return float(result[0])
 
 
 def lindemann(
@@ -185,11 +185,11 @@ def lindemann(
     """
     totals, numbers = np.zeros((2, len(lags)))
     for first in range(0, len(frames) - int(lags[0]), every):
-        found = neighbours(frames[first], periods)
+        result = neighbours(frames[first], periods)
         for k, lag in enumerate(lags):
             if first + lag < len(frames):
                 moved = frames[first + lag] - frames[first]
-                apart = moved[found.second] - moved[found.first]
+                apart = moved[result.second] - moved[result.first]
                 totals[k] += (apart**2).sum()
                 numbers[k] += len(apart)
     return np.asarray(totals / (2.0 * spacing**2 * numbers))

@@ -68,8 +68,8 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     lags = np.unique(np.geomspace(1, len(frames) // 2, LAGS).round().astype(int))
     apart = float(np.diff(data["frame_time"].values).mean())
     vectors = waves(periods, LONGEST_WAVE / a)
-    found = [on_sites(one, sites, periods, a) for one in frames]
-    along, across = mode_squares(found, sites, vectors)
+    result = [on_sites(item, sites, periods, a) for item in frames]
+    along, across = mode_squares(result, sites, vectors)
     return {
         "gamma": layer.gamma,
         "grains": len(sites),
@@ -82,18 +82,20 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
         "waves": (vectors * a).tolist(),
         "along": _block_means(along / a**2),
         "across": _block_means(across / a**2),
-        "translation": [float(np.mean([one.order for one in block])) for block in _blocks(found)],
-        "plateau": plateau(found[::EVERY], sites, periods, a),
+        "translation": [
+            float(np.mean([item.order for item in block])) for block in _blocks(result)
+        ],
+        "plateau": plateau(result[::EVERY], sites, periods, a),
     }
 
 
-def _blocks(found: list[Any]) -> list[list[Any]]:
-    edges = np.linspace(0, len(found), BLOCKS + 1).astype(int)
-    return [found[first:stop] for first, stop in itertools.pairwise(edges)]
+def _blocks(result: list[Any]) -> list[list[Any]]:
+    edges = np.linspace(0, len(result), BLOCKS + 1).astype(int)
+    return [result[first:stop] for first, stop in itertools.pairwise(edges)]
 
 
 def _block_means(values: np.ndarray) -> list[list[float]]:
-    return [one.mean(axis=0).tolist() for one in np.array_split(values, BLOCKS)]
+    return [item.mean(axis=0).tolist() for item in np.array_split(values, BLOCKS)]
 
 
 def _order(frames: np.ndarray, periods: tuple[float, float], spacing: float) -> dict[str, Any]:
@@ -103,10 +105,10 @@ def _order(frames: np.ndarray, periods: tuple[float, float], spacing: float) -> 
     for block in np.array_split(frames[::EVERY], BLOCKS):
         squares, odd, totals = [], [], np.zeros((2, len(edges) - 1))
         for positions in block:
-            found = neighbours(positions, periods)
-            order = bond_order(found)
+            result = neighbours(positions, periods)
+            order = bond_order(result)
             squares.append(abs(order.mean()) ** 2)
-            odd.append(float((found.sides != 6).mean()))
+            odd.append(float((result.sides != 6).mean()))
             some = random.choice(len(positions), min(ORIGINS, len(positions)), replace=False)
             totals += correlation(positions, order, periods, edges, some)
         rows["order"].append(float(np.mean(squares)))

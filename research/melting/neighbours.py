@@ -57,22 +57,22 @@ def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbour
             if (column or row) and near.any():
                 places.append(image[near])
                 owners.append(np.flatnonzero(near))
-    owner, place = np.concatenate(owners), np.concatenate(places)
-    pairs = voronoi_cells(place).neighbours
+    owner, index = np.concatenate(owners), np.concatenate(places)
+    pairs = voronoi_cells(index).neighbours
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     pairs = pairs[pairs[:, 0] < count]
-    way = place[pairs[:, 1]] - place[pairs[:, 0]]
+    way = index[pairs[:, 1]] - index[pairs[:, 0]]
     sides = np.bincount(pairs[:, 0], minlength=count)
     return Neighbours(pairs[:, 0], owner[pairs[:, 1]], way, sides)
 
 
-def bond_order(found: Neighbours) -> np.ndarray:
+def bond_order(result: Neighbours) -> np.ndarray:
     """psi6 of each grain, complex (n,): the mean of exp(6 i phi) over its bonds."""
-    angle = np.arctan2(found.way[:, 1], found.way[:, 0])
-    turned, count = np.exp(6j * angle), len(found.sides)
-    real = np.bincount(found.first, turned.real, minlength=count)
-    imaginary = np.bincount(found.first, turned.imag, minlength=count)
-    return np.asarray((real + 1j * imaginary) / np.maximum(found.sides, 1))
+    angle = np.arctan2(result.way[:, 1], result.way[:, 0])
+    turned, count = np.exp(6j * angle), len(result.sides)
+    real = np.bincount(result.first, turned.real, minlength=count)
+    imaginary = np.bincount(result.first, turned.imag, minlength=count)
+    return np.asarray((real + 1j * imaginary) / np.maximum(result.sides, 1))
 
 
 def correlation(

@@ -21,13 +21,15 @@ def draw(results: Results) -> Figure:
     from granular.shared.plotting import READABLE, figure
 
     layers, orders = results.layers, results.orders
-    gammas = [one.gamma for one in orders]
+    gammas = [item.gamma for item in orders]
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(layers)))
     with figure(2, 2, width=11.0, height=8.6, size=READABLE) as (drawing, axes):
-        for one, shade in zip(layers, shades, strict=True):
-            g6 = np.mean(one["g6"], axis=0)
-            axes[0, 0].plot(one["r"], g6, color=shade)
-            axes[0, 1].plot(one["lags"], one["lindemann"], color=shade, label=f"{one['gamma']:g}")
+        for item, shade in zip(layers, shades, strict=True):
+            g6 = np.mean(item["g6"], axis=0)
+            axes[0, 0].plot(item["r"], g6, color=shade)
+            axes[0, 1].plot(
+                item["lags"], item["lindemann"], color=shade, label=f"{item['gamma']:g}"
+            )
         r = np.array([4.0, 16.0])
         axes[0, 0].plot(r, 0.5 * (r / r[0]) ** -HEXATIC_EXPONENT, "k--", linewidth=1.0)
         axes[0, 0].set(
@@ -40,12 +42,12 @@ def draw(results: Results) -> Figure:
             xscale="log", yscale="log", ylim=(0.01, 3e3), xlabel="time [units]",
             ylabel="Lindemann parameter",
         )  # fmt: skip
-        shown = [k for k, one in enumerate(orders) if math.isfinite(one.exponent.value)]
+        shown = [k for k, item in enumerate(orders) if math.isfinite(item.exponent.value)]
         _points(axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0)
         axes[1, 0].axhline(HEXATIC_EXPONENT, color="k", linestyle="--", linewidth=1.0)
         axes[1, 0].set(xlabel="Γ", ylabel="η6", yscale="log", ylim=(4e-3, 5.0))
         scale = 1.0 / (16.0 * math.pi)
-        _points(axes[1, 1], gammas, [one.modulus for one in orders], scale)
+        _points(axes[1, 1], gammas, [item.modulus for item in orders], scale)
         axes[1, 1].axhline(1.0, color="k", linestyle="--", linewidth=1.0)
         cold = crystal_moduli(1.0, 1.0).young * lattice_spacing(1.0) ** 2 / math.pi**1.5
         ends = np.array([gammas[0], gammas[-1]])
@@ -56,7 +58,7 @@ def draw(results: Results) -> Figure:
 
 
 def _points(ax: object, gammas: list[float], values: list[Interval], scale: float) -> None:
-    middle = [scale * one.value for one in values]
-    below = [max(0.0, scale * (one.value - one.low)) for one in values]
-    above = [max(0.0, scale * (one.high - one.value)) for one in values]
+    middle = [scale * item.value for item in values]
+    below = [max(0.0, scale * (item.value - item.low)) for item in values]
+    above = [max(0.0, scale * (item.high - item.value)) for item in values]
     ax.errorbar(gammas, middle, [below, above], fmt="o", markersize=5, capsize=3)  # type: ignore[attr-defined]

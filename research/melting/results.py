@@ -28,7 +28,7 @@ class Results(NamedTuple):
     @property
     def orders(self) -> list[LayerOrder]:
         """What the figures say of each layer."""
-        return [layer_order(one) for one in self.layers]
+        return [layer_order(item) for item in self.layers]
 
     @property
     def transitions(self) -> Transitions:
@@ -38,7 +38,7 @@ class Results(NamedTuple):
 
 def results_of(layers: Sequence[dict[str, Any]], command: str) -> Results:
     """Results of measured layers."""
-    return Results(made_now(command), tuple(sorted(layers, key=lambda one: one["gamma"])))
+    return Results(made_now(command), tuple(sorted(layers, key=lambda item: item["gamma"])))
 
 
 def from_plain(plain: Any) -> Results:

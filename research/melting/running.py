@@ -68,12 +68,12 @@ def run_plan(
         case_executor(None, workers) as pool,
         progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
     ):
-        waiting = {pool.submit(run_layer, plan, one, directory): one for one in plan.gammas}
-        found = {}
+        waiting = {pool.submit(run_layer, plan, item, directory): item for item in plan.gammas}
+        outcome = {}
         for done in as_completed(waiting):
-            found[waiting[done]] = done.result()
+            outcome[waiting[done]] = done.result()
             bar.update()
-    return [found[one] for one in plan.gammas]
+    return [outcome[item] for item in plan.gammas]
 
 
 def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
@@ -81,17 +81,17 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
     from granular.run.simulation import simulate
     from research.melting.measures import figures
 
-    one = layer(gamma, plan.columns)
-    asked = {"scene": one.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
+    item = layer(gamma, plan.columns)
+    asked = {"scene": item.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
     key = digest(asked, 20)
     cache = ResultCache(directory / "layers")
     kept = cache.read(f"{key}-{FORM}")
     if kept is None:
         run = simulate(
-            one.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
+            item.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
             out=directory / "runs" / key, resume=True, progress=False,
         )  # fmt: skip
-        kept = figures(one, run, plan.settling)
+        kept = figures(item, run, plan.settling)
         make_directory(cache.directory)
         cache.keep(f"{key}-{FORM}", kept)
     return dict(kept)

@@ -20,7 +20,8 @@ def summary(results: Results) -> dict[str, Any]:
     return {
         "made": dict(results.made),
         "layers": [
-            {name: _plain(value) for name, value in one._asdict().items()} for one in results.orders
+            {name: _plain(value) for name, value in item._asdict().items()}
+            for item in results.orders
         ],
         "transitions": {
             name: _plain(value) for name, value in results.transitions._asdict().items()
@@ -36,44 +37,44 @@ def rows_of(results: Results) -> list[tuple[str, ...]]:
     """A row of words for each layer."""
     return [
         (
-            f"{one.gamma:g}", f"{one.translation:.2f}", f"{one.order:.3f}",
-            _words(one.exponent, 1.0, 3), f"{one.algebraic:.2f}",
-            _words(one.modulus, 1.0 / (16.0 * math.pi), 2),
-            "" if math.isnan(one.plateau) else f"{one.plateau:.4f}",
-            f"{one.lindemann:.3g}", f"{one.growth:.2f}", f"{100.0 * one.defects:.1f} %",
+            f"{item.gamma:g}", f"{item.translation:.2f}", f"{item.order:.3f}",
+            _words(item.exponent, 1.0, 3), f"{item.algebraic:.2f}",
+            _words(item.modulus, 1.0 / (16.0 * math.pi), 2),
+            "" if math.isnan(item.plateau) else f"{item.plateau:.4f}",
+            f"{item.lindemann:.3g}", f"{item.growth:.2f}", f"{100.0 * item.defects:.1f} %",
         )
-        for one in results.orders
+        for item in results.orders
     ]  # fmt: skip
 
 
-def _words(one: Interval, scale: float, digits: int) -> str:
-    if not math.isfinite(one.value):
+def _words(item: Interval, scale: float, digits: int) -> str:
+    if not math.isfinite(item.value):
         return "lost"
-    if one.value == 0.0:
+    if item.value == 0.0:
         return "0"
-    value, low, high = (f"{scale * number:.{digits}f}" for number in one)
+    value, low, high = (f"{scale * number:.{digits}f}" for number in item)
     return f"{value} ({low} to {high})"
 
 
 def sentences(results: Results) -> str:
     """Where the transitions are, in words."""
-    found = results.transitions
+    result = results.transitions
     return "\n".join(
-        f"{what}: {'not reached' if one is None else _gamma(one)}"
-        for what, one in (
-            ("eta6 is 1/4 at Gamma", found.hexatic),
-            ("K is 16 pi at Gamma", found.crystal),
-            ("the plateau of the Lindemann parameter is 0.033 at Gamma", found.lindemann),
-            ("there is a crystal down to Gamma", found.kept),
-            ("there is none up to Gamma", found.lost),
+        f"{what}: {'not reached' if item is None else _gamma(item)}"
+        for what, item in (
+            ("eta6 is 1/4 at Gamma", result.hexatic),
+            ("K is 16 pi at Gamma", result.crystal),
+            ("the plateau of the Lindemann parameter is 0.033 at Gamma", result.lindemann),
+            ("there is a crystal down to Gamma", result.kept),
+            ("there is none up to Gamma", result.lost),
         )
     )
 
 
-def _gamma(one: Interval | float) -> str:
-    if isinstance(one, float):
-        return f"{one:.1f}"
-    return f"{one.value:.1f} ({one.low:.1f} to {one.high:.1f})"
+def _gamma(item: Interval | float) -> str:
+    if isinstance(item, float):
+        return f"{item:.1f}"
+    return f"{item.value:.1f} ({item.low:.1f} to {item.high:.1f})"
 
 
 def text(results: Results) -> str:
@@ -93,15 +94,15 @@ def markdown(results: Results) -> str:
         "growth", "defects",
     )  # fmt: skip
     lines = [markdown_table(head, rows_of(results))]
-    found = results.transitions
+    result = results.transitions
     lines += [
         "", "| | η6 is 1/4 at Γ | K is 16π at Γ | how |", "|---|---|---|---|",
-        f"| here | {_cell(found.hexatic)} | {_cell(found.crystal)} | simulation, "
+        f"| here | {_cell(result.hexatic)} | {_cell(result.crystal)} | simulation, "
         f"{results.layers[0]['grains']} grains, one start from the crystal |",
     ]  # fmt: skip
-    lines += ["", *(f"- {one}" for one in sentences(results).splitlines())]
+    lines += ["", *(f"- {item}" for item in sentences(results).splitlines())]
     return "\n".join(lines)
 
 
-def _cell(one: Interval | None) -> str:
-    return "not reached" if one is None else _gamma(one)
+def _cell(item: Interval | None) -> str:
+    return "not reached" if item is None else _gamma(item)

@@ -93,16 +93,16 @@ def layer_order(figures: dict[str, Any]) -> LayerOrder:
     blocks = np.array(figures["g6"])
     r = np.array(figures["r"])
     along, across = np.array(figures["along"]), np.array(figures["across"])
-    whole = round(math.sqrt(figures["grains"]))
-    one = layer(figures["gamma"], whole)
-    vectors = np.array(figures["waves"]) / one.spacing
-    a2 = one.spacing**2
+    full = round(math.sqrt(figures["grains"]))
+    item = layer(figures["gamma"], full)
+    vectors = np.array(figures["waves"]) / item.spacing
+    a2 = item.spacing**2
 
     def stiffness(chosen: np.ndarray) -> float:
         if np.mean(np.array(figures["translation"])[chosen]) < LOST:
             return 0.0
         one_way, other = (values[chosen].mean(axis=0) * a2 for values in (along, across))
-        return modulus(one, one_way, other, vectors)
+        return modulus(item, one_way, other, vectors)
 
     lags, gammas = np.log(figures["lags"]), np.log(figures["lindemann"])
     translation = float(np.mean(figures["translation"]))
@@ -174,14 +174,14 @@ def crossing(
     rising : bool
         Whether it rises with Gamma.
     """
-    found = [
-        _passes(gammas, [getattr(one, end) for one in values], wanted, rising)
+    result = [
+        _passes(gammas, [getattr(item, end) for item in values], wanted, rising)
         for end in ("value", "low", "high")
     ]
-    if found[0] is None:
+    if result[0] is None:
         return None
-    low, high = (math.nan if one is None else one for one in found[1:])
-    return Interval(found[0], min(low, high), max(low, high))
+    low, high = (math.nan if item is None else item for item in result[1:])
+    return Interval(result[0], min(low, high), max(low, high))
 
 
 def _passes(
@@ -223,13 +223,13 @@ class Transitions(NamedTuple):
 
 def transitions(layers: Sequence[LayerOrder]) -> Transitions:
     """Both transitions, of layers in rising order of Gamma."""
-    gammas = [one.gamma for one in layers]
+    gammas = [item.gamma for item in layers]
     return Transitions(
-        crossing(gammas, [one.exponent for one in layers], HEXATIC_EXPONENT, rising=False),
-        crossing(gammas, [one.modulus for one in layers], CRYSTAL_MODULUS, rising=True),
-        _passes(gammas, [_finite(one.plateau) for one in layers], LINDEMANN, rising=False),
-        min((one.gamma for one in layers if one.translation >= LOST), default=None),
-        max((one.gamma for one in layers if one.translation < LOST), default=None),
+        crossing(gammas, [item.exponent for item in layers], HEXATIC_EXPONENT, rising=False),
+        crossing(gammas, [item.modulus for item in layers], CRYSTAL_MODULUS, rising=True),
+        _passes(gammas, [_finite(item.plateau) for item in layers], LINDEMANN, rising=False),
+        min((item.gamma for item in layers if item.translation >= LOST), default=None),
+        max((item.gamma for item in layers if item.translation < LOST), default=None),
     )
 
 

@@ -27,7 +27,7 @@ def run(options: Any) -> Shown:
 
 def stale(options: Any) -> Sequence[str]:
     """Series whose short references today's code does not give."""
-    return [key for key, one in run(options).results.series.items() if one.get("stale")]
+    return [key for key, item in run(options).results.series.items() if item.get("stale")]
 
 
 def from_plain(plain: Any) -> Shown:
@@ -58,13 +58,13 @@ def pictures(shown: Shown) -> Mapping[str, Figure]:
     return {} if drawing is None else {"docs/images/hysteresis.png": drawing}
 
 
-def add_options(one: Parser) -> None:
+def add_options(item: Parser) -> None:
     """One entry instead of all, and how many processes."""
-    one.add_argument(
+    item.add_argument(
         "--only", metavar="KEY",
         help="run what is behind one entry anew, and compare every figure with the file's",
     )  # fmt: skip
-    add_workers(one, None, "all processors")
+    add_workers(item, None, "all processors")
 
 
 def instead(options: Any) -> tuple[Plain, str] | None:

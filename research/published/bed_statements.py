@@ -50,21 +50,21 @@ def inversion(results: Results) -> StatementCheck | None:
 
 
 def loose(results: Results) -> StatementCheck | None:
-    found = together(["direct 368", "direct 368, loose start"], "force", results, QUICK.name)
-    if found is None:
+    result = together(["direct 368", "direct 368, loose start"], "force", results, QUICK.name)
+    if result is None:
         return None
-    one, other = (each.finding() for each in found)
-    differs = abs(one.value - other.value) > 2.0 * max(one.spread or 0.0, other.spread or 0.0)
-    return StatementCheck(differs, f"{one.value:.2f} N standard, {other.value:.2f} N loose")
+    item, other = (entry.finding() for entry in result)
+    differs = abs(item.value - other.value) > 2.0 * max(item.spread or 0.0, other.spread or 0.0)
+    return StatementCheck(differs, f"{item.value:.2f} N standard, {other.value:.2f} N loose")
 
 
 def speeds(results: Results) -> StatementCheck | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
-    found = together(names, "force", results)
-    if found is None:
+    result = together(names, "force", results)
+    if result is None:
         return None
-    means = [one.values.mean() for one in found]
-    worst = max(abs(one / means[0] - 1.0) for one in means)
+    means = [item.values.mean() for item in result]
+    worst = max(abs(item / means[0] - 1.0) for item in means)
     speeds = [SPEEDS[1], *SPEEDS[2:]]
     listed = ", ".join(f"{m:.2f} N at {v:g}" for v, m in zip(speeds, means, strict=True))
     return StatementCheck(bool(worst <= 0.03), f"{listed} mm/s")
@@ -73,10 +73,10 @@ def speeds(results: Results) -> StatementCheck | None:
 def speed_courses(results: Results) -> StatementCheck | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
     courses = [mean_course(results, name, "half_course_D") for name in names]
-    known = [one for one in courses if one is not None]
+    known = [item for item in courses if item is not None]
     if len(known) < len(courses):
         return None
-    worst = max(float(np.abs(one - known[0]).max()) for one in known[1:])
+    worst = max(float(np.abs(item - known[0]).max()) for item in known[1:])
     return StatementCheck(
         worst <= 0.5, f"the courses lie at most {worst:.2f} D from that at 8.33 mm/s"
     )
@@ -84,23 +84,23 @@ def speed_courses(results: Results) -> StatementCheck | None:
 
 def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
-    found = together(names, f"roughness_{way}", results)
-    if found is None:
+    result = together(names, f"roughness_{way}", results)
+    if result is None:
         return None
-    values = [float(one.values.mean()) for one in found]
+    values = [float(item.values.mean()) for item in result]
     speeds = [SPEEDS[1], *SPEEDS[2:]]
     listed = ", ".join(f"{v:.4f} at {s:g}" for s, v in zip(speeds, values, strict=True))
     return values, f"rms of what is rough, over F_max: {listed} mm/s"
 
 
 def rough_up(results: Results) -> StatementCheck | None:
-    found = roughness(results, "up")
-    return None if found is None else StatementCheck(found[0][-1] > found[0][0], found[1])
+    result = roughness(results, "up")
+    return None if result is None else StatementCheck(result[0][-1] > result[0][0], result[1])
 
 
 def rough_down(results: Results) -> StatementCheck | None:
-    found = roughness(results, "down")
-    return None if found is None else StatementCheck(found[0][-1] < found[0][0], found[1])
+    result = roughness(results, "down")
+    return None if result is None else StatementCheck(result[0][-1] < result[0][0], result[1])
 
 
 def second_order(results: Results) -> StatementCheck | None:
@@ -148,11 +148,11 @@ def high_friction_ways(results: Results) -> StatementCheck | None:
 
 def friction_force(results: Results) -> StatementCheck | None:
     names = ["drag", "starts", "second order, 0.8"]
-    found = together(names, "force", results)
-    if found is None:
+    result = together(names, "force", results)
+    if result is None:
         return None
-    means = [float(one.values.mean()) for one in found]
-    words = "without friction (drag), usual, 0.8: " + ", ".join(f"{one:.2f} N" for one in means)
+    means = [float(item.values.mean()) for item in result]
+    words = "without friction (drag), usual, 0.8: " + ", ".join(f"{item:.2f} N" for item in means)
     return StatementCheck(means == sorted(means), words)
 
 
@@ -160,7 +160,7 @@ def same_stroke(results: Results) -> StatementCheck | None:
     courses = sizes(results)
     if courses is None:
         return None
-    late = np.array([one[int(0.75 * (len(one) - 1)) :] / one[-1] for one in courses])
+    late = np.array([item[int(0.75 * (len(item) - 1)) :] / item[-1] for item in courses])
     worst = float(np.ptp(late, axis=0).max())
     return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
 
@@ -171,8 +171,8 @@ def same_packing(results: Results) -> StatementCheck | None:
         return None
     grid = np.linspace(0.14, 0.24, 41)
     rows = [
-        np.interp(grid, packings(n, one), one / one[-1])
-        for n, one in zip(SIZES, courses, strict=True)
+        np.interp(grid, packings(n, item), item / item[-1])
+        for n, item in zip(SIZES, courses, strict=True)
     ]
     worst = float(np.ptp(rows, axis=0).max())
     return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
@@ -180,35 +180,35 @@ def same_packing(results: Results) -> StatementCheck | None:
 
 def sizes(results: Results) -> list[np.ndarray] | None:
     courses = [mean_course(results, f"direct {n}", "down") for n in SIZES]
-    known = [one for one in courses if one is not None]
+    known = [item for item in courses if item is not None]
     return known if len(known) == len(courses) else None
 
 
 def smoother(results: Results) -> StatementCheck | None:
-    found = together([f"direct {n}" for n in SIZES], "roughness_down", results)
-    if found is None:
+    result = together([f"direct {n}" for n in SIZES], "roughness_down", results)
+    if result is None:
         return None
-    values = [float(one.values.mean()) for one in found]
+    values = [float(item.values.mean()) for item in result]
     listed = ", ".join(f"{v:.4f} (N = {n})" for n, v in zip(SIZES, values, strict=True))
     return StatementCheck(values[-1] < values[0], f"rms of what is rough, over F_max: {listed}")
 
 
 def growing(results: Results) -> StatementCheck | None:
-    found = together([f"direct {n}" for n in SIZES], "hysteresis_D", results)
-    if found is None:
+    result = together([f"direct {n}" for n in SIZES], "hysteresis_D", results)
+    if result is None:
         return None
-    values = [float(one.values.mean()) for one in found]
+    values = [float(item.values.mean()) for item in result]
     listed = ", ".join(f"{v:.2f}" for v in values)
     return StatementCheck(values[-1] > values[0], f"{listed} D for N = 92 to 736")
 
 
 def slabs(results: Results) -> StatementCheck | None:
-    found = together(["slabs", "slabs"], "lowest_start_D", results)
+    result = together(["slabs", "slabs"], "lowest_start_D", results)
     loads = together(["slabs", "slabs"], "bottom_start", results)
     weights = together(["slabs", "slabs"], "weight", results)
-    if found is None or loads is None or weights is None:
+    if result is None or loads is None or weights is None:
         return None
-    lowest, load = float(found[0].values.min()), float(loads[0].values.mean())
+    lowest, load = float(result[0].values.min()), float(loads[0].values.mean())
     weight = float(weights[0].values.mean())
     return StatementCheck(
         not (lowest > 0.0 and load > 0.0),
@@ -218,10 +218,10 @@ def slabs(results: Results) -> StatementCheck | None:
 
 
 def infinite_walls(results: Results) -> StatementCheck | None:
-    found = together(["direct 368", "infinite walls", "slabs"], "force", results, QUICK.name)
-    if found is None:
+    result = together(["direct 368", "infinite walls", "slabs"], "force", results, QUICK.name)
+    if result is None:
         return None
-    usual, infinite, slabs = (one.finding() for one in found)
+    usual, infinite, slabs = (item.finding() for item in result)
     differs = abs(infinite.value - usual.value) > 3.0 * (usual.spread or 0.0)
     return StatementCheck(
         differs,

@@ -47,9 +47,9 @@ def packing(_: bool) -> Numbers:
     from granular.scene.beds import bidisperse
 
     def height(scene: Scene) -> float:
-        found = scene.protocol[1].final_height()
-        assert found is not None
-        return found
+        result = scene.protocol[1].final_height()
+        assert result is not None
+        return result
 
     scenes = [bidisperse(a, r) for a in (0.5, 0.6, 0.75) for r in (0.0, 0.5, 1.0)]
     values = [packing_fraction(s.grains.diameters(), s.cell.width, height(s)) for s in scenes]
@@ -71,10 +71,10 @@ def final_heights(_: bool) -> Numbers:
 
     made = {}
     for name, (aspect, big, ratios) in HEIGHTS.items():
-        for place, ratio in enumerate(ratios):
+        for index, ratio in enumerate(ratios):
             end = bidisperse(aspect, round(ratio, 2), big=big).protocol[1].final_height()
             assert end is not None
-            made[f"{name}[{place}]"] = end / big
+            made[f"{name}[{index}]"] = end / big
     return made
 
 
@@ -82,14 +82,14 @@ def single_particle(full: bool) -> Numbers:
     """De Paula's test of its method; its finest steps only in full."""
     from validation.depaula import COMPENSATED, PLAIN, depaula_experiment
 
-    found = depaula_experiment(full=full)
-    finest = found.of(PLAIN)[-1]
-    clean = found.of(COMPENSATED)[-1]
+    result = depaula_experiment(full=full)
+    finest = result.of(PLAIN)[-1]
+    clean = result.of(COMPENSATED)[-1]
     assert finest.peak_difference is not None
     assert clean.peak_difference is not None
     return {
-        "slope": found.slope(COMPENSATED),
-        "slope_to_finest": found.slope_to_finest(PLAIN),
+        "slope": result.slope(COMPENSATED),
+        "slope_to_finest": result.slope_to_finest(PLAIN),
         "step": finest.step,
         "peak_difference": finest.peak_difference,
         "peak_difference_compensated": clean.peak_difference,
@@ -184,8 +184,8 @@ def falls(full: bool) -> Numbers:
 
 
 CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
-    one.__name__: one
-    for one in (
+    item.__name__: item
+    for item in (
         default_grain,
         packing,
         final_heights,
@@ -215,10 +215,10 @@ def calculated(directory: Path, *, full: bool) -> None:
 def kept(directory: Path) -> dict[str, Numbers]:
     """The calculations that a directory keeps, the full ones where both are there."""
     cache = _cache(directory)
-    found = {
+    result = {
         name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
     }
-    return {name: full or quick for name, (full, quick) in found.items() if full or quick}
+    return {name: full or quick for name, (full, quick) in result.items() if full or quick}
 
 
 def _cache(directory: Path) -> ResultCache:

@@ -59,7 +59,7 @@ class ChangedFigure(NamedTuple):
             return None
         pooled, free = deviation
         both = (self.without, self.with_it)
-        error = pooled * math.sqrt(sum(1.0 / one.starts for one in both))
+        error = pooled * math.sqrt(sum(1.0 / item.starts for item in both))
         difference = abs(self.with_it.value - self.without.value)
         return bool(difference > stdtrit(free, 0.975) * error)
 
@@ -77,26 +77,26 @@ class ChangedFigure(NamedTuple):
         """Whether the published figure is known not to be met with the change."""
         return self._meets(self.with_it) is False
 
-    def _meets(self, one: Finding) -> bool | None:
+    def _meets(self, item: Finding) -> bool | None:
         if self.published is None or (deviation := self._pooled()) is None:
             return None
-        return _is_met(one, self.published, *deviation)
+        return _is_met(item, self.published, *deviation)
 
     def _pooled(self) -> tuple[float, int] | None:
         """Deviation of single starts by both beds together, and its degrees of freedom."""
         both = (self.without, self.with_it)
-        known = [(one.starts - 1, one.spread) for one in both if one.spread is not None]
+        known = [(item.starts - 1, item.spread) for item in both if item.spread is not None]
         if not known:
             return None
         free = sum(number for number, _ in known)
         return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
 
 
-def _is_met(one: Finding, published: float, pooled: float, free: int) -> bool:
+def _is_met(item: Finding, published: float, pooled: float, free: int) -> bool:
     from scipy.special import stdtrit
 
-    half = stdtrit(free, 0.975) * pooled / math.sqrt(one.starts) + ROUNDING
-    return bool(abs(one.value - published) <= half)
+    half = stdtrit(free, 0.975) * pooled / math.sqrt(item.starts) + ROUNDING
+    return bool(abs(item.value - published) <= half)
 
 
 _FIGURES = {
@@ -177,19 +177,19 @@ def changes() -> list[Change]:
 
 def comparisons(results: Results) -> list[ChangedFigure]:
     """All changes and shorter protocols whose runs are there, by every protocol that both have."""
-    found: list[ChangedFigure | None] = []
+    result: list[ChangedFigure | None] = []
     for change in changes():
         for protocol in BEST_FIRST:
-            found += _changed(results, change, protocol, protocol)
+            result += _changed(results, change, protocol, protocol)
         if change.words == _FRICTION and change.bed.startswith("direct"):
             words = "de Paula's friction and de Paula's protocol together"
             both = change._replace(words=words)
-            found += _changed(results, both, QUICK.name, PUBLISHED.name)
+            result += _changed(results, both, QUICK.name, PUBLISHED.name)
     for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):
         figures = _WIDE if name.startswith("direct") else _MIXTURE_FIGURES
         words = "de Paula's protocol instead of the quick one"
-        found += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
-    return [one for one in found if one is not None]
+        result += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
+    return [item for item in result if item is not None]
 
 
 def _changed(
@@ -219,7 +219,7 @@ def published_figure(bed: str, figure: str) -> float | None:
     """What de Paula prints of a figure of a bed, if anything."""
     way, _, size = bed.partition(" ")
     if way == "direct" and int(size) in SIZES:
-        place = SIZES.index(int(size))
+        position = SIZES.index(int(size))
         columns = {
             "half_start_D": "half_mean_distance.start",
             "half_full_D": "half_mean_distance.minimum",
@@ -227,39 +227,41 @@ def published_figure(bed: str, figure: str) -> float | None:
             "hysteresis_D": "hysteresis_of_distance.hysteresis",
         }
         if figure in columns:
-            return float(published_value(f"{columns[figure]}[{place}]"))
-        if figure == "force" and place >= SIZES.index(368):
-            return float(published_value(f"piston_force_direct_sum.mean[{place - 3}]"))
+            return float(published_value(f"{columns[figure]}[{position}]"))
+        if figure == "force" and position >= SIZES.index(368):
+            return float(published_value(f"piston_force_direct_sum.mean[{position - 3}]"))
     names = {"regularity_start": "start", "regularity_full": "end"}
     if bed == MIXTURES[0] and figure in names:
         return float(published_value(f"bidisperse_r_zero.hexagon_regularity_{names[figure]}"))
     if bed in MIXTURES[1:]:
-        section, place = "bidisperse_r_half", MIXTURES.index(bed) - 1
+        section, position = "bidisperse_r_half", MIXTURES.index(bed) - 1
         if figure == "least_distance_D":
-            return float(published_value(f"{section}.least_piston_distance[{place}]"))
+            return float(published_value(f"{section}.least_piston_distance[{position}]"))
         if figure in names:
-            return float(published_value(f"{section}.hexagon_regularity_{names[figure]}[{place}]"))
+            return float(
+                published_value(f"{section}.hexagon_regularity_{names[figure]}[{position}]")
+            )
     return None
 
 
-def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
+def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
     """What the comparisons say of the hysteresis of the mean distance, in a few sentences.
 
     Of a change that was run by several protocols at one size the longest counts. A hysteresis that
     is met is no more than the difference of two distances, which are told of too.
     """
     named = _FIGURES["hysteresis_D"][0]
-    rows = [one for one in found if one.figure == named and one.published is not None]
+    rows = [item for item in result if item.figure == named and item.published is not None]
     if not rows:
         return "The hysteresis of the mean distance: its runs are not done."
     best: dict[tuple[str, str], ChangedFigure] = {}
-    for one in rows:  # the longest protocol comes first
-        best.setdefault((one.change, one.bed), one)
-    usual = {one.bed: one.without for one in reversed(rows)}
+    for item in rows:  # the longest protocol comes first
+        best.setdefault((item.change, item.bed), item)
+    usual = {item.bed: item.without for item in reversed(rows)}
     gaps = ", ".join(
         f"{usual[bed].value:.2f} D here and {printed:.2f} D published at {bed}"
         for bed, printed in sorted(
-            {one.bed: one.published for one in rows}.items(), key=lambda pair: int(pair[0][4:])
+            {item.bed: item.published for item in rows}.items(), key=lambda pair: int(pair[0][4:])
         )
     )
     tried = "; ".join(
@@ -267,43 +269,43 @@ def verdict_on_hysteresis(found: Sequence[ChangedFigure]) -> str:
         for words in dict.fromkeys(change for change, _ in best)
     )
     started = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
-    met = [one for one in best.values() if one.explains]
+    met = [item for item in best.values() if item.explains]
     causes = [
-        words for words in dict.fromkeys(one.change for one in met)
-        if sum(one.change == words for one in met) >= CAUSE_SIZES
+        words for words in dict.fromkeys(item.change for item in met)
+        if sum(item.change == words for item in met) >= CAUSE_SIZES
     ]  # fmt: skip
     if not causes:
-        alone = "; ".join(f"{one.change} at {one.bed}" for one in met)
+        alone = "; ".join(f"{item.change} at {item.bed}" for item in met)
         tail = f" Met at one size alone: {alone}." if met else ""
         return f"{started} Not explained: nothing tried gives it at {CAUSE_SIZES} sizes.{tail}"
-    said = " ".join(_record(found, words, list(best.values())) for words in causes)
+    said = " ".join(_record(result, words, list(best.values())) for words in causes)
     return (
         f"{started} Published in brackets. {said} Where the two distances are off alike, the "
         "difference is met and the bed is not."
     )
 
 
-def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
+def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
     """At which sizes a change gives the published hysteresis, and at which it does not."""
-    of_it = [one for one in best if one.change == words]
-    met = [one for one in of_it if one.explains]
-    missed = [one for one in of_it if one.misses]
+    of_it = [item for item in best if item.change == words]
+    met = [item for item in of_it if item.explains]
+    missed = [item for item in of_it if item.misses]
     hits = "; ".join(
-        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}, as the difference of "
-        f"{_ends(found, one)}"
-        for one in met
+        f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}, as the difference of "
+        f"{_ends(result, item)}"
+        for item in met
     )
     started = (
         f"{words[0].upper()}{words[1:]}, run at {len(of_it)} sizes, gives it within scatter at "
         f"{len(met)}: {hits}"
     )
-    alike = [one.bed for one in of_it if one not in met and one not in missed]
+    alike = [item.bed for item in of_it if item not in met and item not in missed]
     if alike:
         started += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
     if not missed:
         return f"{started}."
     gaps = ", ".join(
-        f"{one.with_it.value:.2f} D ({one.published:.2f}) at {one.bed}" for one in missed
+        f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}" for item in missed
     )
     judgement = " So it is no explanation." if len(missed) >= len(met) else ""
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
@@ -312,14 +314,14 @@ def _record(found: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFi
 def words_on_large_beds(results: Results) -> str:
     """Why the force on the largest beds is higher here, as far as that was looked into."""
     off = []
-    for place, n in enumerate(LARGE, len(LISTED)):
+    for position, n in enumerate(LARGE, len(LISTED)):
         for words, bed, section in (
             ("every pair", f"direct {n}", "piston_force_direct_sum"),
             ("the list", f"list {n}", "piston_force_verlet"),
         ):
             sample = results.sample(bed, "force")
             if sample is not None:
-                printed = published_value(f"{section}.mean[{place}]")
+                printed = published_value(f"{section}.mean[{position}]")
                 more = 100.0 * (float(sample.values.mean()) / printed - 1.0)
                 off.append(f"{more:+.1f} % with {words} at {n}")
     weights = [
@@ -347,12 +349,12 @@ def words_on_large_beds(results: Results) -> str:
     )
 
 
-def _ends(found: Sequence[ChangedFigure], one: ChangedFigure) -> str:
+def _ends(result: Sequence[ChangedFigure], item: ChangedFigure) -> str:
     """The mean distances at start and end of the bed that a comparison is of."""
     adjacent = [
-        other for other in found
-        if (other.change, other.bed) == (one.change, one.bed)
-        and other.with_it.protocol == one.with_it.protocol
+        other for other in result
+        if (other.change, other.bed) == (item.change, item.bed)
+        and other.with_it.protocol == item.with_it.protocol
     ]  # fmt: skip
     words = [
         f"{other.with_it.value:.2f} D ({other.published:.2f})"

@@ -47,13 +47,13 @@ def collected(
     sittings : int, optional
         How often the command was begun; as often as for the former results if not given.
     """
-    series = [one for group in groups for one in group.series]
-    found = {one.key: _series_results(one, directory, former) for one in series}
+    series = [item for group in groups for item in group.series]
+    result = {item.key: _series_results(item, directory, former) for item in series}
     calculations: dict[str, Any] = {}
-    for one in reversed(former):
-        calculations |= one.calculations
+    for item in reversed(former):
+        calculations |= item.calculations
     times = sittings_of(former) if sittings is None else sittings
-    return Results(found, calculations | kept(directory), made_now(command) | {"sittings": times})
+    return Results(result, calculations | kept(directory), made_now(command) | {"sittings": times})
 
 
 def former_of(own: Results, package: Results) -> list[Results]:
@@ -62,16 +62,16 @@ def former_of(own: Results, package: Results) -> list[Results]:
     Of series that are stale in the directory, or run anew, what the package holds does not count.
     """
     rest = {
-        key: one for key, one in package.series.items() if not _is_anew(own.series.get(key, {}))
+        key: item for key, item in package.series.items() if not _is_anew(own.series.get(key, {}))
     }
     both = (own, Results(rest, package.calculations, package.made))
-    return [one for one in both if one.series]
+    return [item for item in both if item.series]
 
 
 def still_stale(results: Results, own: Results) -> Results:
     """The results with every series that a directory's file marks stale as it stands there."""
     stale = {
-        key: one for key, one in own.series.items() if key in results.series and one.get("stale")
+        key: item for key, item in own.series.items() if key in results.series and item.get("stale")
     }
     return Results({**results.series, **stale}, results.calculations, results.made)
 
@@ -87,12 +87,12 @@ def checked(
 ) -> Results:
     """The results with every series marked stale whose reference today's code does not give."""
     plain = dict(results.series)
-    for series in (one for group in groups for one in group.series):
-        one = plain.get(series.key)
-        if one is None or not one["done"] or not one.get("reference"):
+    for series in (item for group in groups for item in group.series):
+        item = plain.get(series.key)
+        if item is None or not item["done"] or not item.get("reference"):
             continue
-        stale = not agrees(one["reference"], reference(series))
-        plain[series.key] = {**one, "stale": stale}
+        stale = not agrees(item["reference"], reference(series))
+        plain[series.key] = {**item, "stale": stale}
         if stale:
             say(f"stale: {series.key}; the code gives something else than when it was run")
     return Results(plain, results.calculations, results.made)
@@ -109,41 +109,41 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "seeds": list(series.seeds),
     }
     starts = _starts(series, directory, former)
-    good = [(seed, one) for seed, one in starts if one["error"] is None]
-    names = dict.fromkeys(itertools.chain(*(one["figures"] for _, one in good)))
+    good = [(seed, item) for seed, item in starts if item["error"] is None]
+    names = dict.fromkeys(itertools.chain(*(item["figures"] for _, item in good)))
     plain |= {
         "done": [seed for seed, _ in good],
-        "keys": [one["key"] for _, one in good],
-        "figures": {name: [one["figures"].get(name) for _, one in good] for name in names},
-        "errors": [one["error"] for _, one in starts if one["error"] is not None],
-        "versions": _distinct([one["versions"] for _, one in good]),
+        "keys": [item["key"] for _, item in good],
+        "figures": {name: [item["figures"].get(name) for _, item in good] for name in names},
+        "errors": [item["error"] for _, item in starts if item["error"] is not None],
+        "versions": _distinct([item["versions"] for _, item in good]),
         "reference": _reference(series, directory, former) if good else {},
     }
-    if any(_is_anew(one.series.get(series.key, {})) for one in former):
+    if any(_is_anew(item.series.get(series.key, {})) for item in former):
         plain["anew"] = True
     return plain
 
 
-def _is_anew(one: Plain) -> bool:
+def _is_anew(item: Plain) -> bool:
     """Whether a series is being run anew, as the code has changed: no older file counts."""
-    return bool(one.get("stale") or one.get("anew"))
+    return bool(item.get("stale") or item.get("anew"))
 
 
 def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[tuple[int, Plain]]:
     """Each start that is known, from the directory or from the first file that has it."""
-    found = []
+    result = []
     keys = case_keys(series)
     kept_here = outcomes_in_order(keys, directory)
-    for place, (seed, key) in enumerate(zip(series.seeds, keys, strict=True)):
-        outcome = kept_here[place]
+    for position, (seed, key) in enumerate(zip(series.seeds, keys, strict=True)):
+        outcome = kept_here[position]
         if outcome is not None:
-            found.append((seed, _start(outcome, key, series, seed, directory)))
+            result.append((seed, _start(outcome, key, series, seed, directory)))
             continue
-        earlier = (_from_file(one, series, key) for one in former)
-        first = next((one for one in earlier if one is not None), None)
+        earlier = (_from_file(item, series, key) for item in former)
+        first = next((item for item in earlier if item is not None), None)
         if first is not None:
-            found.append((seed, first))
-    return found
+            result.append((seed, first))
+    return result
 
 
 def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path) -> Plain:
@@ -162,29 +162,29 @@ def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path)
 
 
 def _from_file(results: Results, series: Series, key: str) -> Plain | None:
-    one = results.series.get(series.key)
-    if one is None or one.get("stale") or key not in one["keys"]:
+    item = results.series.get(series.key)
+    if item is None or item.get("stale") or key not in item["keys"]:
         return None
-    place = one["keys"].index(key)
-    figures = {name: values[place] for name, values in one["figures"].items()}
-    versions = one["versions"][0] if one["versions"] else {}
+    position = item["keys"].index(key)
+    figures = {name: values[position] for name, values in item["figures"].items()}
+    versions = item["versions"][0] if item["versions"] else {}
     return {"key": key, "error": None, "figures": figures, "versions": versions}
 
 
 def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Reference:
     """Of the file that has it, else made now and kept beside the cases."""
     keys = set(case_keys(series))
-    for one in former:
-        plain = one.series.get(series.key, {})
+    for item in former:
+        plain = item.series.get(series.key, {})
         if plain.get("reference") and keys & set(plain["keys"]) and not plain.get("stale"):
             return dict(plain["reference"])
     cache = references_in(directory)
     name = case_keys(series)[0]
-    found: Reference | None = cache.read(name)
-    if found is None:
-        found = reference(series)
-        cache.keep(name, found)
-    return found
+    result: Reference | None = cache.read(name)
+    if result is None:
+        result = reference(series)
+        cache.keep(name, result)
+    return result
 
 
 def _shows_courses(series: Series) -> bool:
@@ -196,7 +196,7 @@ def _shows_courses(series: Series) -> bool:
 
 
 def _distinct(some: list[Plain]) -> list[Plain]:
-    return [one for place, one in enumerate(some) if one not in some[:place]]
+    return [item for position, item in enumerate(some) if item not in some[:position]]
 
 
 def _code_of_figures() -> str:

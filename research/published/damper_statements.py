@@ -28,10 +28,10 @@ def symbolic(results: Results) -> StatementCheck | None:
 
 def misfits(results: Results, drag: float) -> tuple[float, float] | None:
     name = damper_name(MASSES[1], drag)
-    found = [results.sample(name, one) for one in ("free_misfit", "free_linear_misfit")]
-    if found[0] is None or found[1] is None:
+    result = [results.sample(name, item) for item in ("free_misfit", "free_linear_misfit")]
+    if result[0] is None or result[1] is None:
         return None
-    return float(found[0].values.mean()), float(found[1].values.mean())
+    return float(result[0].values.mean()), float(result[1].values.mean())
 
 
 def van_der_pol(results: Results) -> StatementCheck | None:
@@ -40,8 +40,8 @@ def van_der_pol(results: Results) -> StatementCheck | None:
     if at_source is None:
         return None
     listed = ", ".join(
-        f"{100.0 * one[0]:.1f} and {100.0 * one[1]:.1f} % at {drag:g}"
-        for drag, one in rows if one is not None
+        f"{100.0 * item[0]:.1f} and {100.0 * item[1]:.1f} % at {drag:g}"
+        for drag, item in rows if item is not None
     )  # fmt: skip
     return StatementCheck(
         at_source[0] < 0.5 * at_source[1],
@@ -50,22 +50,22 @@ def van_der_pol(results: Results) -> StatementCheck | None:
 
 
 def van_der_pol_printed(results: Results) -> StatementCheck | None:
-    found = misfits(results, GAMMAS[0])
-    if found is None:
+    result = misfits(results, GAMMAS[0])
+    if result is None:
         return None
     return StatementCheck(
-        found[0] < 0.5 * found[1],
-        f"{100.0 * found[0]:.2f} and {100.0 * found[1]:.2f} % of the swing are left over",
+        result[0] < 0.5 * result[1],
+        f"{100.0 * result[0]:.2f} and {100.0 * result[1]:.2f} % of the swing are left over",
     )
 
 
 def scattered(results: Results) -> StatementCheck | None:
     names = ["pressed, R = 1", "pressed, R = 1, moments ± 0.1", "pressed, R = 0",
              "pressed, R = 0, moments ± 0.1"]  # fmt: skip
-    found = together(names, "hexagons_pressed", results)
-    if found is None:
+    result = together(names, "hexagons_pressed", results)
+    if result is None:
         return None
-    even, uneven, zero, zero_uneven = (float(one.values.mean()) for one in found)
+    even, uneven, zero, zero_uneven = (float(item.values.mean()) for item in result)
     return StatementCheck(
         uneven < even - 0.05,
         f"at 110 N the fraction of hexagons at R = 1 is {even:.2f} with equal moments, "

@@ -125,7 +125,11 @@ class Verdict(NamedTuple):
 
 
 def verdict(
-    published: float, published_spread: float | None, found: Finding | None, rule: Rule, digits: int
+    published: float,
+    published_spread: float | None,
+    result: Finding | None,
+    rule: Rule,
+    digits: int,
 ) -> Verdict:
     """Whether ours differs from the published value.
 
@@ -144,16 +148,16 @@ def verdict(
     digits : int
         Decimals that are printed: half of the last one is rounding.
     """
-    if found is None or not math.isfinite(found.value):
+    if result is None or not math.isfinite(result.value):
         return Verdict(NOT_RUN)
     if rule.constructed:
         return Verdict(BY_CONSTRUCTION)
     if not rule.comparable:
         return Verdict(NOT_COMPARABLE)
     rounding = 0.5 * 10.0**-digits * 1.000001
-    error, freedom = error_of_difference(published_spread, found, rule.draws)
+    error, freedom = error_of_difference(published_spread, result, rule.draws)
     allowed = quantile(freedom, rule.looks) * error + rounding
-    difference = found.value - published
+    difference = result.value - published
     beyond = {"most": difference, "least": -difference}.get(rule.limit, abs(difference))
     words = AGREES if beyond <= allowed else DIFFERS
     p = None if error == 0.0 else _probability((beyond - rounding) / error, freedom, rule.looks)
@@ -161,16 +165,16 @@ def verdict(
 
 
 def error_of_difference(
-    published_spread: float | None, found: Finding, draws: int = 1
+    published_spread: float | None, result: Finding, draws: int = 1
 ) -> tuple[float, float]:
     """Standard error of the difference, and its degrees of freedom; 0 where nothing scatters.
 
     Of a published number without a deviation: of a prediction. Where ours has no scatter of single
     starts but an error, the published one, found in the same way, has the same.
     """
-    ours, freedom = found.error or 0.0, found.freedom
+    ours, freedom = result.error or 0.0, result.freedom
     if published_spread is None or not math.isfinite(published_spread):
-        own = ours if found.spread is None else found.spread / math.sqrt(draws)
+        own = ours if result.spread is None else result.spread / math.sqrt(draws)
         return (math.hypot(ours, own), freedom) if ours > 0.0 and freedom > 0.0 else (0.0, 0.0)
     parts = [(published_spread**2 / PUBLISHED_STARTS, PUBLISHED_STARTS - 1.0)]
     if ours > 0.0 and freedom > 0.0:

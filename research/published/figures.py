@@ -172,10 +172,10 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
         "axial_p": directions.axial_p,
         "modes": np.histogram(pressed[inside] / pressed[inside].max(), 25, (0.0, 1.0))[0],
     }  # fmt: skip
-    for place, name in enumerate(("big", "small")):
-        chosen = inside & (owner == place)
+    for index, name in enumerate(("big", "small")):
+        chosen = inside & (owner == index)
         if chosen.any():
-            relative[owner == place] /= pressed[chosen].mean()
+            relative[owner == index] /= pressed[chosen].mean()
             made[f"{name}_compression"] = float(pressed[chosen].mean())
             made[f"{name}_force"] = float(sizes[chosen].mean())
             made[f"{name}_below_median"] = float((pressed[chosen] < median).mean())
@@ -187,14 +187,14 @@ def _alike(positions: np.ndarray, values: np.ndarray) -> float:
     """Correlation of a value of neighbours: of grains up to 1.3 mean spacings apart."""
     points = positions[np.isfinite(values)]
     spacing = float(np.sqrt(np.ptp(points, axis=0).prod() / len(points)))
-    found = spatial_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
-    return float(found.values[0])
+    result = spatial_correlation(positions, values, np.array([0.0, 1.3 * spacing]))
+    return float(result.values[0])
 
 
 def _shells(positions: np.ndarray) -> Figures:
     """How many shells g(r) shows: maxima above 1.1 between values below 0.95."""
-    found = radial_distribution(positions)
-    smooth = np.convolve(found.values, np.full(3, 1.0 / 3.0), mode="same")
+    result = radial_distribution(positions)
+    smooth = np.convolve(result.values, np.full(3, 1.0 / 3.0), mode="same")
     shells, low = 0, True
     for value in smooth:
         shells += low and value > 1.1
@@ -221,7 +221,7 @@ def _packing(scene: Scene, height: float) -> float:
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, list | np.ndarray):
-        return [_rounded(one) for one in value]
+        return [_rounded(item) for item in value]
     if isinstance(value, int | np.integer):
         return int(value)
     return float(f"{float(value):.{DIGITS}g}") if np.isfinite(value) else None

@@ -105,14 +105,14 @@ def _modes(results: Results) -> str:
     beds += [(f"R = 0.5, a = {a:g}", mixture_name(a, 0.5)) for a in ASPECTS]
     beds += [(f"R = 1, a = {a:g}", mixture_name(a, 1.0)) for a in ASPECTS]
     for label, name in beds:
-        found = [
-            one for protocol in ("published", "quick")
-            if (one := results.sample(name, "dip_p", protocol)) is not None
+        result = [
+            item for protocol in ("published", "quick")
+            if (item := results.sample(name, "dip_p", protocol)) is not None
         ]  # fmt: skip
-        if found:
-            low, high = float(found[0].values.min()), float(found[0].values.max())
-            p = f"{low:.2g}" if len(found[0].values) == 1 else f"{low:.2g} to {high:.2g}"
-            words.append(f"{label} ({found[0].protocol}): {p}")
+        if result:
+            low, high = float(result[0].values.min()), float(result[0].values.max())
+            p = f"{low:.2g}" if len(result[0].values) == 1 else f"{low:.2g} to {high:.2g}"
+            words.append(f"{label} ({result[0].protocol}): {p}")
     if not words:
         return ""
     return (
@@ -147,12 +147,12 @@ def _damper_law(results: Results) -> str:
     ]
     for drag in GAMMAS:
         name = damper_name(MASSES[1], drag)
-        found = [
-            results.sample(name, one)
-            for one in ("damping_ratio", "free_misfit", "free_linear_misfit", "alpha_over_omega")
+        result = [
+            results.sample(name, item)
+            for item in ("damping_ratio", "free_misfit", "free_linear_misfit", "alpha_over_omega")
         ]
-        known = [float(one.values.mean()) for one in found if one is not None]
-        if len(known) == len(found):
+        known = [float(item.values.mean()) for item in result if item is not None]
+        if len(known) == len(result):
             lines.append(
                 f"| {drag:g} kg/s | {known[0]:.3f} | {100.0 * known[1]:.1f} % | "
                 f"{100.0 * known[2]:.1f} % | {known[3]:.3f} |"

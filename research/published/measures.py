@@ -32,13 +32,13 @@ def mean_of(
         sample = results.sample(name, figure, protocol)
         if sample is None:
             return None
-        found = sample._replace(values=scale * sample.values).finding()
+        result = sample._replace(values=scale * sample.values).finding()
         pooled = pooled_deviation(results, pool, figure, sample.protocol)
         if pooled is None:
-            return found
+            return result
         spread, freedom = scale * pooled[0], pooled[1]
         error = spread / math.sqrt(len(sample.values))
-        return found._replace(spread=spread, error=error, freedom=float(freedom))
+        return result._replace(spread=spread, error=error, freedom=float(freedom))
 
     return measure
 
@@ -48,11 +48,11 @@ def pooled_deviation(
 ) -> tuple[float, int] | None:
     """Deviation of single starts by several series together, and its degrees of freedom."""
     samples = [results.sample(name, figure, protocol) for name in names]
-    values = [one.values for one in samples if one is not None and len(one.values) > 1]
-    freedom = sum(len(one) - 1 for one in values)
+    values = [item.values for item in samples if item is not None and len(item.values) > 1]
+    freedom = sum(len(item) - 1 for item in values)
     if not freedom:
         return None
-    return math.sqrt(sum(len(one) * float(one.var()) for one in values) / freedom), freedom
+    return math.sqrt(sum(len(item) * float(item.var()) for item in values) / freedom), freedom
 
 
 def calculation(name: str, figure: str) -> Measure:
@@ -72,39 +72,39 @@ def together(
     chosen = results.best(*names) if protocol is None else protocol
     if chosen is None:
         return None
-    found = [results.sample(name, figure, chosen) for name in names]
-    integer = [one for one in found if one is not None]
-    return integer if len(integer) == len(found) else None
+    result = [results.sample(name, figure, chosen) for name in names]
+    integer = [item for item in result if item is not None]
+    return integer if len(integer) == len(result) else None
 
 
 def percent_difference(count: int) -> Measure:
     """Force with the list less that of the direct sum, in percent of the force with the list."""
 
     def measure(results: Results) -> Finding | None:
-        found = together([f"direct {count}", f"list {count}"], "force", results)
-        if found is None:
+        result = together([f"direct {count}", f"list {count}"], "force", results)
+        if result is None:
             return None
-        direct, listed = (one.finding() for one in found)
+        direct, listed = (item.finding() for item in result)
         return _of_ratio(direct, listed, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
 
 def _of_ratio(
-    one: Finding, other: Finding, value: Callable[[float], float], slope: float
+    item: Finding, other: Finding, value: Callable[[float], float], slope: float
 ) -> Finding:
     """A function of one over the other, whose slope over the ratio is given."""
-    ratio = one.value / other.value
+    ratio = item.value / other.value
 
     def both(first: float | None, second: float | None) -> float | None:
         if first is None or second is None:
             return None
-        return slope * ratio * math.hypot(first / one.value, second / other.value)
+        return slope * ratio * math.hypot(first / item.value, second / other.value)
 
-    spread, error = both(one.spread, other.spread), both(one.error, other.error)
-    freedom = one.freedom + other.freedom if error is not None else 0.0
+    spread, error = both(item.spread, other.spread), both(item.error, other.error)
+    freedom = item.freedom + other.freedom if error is not None else 0.0
     return Finding(
-        value(ratio), spread, one.starts + other.starts, one.protocol, one.step, error, freedom
+        value(ratio), spread, item.starts + other.starts, item.protocol, item.step, error, freedom
     )
 
 
@@ -122,13 +122,13 @@ class Line:
 
     def r_squared(self, results: Results) -> Finding | None:
         """Fraction of the means' variance that the line explains."""
-        found = self._samples(results)
-        if found is None:
+        result = self._samples(results)
+        if result is None:
             return None
-        means = np.array([one.values.mean() for one in found])
+        means = np.array([item.values.mean() for item in result])
         left = means - self._matrix() @ (np.linalg.pinv(self._matrix()) @ means)
         value = 1.0 - float(left @ left) / float(np.square(means - means.mean()).sum())
-        return without_error(value, found)
+        return without_error(value, result)
 
     def _samples(self, results: Results) -> list[Sample] | None:
         return together([f"{self.way} {n}" for n in self.sizes], "force", results)
@@ -136,34 +136,34 @@ class Line:
     def _matrix(self) -> np.ndarray:
         return np.stack([np.array(self.sizes, dtype=float), np.ones(len(self.sizes))], axis=1)
 
-    def _coefficient(self, results: Results, place: int) -> Finding | None:
-        found = self._samples(results)
-        if found is None:
+    def _coefficient(self, results: Results, position: int) -> Finding | None:
+        result = self._samples(results)
+        if result is None:
             return None
-        row = np.linalg.pinv(self._matrix())[place]
-        value = float(row @ [one.values.mean() for one in found])
-        errors = np.array([one.finding().error or 0.0 for one in found])
-        starts = sum(len(one.values) for one in found)
+        row = np.linalg.pinv(self._matrix())[position]
+        value = float(row @ [item.values.mean() for item in result])
+        errors = np.array([item.finding().error or 0.0 for item in result])
+        starts = sum(len(item.values) for item in result)
         return Finding(
-            value, None, starts, found[0].protocol, found[0].step,
-            float(np.linalg.norm(row * errors)), float(starts - len(found)),
+            value, None, starts, result[0].protocol, result[0].step,
+            float(np.linalg.norm(row * errors)), float(starts - len(result)),
         )  # fmt: skip
 
 
-def without_error(value: float, found: Sequence[Sample]) -> Finding:
+def without_error(value: float, result: Sequence[Sample]) -> Finding:
     """A number from samples whose error is not known."""
-    starts = sum(len(one.values) for one in found)
-    return Finding(value, None, starts, found[0].protocol, found[0].step)
+    starts = sum(len(item.values) for item in result)
+    return Finding(value, None, starts, result[0].protocol, result[0].step)
 
 
 def asymptote(direct: Line, listed: Line) -> Measure:
     """Percent by which the list falls short in a very large bed, by the two lines [D, eq. 5.5]."""
 
     def measure(results: Results) -> Finding | None:
-        one, other = direct.slope(results), listed.slope(results)
-        if one is None or other is None:
+        item, other = direct.slope(results), listed.slope(results)
+        if item is None or other is None:
             return None
-        return _of_ratio(one, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
+        return _of_ratio(item, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
@@ -173,7 +173,7 @@ def time_exponent(sizes: Sequence[int], way: str) -> Measure:
 
     def measure(results: Results) -> Finding | None:
         times = [results.number("loop_times", f"{way} {n}") for n in sizes]
-        known = [one for one in times if one is not None]
+        known = [item for item in times if item is not None]
         if len(known) < len(times):
             return None
         slope, errors = np.polyfit(np.log(sizes), np.log(known), 1, cov=True)
@@ -209,13 +209,13 @@ def first_inside(radii: Sequence[float], reference: str) -> Measure:
             return None
         left = [radius for radius in radii if not results.stopped(_listed(radius), protocol)]
         names = [_listed(radius) for radius in left]
-        found = together([reference, *names], "force", results, protocol)
-        if found is None:
+        result = together([reference, *names], "force", results, protocol)
+        if result is None:
             return None
-        band = found[0].finding()
-        for radius, one in zip(left, found[1:], strict=True):
-            if abs(one.values.mean() - band.value) <= (band.spread or 0.0):
-                return without_error(radius, found)
+        band = result[0].finding()
+        for radius, item in zip(left, result[1:], strict=True):
+            if abs(item.values.mean() - band.value) <= (band.spread or 0.0):
+                return without_error(radius, result)
         return None
 
     return measure
@@ -243,7 +243,7 @@ def greatest_deviation(name: str) -> Measure:
     def measure(results: Results) -> Finding | None:
         sample = results.sample(name, "force")
         courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
-        if sample is None or any(one.ndim != 2 or len(one) < 2 for one in courses):
+        if sample is None or any(item.ndim != 2 or len(item) < 2 for item in courses):
             return None
         trajectory = np.concatenate(courses, axis=1)
         value = float(trajectory.std(axis=0, ddof=1).max() / trajectory.max(axis=1).mean())
@@ -264,16 +264,16 @@ def greatest_same_speed(speeds: Sequence[float], reference: str, allowed: float)
 
     def measure(results: Results) -> Finding | None:
         names = [f"speed {v:g}" for v in speeds]
-        found = together([reference, *names], "force", results)
-        if found is None:
+        result = together([reference, *names], "force", results)
+        if result is None:
             return None
-        base = found[0].values.mean()
+        base = result[0].values.mean()
         reached = 0.0
-        for speed, one in zip(speeds, found[1:], strict=True):
-            if abs(one.values.mean() / base - 1.0) > allowed:
+        for speed, item in zip(speeds, result[1:], strict=True):
+            if abs(item.values.mean() / base - 1.0) > allowed:
                 break
             reached = speed
-        return without_error(reached, found)
+        return without_error(reached, result)
 
     return measure
 
@@ -288,7 +288,7 @@ def order_correlation(names: Sequence[str]) -> Measure:
         fractions = together(names, "hexagons_full", results)
         if orders is None or fractions is None:
             return None
-        pairs = [np.concatenate([one.values for one in some]) for some in (orders, fractions)]
+        pairs = [np.concatenate([item.values for item in some]) for some in (orders, fractions)]
         try:
             value = pearson_correlation(pairs[0], pairs[1]).coefficient
         except InputError:
@@ -305,8 +305,8 @@ def least_of(measures: Sequence[Measure]) -> Measure:
     """The least finding; of those that are there."""
 
     def measure(results: Results) -> Finding | None:
-        found = [one for one in (each(results) for each in measures) if one is not None]
-        return min(found, key=lambda one: one.value) if found else None
+        result = [item for item in (entry(results) for entry in measures) if item is not None]
+        return min(result, key=lambda item: item.value) if result else None
 
     return measure
 
@@ -315,11 +315,11 @@ def force_ratio(name: str, last: str) -> Measure:
     """Force of a mixture over that of its small grains alone."""
 
     def measure(results: Results) -> Finding | None:
-        found = together([name, last], "force", results)
-        if found is None:
+        result = together([name, last], "force", results)
+        if result is None:
             return None
-        one, other = (each.finding() for each in found)
-        return _of_ratio(one, other, lambda ratio: ratio, 1.0)
+        item, other = (entry.finding() for entry in result)
+        return _of_ratio(item, other, lambda ratio: ratio, 1.0)
 
     return measure
 
@@ -330,17 +330,17 @@ def over_curve(
     """F(R)/F(1) over a published curve of it, at the R where the two differ by most errors."""
 
     def measure(results: Results) -> Finding | None:
-        found = together(names, "force", results)
-        if found is None:
+        result = together(names, "force", results)
+        if result is None:
             return None
-        last = found[ratios.index(1.0)].finding()
-        forces = [one.finding() for r, one in zip(ratios, found, strict=True) if r != 1.0]
+        last = result[ratios.index(1.0)].finding()
+        forces = [item.finding() for r, item in zip(ratios, result, strict=True) if r != 1.0]
         printed = [curve(r) for r in ratios if r != 1.0]
         over = [
-            _of_ratio(one, last, partial(_over, at), 1.0 / at)
-            for one, at in zip(forces, printed, strict=True)
+            _of_ratio(item, last, partial(_over, at), 1.0 / at)
+            for item, at in zip(forces, printed, strict=True)
         ]
-        return max(over, key=lambda one: abs(one.value - 1.0) / (one.error or math.inf))
+        return max(over, key=lambda item: abs(item.value - 1.0) / (item.error or math.inf))
 
     return measure
 
@@ -353,10 +353,10 @@ def greatest_pair_difference(names: Sequence[str]) -> Measure:
     """Greatest difference of the forces of two starts of the same bed [N]."""
 
     def measure(results: Results) -> Finding | None:
-        found = together(names, "force", results)
-        if found is None:
+        result = together(names, "force", results)
+        if result is None:
             return None
-        value = max(float(np.ptp(one.values[:2])) for one in found)
-        return without_error(value, found)
+        value = max(float(np.ptp(item.values[:2])) for item in result)
+        return without_error(value, result)
 
     return measure

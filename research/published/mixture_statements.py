@@ -27,13 +27,13 @@ ALIKE = 0.2
 
 
 def scan(results: Results, aspect: float, figure: str, big: float = 0.005) -> np.ndarray | None:
-    found = together([mixture_name(aspect, r, big) for r in RATIOS], figure, results)
-    return None if found is None else np.array([one.values.mean() for one in found])
+    result = together([mixture_name(aspect, r, big) for r in RATIOS], figure, results)
+    return None if result is None else np.array([item.values.mean() for item in result])
 
 
 def halves(results: Results, figure: str) -> list[float] | None:
-    found = together([mixture_name(a, 0.5) for a in ASPECTS], figure, results)
-    return None if found is None else [float(one.values.mean()) for one in found]
+    result = together([mixture_name(a, 0.5) for a in ASPECTS], figure, results)
+    return None if result is None else [float(item.values.mean()) for item in result]
 
 
 def listed(values: Sequence[float], form: str, unit: str = "") -> str:
@@ -43,7 +43,7 @@ def listed(values: Sequence[float], form: str, unit: str = "") -> str:
 
 def mixture_courses(results: Results) -> StatementCheck | None:
     courses = [mean_course(results, mixture_name(a, 0.5), "down") for a in ASPECTS]
-    known = [one / one[-1] for one in courses if one is not None]
+    known = [item / item[-1] for item in courses if item is not None]
     if len(known) < len(courses):
         return None
     grid = np.linspace(0.1, 0.34, 49)
@@ -58,21 +58,21 @@ def mixture_courses(results: Results) -> StatementCheck | None:
 
 def on_curves(results: Results) -> StatementCheck | None:
     words, holds = [], []
-    for place, (label, big) in enumerate(
+    for index, (label, big) in enumerate(
         (("0.75", 0.005), ("0.6", 0.005), ("0.5", 0.005), ("0.75", 0.008))
     ):
         names = [mixture_name(float(label), r, big) for r in RATIOS]
-        found = together(names, "force", results)
-        if found is None:
+        result = together(names, "force", results)
+        if result is None:
             return None
-        last = found[-1].values.mean()
+        last = result[-1].values.mean()
         a, slow, b, fast = (
-            float(published_value(f"biexponential_fmax.{name}[{place}]"))
+            float(published_value(f"biexponential_fmax.{name}[{index}]"))
             for name in ("A", "lambda1", "B", "lambda2")
         )
         x = np.array(RATIOS)
         curve = a * np.exp(slow * x) + b * np.exp(fast * x)
-        off = np.array([one.values.mean() for one in found]) / last - curve
+        off = np.array([item.values.mean() for item in result]) / last - curve
         worst = float(np.abs(off).max())
         holds.append(worst <= 0.02)
         words.append(f"{worst:.3f} (a = {label}{', 6:8 mm' if big != 0.005 else ''})")
@@ -80,20 +80,20 @@ def on_curves(results: Results) -> StatementCheck | None:
 
 
 def ends_alike(results: Results) -> StatementCheck | None:
-    found = together([mixture_name(0.6, 0.0), mixture_name(0.6, 1.0)], "hexagons_full", results)
-    if found is None:
+    result = together([mixture_name(0.6, 0.0), mixture_name(0.6, 1.0)], "hexagons_full", results)
+    if result is None:
         return None
-    one, other = (float(each.values.mean()) for each in found)
+    item, other = (float(entry.values.mean()) for entry in result)
     return StatementCheck(
-        abs(one - other) <= 0.05, f"fraction of hexagons {one:.3f} at R = 0, {other:.3f} at R = 1"
+        abs(item - other) <= 0.05, f"fraction of hexagons {item:.3f} at R = 0, {other:.3f} at R = 1"
     )
 
 
 def long_range(results: Results) -> StatementCheck | None:
-    found = together(["direct 368", mixture_name(0.6, 0.0)], "shells", results)
-    if found is None:
+    result = together(["direct 368", mixture_name(0.6, 0.0)], "shells", results)
+    if result is None:
         return None
-    values = [float(one.values.mean()) for one in found]
+    values = [float(item.values.mean()) for item in result]
     return StatementCheck(
         min(values) >= 4.0,
         f"{values[0]:.1f} shells in equal beds of 368, {values[1]:.1f} at R = 0 of the mixtures",
@@ -101,23 +101,23 @@ def long_range(results: Results) -> StatementCheck | None:
 
 
 def two_modes(results: Results) -> StatementCheck | None:
-    found = together([mixture_name(a, 0.5) for a in ASPECTS], "dip_p", results)
-    if found is None:
+    result = together([mixture_name(a, 0.5) for a in ASPECTS], "dip_p", results)
+    if result is None:
         return None
-    worst = [float(one.values.max()) for one in found]
+    worst = [float(item.values.max()) for item in result]
     return StatementCheck(max(worst) < LEVEL, f"dip test, greatest p: {listed(worst, '.4f')}")
 
 
 def one_mode(results: Results) -> StatementCheck | None:
     names = [mixture_name(0.6, 0.0), *(mixture_name(a, 1.0) for a in ASPECTS)]
-    found = together(names, "dip_p", results)
-    if found is None:
+    result = together(names, "dip_p", results)
+    if result is None:
         return None
-    least = [float(one.values.min()) for one in found]
+    least = [float(item.values.min()) for item in result]
     words = ", ".join(f"{p:.2f}" for p in least)
     # Of so many tests at once, by Bonferroni.
     return StatementCheck(
-        min(least) > LEVEL / sum(len(one.values) for one in found),
+        min(least) > LEVEL / sum(len(item.values) for item in result),
         f"dip test, least p: {words} (R = 0; R = 1 of a = 0.75, 0.6, 0.5)",
     )
 
@@ -133,12 +133,12 @@ def even_split(results: Results) -> StatementCheck | None:
 
 def no_direction(results: Results) -> StatementCheck | None:
     names = [mixture_name(0.6, r) for r in (0.25, 0.5, 0.75)]
-    found = together(names, "axial_p", results)
+    result = together(names, "axial_p", results)
     orders = together(names, "axial_order", results)
-    if found is None or orders is None:
+    if result is None or orders is None:
         return None
-    p = np.concatenate([one.values for one in found])
-    greatest = max(float(one.values.max()) for one in orders)
+    p = np.concatenate([item.values for item in result])
+    greatest = max(float(item.values.max()) for item in orders)
     return StatementCheck(
         bool(p.min() > LEVEL / len(p)),
         f"Rayleigh's test of the axes, least p of {len(p)} beds: {p.min():.3f}; greatest order "
@@ -148,13 +148,13 @@ def no_direction(results: Results) -> StatementCheck | None:
 
 def no_chains(results: Results) -> StatementCheck | None:
     names = [mixture_name(0.6, r) for r in (0.25, 0.5, 0.75)]
-    found = together(names, "neighbours_alike", results)
-    if found is None:
+    result = together(names, "neighbours_alike", results)
+    if result is None:
         return None
-    values = [float(one.values.mean()) for one in found]
+    values = [float(item.values.mean()) for item in result]
     listed = ", ".join(f"{v:.2f}" for v in values)
     return StatementCheck(
-        max(abs(one) for one in values) < ALIKE,
+        max(abs(item) for item in values) < ALIKE,
         f"correlation of neighbours' compressive forces, over the mean of the species: {listed} "
         "(R = 0.25, 0.5, 0.75)",
     )
@@ -162,23 +162,24 @@ def no_chains(results: Results) -> StatementCheck | None:
 
 def source_pairs(results: Results) -> StatementCheck | None:
     names = [f"source's friction, {mixture_name(a, 0.5)}" for a in ASPECTS]
-    found = together(names, "force", results)
-    if found is None:
+    result = together(names, "force", results)
+    if result is None:
         return None
-    gaps = [float(np.ptp(one.values[:2])) for one in found]
+    gaps = [float(np.ptp(item.values[:2])) for item in result]
     return StatementCheck(max(gaps) <= 0.2, f"they differ by {listed(gaps, '.2f', ' N')}")
 
 
 def grows_with_ratio(results: Results) -> StatementCheck | None:
     scans = [scan(results, a, "force") for a in ASPECTS]
-    if any(one is None for one in scans):
+    if any(item is None for item in scans):
         return None
-    known = [one for one in scans if one is not None]
+    known = [item for item in scans if item is not None]
     words = "; ".join(
-        f"a = {a:g}: {one[0]:.1f} to {one[-1]:.1f} N" for a, one in zip(ASPECTS, known, strict=True)
+        f"a = {a:g}: {item[0]:.1f} to {item[-1]:.1f} N"
+        for a, item in zip(ASPECTS, known, strict=True)
     )
     return StatementCheck(
-        all(bool((np.diff(one) > -0.01 * one[:-1]).all()) for one in known), words
+        all(bool((np.diff(item) > -0.01 * item[:-1]).all()) for item in known), words
     )
 
 
@@ -205,21 +206,21 @@ def hexagons_by_aspect(results: Results) -> StatementCheck | None:
 
 def least_order(results: Results) -> StatementCheck | None:
     scans = [scan(results, a, "hexagons_full") for a in ASPECTS]
-    if any(one is None for one in scans):
+    if any(item is None for item in scans):
         return None
-    least = [RATIOS[int(one.argmin())] for one in scans if one is not None]
+    least = [RATIOS[int(item.argmin())] for item in scans if item is not None]
     return StatementCheck(
-        all(0.3 <= one <= 0.7 for one in least), f"least at R = {listed(least, 'g')}"
+        all(0.3 <= item <= 0.7 for item in least), f"least at R = {listed(least, 'g')}"
     )
 
 
 def variant_forces(results: Results) -> StatementCheck | None:
     usual = [mixture_name(0.6, r) for r in VARIANT_RATIOS]
     others = [[f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS]
-    found = together([*usual, *(one for some in others for one in some)], "force", results)
-    if found is None:
+    result = together([*usual, *(item for some in others for item in some)], "force", results)
+    if result is None:
         return None
-    means = np.array([one.values.mean() for one in found]).reshape(1 + len(VARIANTS), -1)
+    means = np.array([item.values.mean() for item in result]).reshape(1 + len(VARIANTS), -1)
     normal = means / means[:, -1:]
     worst = np.abs(normal[1:] - normal[0]).max(axis=1)
     words = ", ".join(f"{w:.3f} ({name})" for name, w in zip(VARIANTS, worst, strict=True))

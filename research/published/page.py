@@ -71,7 +71,7 @@ def page(shown: Results, quick: Results | None = None) -> Page:
     """
     rows = judged(shown)
     adjacent = [None] * len(rows) if quick is None else judged(quick)
-    found = comparisons(shown)
+    result = comparisons(shown)
     made = Page(TITLE, _lead(rows, shown, quick))
     _first(made, rows)
     made.text(words_on_both(shown))
@@ -89,7 +89,7 @@ def page(shown: Results, quick: Results | None = None) -> Page:
         ]
         _entries(made, chosen, quick is not None)
         plots.add(made, title, shown)
-    _causes(made, shown, found)
+    _causes(made, shown, result)
     _state(made, shown)
     _errors(made, shown)
     _footer(made, shown, quick)
@@ -168,10 +168,10 @@ def _entries(
     header += ["quick run", "its verdict"] if with_quick else []
     cells, told = [], []
     for row, other in rows:
-        found, allowed = row.found, row.verdict.allowed
+        result, allowed = row.found, row.verdict.allowed
         cells.append(
-            [row.entry.what, published_of(row), ours_of(found, row.entry.unit), _verdict(row),
-             "" if allowed is None else f"{allowed:.2g}", "" if found is None else found.protocol]
+            [row.entry.what, published_of(row), ours_of(result, row.entry.unit), _verdict(row),
+             "" if allowed is None else f"{allowed:.2g}", "" if result is None else result.protocol]
         )  # fmt: skip
         if other is not None:
             cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
@@ -199,14 +199,14 @@ def published_of(row: Judged) -> str:
     return value + ("" if spread is None else f" ± {spread:g}") + _unit(row.entry.unit)
 
 
-def ours_of(found: Finding | None, unit: str) -> str:
+def ours_of(result: Finding | None, unit: str) -> str:
     """Value, half interval, unit and number of starts."""
-    if found is None:
+    if result is None:
         return "—"
-    half = found.half_width()
+    half = result.half_width()
     interval = "" if half is None else f" ± {half:.2g}"
-    starts = f" ({found.starts})" if found.starts else ""
-    return f"{found.value:.4g}{interval}{_unit(unit)}{starts}"
+    starts = f" ({result.starts})" if result.starts else ""
+    return f"{result.value:.4g}{interval}{_unit(unit)}{starts}"
 
 
 def _unit(unit: str) -> str:
@@ -217,21 +217,21 @@ def _statements(made: Page, results: Results) -> None:
     made.section("Statements")
     made.text("What de Paula says without a number, tested on the runs.")
     rows = []
-    for one in statements():
-        check = one.check(results)
+    for item in statements():
+        check = item.check(results)
         verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
-        rows.append((one.words, one.source, verdict, "" if check is None else check.figures))
+        rows.append((item.words, item.source, verdict, "" if check is None else check.figures))
     made.table(("statement", "section", "", "figures"), rows)
 
 
 def _both(made: Page, results: Results) -> None:
     rows = [
-        (str(one.grains), one.what, f"{one.published:.2f} D", ours_of(one.usual, "D"),
-         "yes" if one.usual_within else "no", ours_of(one.both, "D"), f"{one.allowed:.2g}",
-         "yes" if one.within else "no", ours_of(one.late, "D"),
-         "" if one.late is None else f"{one.late_allowed:.2g}",
-         "" if one.late is None else "yes" if one.late_within else "no")
-        for one in with_both_causes(results)
+        (str(item.grains), item.what, f"{item.published:.2f} D", ours_of(item.usual, "D"),
+         "yes" if item.usual_within else "no", ours_of(item.both, "D"), f"{item.allowed:.2g}",
+         "yes" if item.within else "no", ours_of(item.late, "D"),
+         "" if item.late is None else f"{item.late_allowed:.2g}",
+         "" if item.late is None else "yes" if item.late_within else "no")
+        for item in with_both_causes(results)
     ]  # fmt: skip
     if rows:
         head = ("grains", "half mean distance", "published", "exact law", "within", "both causes",
@@ -239,10 +239,10 @@ def _both(made: Page, results: Results) -> None:
         made.table(head, rows)
 
 
-def _causes(made: Page, results: Results, found: Sequence[ChangedFigure]) -> None:
+def _causes(made: Page, results: Results, result: Sequence[ChangedFigure]) -> None:
     made.section("Causes")
     _both(made, results)
-    made.text(verdict_on_hysteresis(found))
+    made.text(verdict_on_hysteresis(result))
     if large := words_on_large_beds(results):
         made.text(large)
     made.text(
@@ -252,49 +252,49 @@ def _causes(made: Page, results: Results, found: Sequence[ChangedFigure]) -> Non
         "it stays a hot gas whose force depends on the start, so that no figure has a meaning. The "
         "cell of 0.36 m contradicts the packing of 0.34 that de Paula prints."
     )
-    if not found:
+    if not result:
         made.text("Not run.")
         return
     rows = [
-        (one.change, one.bed, one.figure,
-         "" if one.published is None else f"{one.published:g}{_unit(one.unit)}",
-         ours_of(one.without, one.unit), ours_of(one.with_it, ""), _mattering(one))
-        for one in found
+        (item.change, item.bed, item.figure,
+         "" if item.published is None else f"{item.published:g}{_unit(item.unit)}",
+         ours_of(item.without, item.unit), ours_of(item.with_it, ""), _mattering(item))
+        for item in result
     ]  # fmt: skip
     made.table(("change", "bed", "figure", "published", "without", "with", ""), rows)
 
 
-def _mattering(one: ChangedFigure) -> str:
-    if one.explains:
+def _mattering(item: ChangedFigure) -> str:
+    if item.explains:
         return "explains"
-    if one.matters is None:
+    if item.matters is None:
         return "one start each"
-    return "matters" if one.matters else "within scatter"
+    return "matters" if item.matters else "within scatter"
 
 
 def _state(made: Page, results: Results) -> None:
     made.section("State of the series")
     made.text(f"{describe_fields(counted(results))}.")
     rows = [
-        (key, _word(one),
-         one["step"] + (" (de Paula's scheme)" if one["coarse"] else ""),
-         f"{worst_residual(one):.1e}" if one["done"] else "")
-        for key, one in results.series.items()
-        if not is_whole(one) or one["coarse"] or worst_residual(one) > 1e-4
+        (key, _word(item),
+         item["step"] + (" (de Paula's scheme)" if item["coarse"] else ""),
+         f"{worst_residual(item):.1e}" if item["done"] else "")
+        for key, item in results.series.items()
+        if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
     ]  # fmt: skip
     if rows:
         made.text("Series that are not whole, or whose energy is off by more than 1e-4:")
         made.table(("series", "state", "step", "energy residual"), rows)
 
 
-def _word(one: Plain) -> str:
-    if is_stopped(one):
+def _word(item: Plain) -> str:
+    if is_stopped(item):
         return "every start stopped"
-    return "stale" if one.get("stale") else f"{len(one['done'])} of {len(one['seeds'])} starts"
+    return "stale" if item.get("stale") else f"{len(item['done'])} of {len(item['seeds'])} starts"
 
 
 def _errors(made: Page, results: Results) -> None:
-    failed = {key: one["errors"] for key, one in results.series.items() if one["errors"]}
+    failed = {key: item["errors"] for key, item in results.series.items() if item["errors"]}
     if failed:
         made.section("Cases that failed")
         made.table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])

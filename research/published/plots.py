@@ -55,16 +55,16 @@ def adjacent(page: Page, rows: Sequence[Judged]) -> None:
     if not there:
         return
     with figure(width=WIDTH, height=0.42 * len(there) + 1.0) as (drawing, axes):
-        for place, row in enumerate(reversed(there)):
-            found, size = row.found, abs(row.published)
-            assert found is not None
+        for index, row in enumerate(reversed(there)):
+            result, size = row.found, abs(row.published)
+            assert result is not None
             error, freedom = error_of_difference(row.published_spread, Finding(0.0))
             theirs = quantile(freedom) * error + 0.5 * 10.0**-row.entry.digits
-            axes.errorbar(1.0, place + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
-                          label="published" if place == 0 else None, capsize=2.0)  # fmt: skip
-            ours, half = found.value / row.published, (found.half_width() or 0.0) / size
-            axes.errorbar(ours, place - 0.13, xerr=half, color=COLOURS[0], marker="o",
-                          markersize=4, label="ours" if place == 0 else None,
+            axes.errorbar(1.0, index + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
+                          label="published" if index == 0 else None, capsize=2.0)  # fmt: skip
+            ours, half = result.value / row.published, (result.half_width() or 0.0) / size
+            axes.errorbar(ours, index - 0.13, xerr=half, color=COLOURS[0], marker="o",
+                          markersize=4, label="ours" if index == 0 else None,
                           capsize=2.0)  # fmt: skip
         axes.axvline(1.0, color=GREY, linewidth=0.8)
         axes.set_ylim(-0.6, len(there) - 0.4)
@@ -104,13 +104,13 @@ def draw_both_causes(left: Any, right: Any, results: Results) -> None:
     rows = with_both_causes(results)
     labels = ("exact law", "both causes", "equation 2.17 late")
     for k, what in enumerate(("start", "end")):
-        chosen = [one for one in rows if one.what == what]
+        chosen = [item for item in rows if item.what == what]
         for m, label in enumerate(labels):
-            found = [((one.usual, one.both, one.late)[m], one) for one in chosen]
-            known = [(value, one) for value, one in found if value is not None]
-            bars = [one.allowed for _, one in known] if m == 1 else None
-            left.errorbar([one.grains + 10 * k for _, one in known],
-                          [value.value - one.published for value, one in known], bars,
+            result = [((item.usual, item.both, item.late)[m], item) for item in chosen]
+            known = [(value, item) for value, item in result if value is not None]
+            bars = [item.allowed for _, item in known] if m == 1 else None
+            left.errorbar([item.grains + 10 * k for _, item in known],
+                          [value.value - item.published for value, item in known], bars,
                           color=COLOURS[k], linestyle=STYLES[m], marker="osD"[m], markersize=4,
                           linewidth=1.0, label=f"{what}, {label}")  # fmt: skip
     left.axhline(0.0, color=GREY, linewidth=0.8)
@@ -127,12 +127,12 @@ def _points(
     results: Results, names: Sequence[str], places: Sequence[float], name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places, means and half intervals of the series that were run, under their best protocol."""
-    found = [
-        (place, sample.finding())
-        for place, series in zip(places, names, strict=True)
+    result = [
+        (index, sample.finding())
+        for index, series in zip(places, names, strict=True)
         if (sample := results.sample(series, name)) is not None
     ]
-    columns = np.array([(place, one.value, one.half_width() or 0.0) for place, one in found])
+    columns = np.array([(index, item.value, item.half_width() or 0.0) for index, item in result])
     x, y, errors = columns.reshape(-1, 3).T
     return x, y, errors
 
@@ -158,13 +158,13 @@ def _losses(page: Page, results: Results) -> None:
     from research.published.measures import percent_difference
 
     sizes = (*LISTED, *LARGE)
-    found = [(n, one) for n in sizes if (one := percent_difference(n)(results)) is not None]
-    if not found:
+    result = [(n, item) for n in sizes if (item := percent_difference(n)(results)) is not None]
+    if not result:
         return
     with figure(width=WIDTH) as (drawing, axes):
-        axes.errorbar([n for n, _ in found], [one.value for _, one in found],
-                      [one.half_width() or 0.0 for _, one in found], color=COLOURS[0], marker="o",
-                      markersize=4, label="ours")  # fmt: skip
+        axes.errorbar([n for n, _ in result], [item.value for _, item in result],
+                      [item.half_width() or 0.0 for _, item in result], color=COLOURS[0],
+                      marker="o",                      markersize=4, label="ours")  # fmt: skip
         axes.plot(sizes, published_value("piston_force_verlet.percent_difference"),
                   color=COLOURS[1], label="published", **_PUBLISHED)  # fmt: skip
         axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
@@ -213,7 +213,7 @@ def _shares_over_size(page: Page, results: Results) -> None:
 
 def _course(page: Page, results: Results) -> None:
     courses = [np.array(results.lists("starts", way)) for way in ("down", "up")]
-    if any(one.ndim != 2 for one in courses):
+    if any(item.ndim != 2 for item in courses):
         return
     stroke = np.linspace(0.0, 1.0, courses[0].shape[1])
     with figure(width=WIDTH) as (drawing, axes):
@@ -236,11 +236,11 @@ def _force_over_ratio(page: Page, results: Results) -> None:
     with figure(width=WIDTH) as (drawing, axes):
         for k, (label, aspect, big) in enumerate(_CURVES):
             names = [mixture_name(aspect, r, big) for r in RATIOS]
-            found = together(names, "force", results)
-            if found is not None:
-                last = found[-1].values.mean()
-                means = [one.values.mean() / last for one in found]
-                errors = [(one.finding().half_width() or 0.0) / last for one in found]
+            result = together(names, "force", results)
+            if result is not None:
+                last = result[-1].values.mean()
+                means = [item.values.mean() / last for item in result]
+                errors = [(item.finding().half_width() or 0.0) / last for item in result]
                 axes.errorbar(RATIOS, means, errors, color=COLOURS[k], linestyle="none",
                               marker="o", markersize=4, label=f"a = {label}, ours")  # fmt: skip
             a, slow, b, fast = (
@@ -300,7 +300,7 @@ def _speed_courses(page: Page, results: Results) -> None:
     courses = {
         speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()
     }
-    if any(one.ndim != 2 for one in courses.values()):
+    if any(item.ndim != 2 for item in courses.values()):
         return
     with figure(width=WIDTH) as (drawing, axes):
         for k, (speed, trajectory) in enumerate(courses.items()):
@@ -333,8 +333,8 @@ def _grain_forces(page: Page, results: Results) -> None:
 def _force_modes(page: Page, results: Results) -> None:
     """Distributions pooled over the starts, over the greatest force, as de Paula draws them."""
     beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
-    found = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
-    known = {label: one.sum(axis=0) for label, one in found.items() if one.ndim == 2}
+    result = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
+    known = {label: item.sum(axis=0) for label, item in result.items() if item.ndim == 2}
     if not known:
         return
     with figure(1, len(known), width=WIDTH, height=2.2, sharey=True) as (drawing, row):
@@ -401,7 +401,7 @@ def _pressed(page: Page, results: Results) -> None:
 def _variants(page: Page, results: Results) -> None:
     beds = {"dry": [mixture_name(0.6, r) for r in VARIANT_RATIOS]}
     beds |= {name: [f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS}
-    if together([one for some in beds.values() for one in some], "force", results) is None:
+    if together([item for some in beds.values() for item in some], "force", results) is None:
         return
     with figure(1, 2, width=WIDTH) as (drawing, both):
         for k, (label, names) in enumerate(beds.items()):

@@ -62,8 +62,8 @@ def published(
         If the directory cannot be written, or a results file cannot be read.
     """
     if directory is None:
-        with tempfile.TemporaryDirectory() as place:
-            shown = compare(Path(place), length, workers=workers, progress=progress)
+        with tempfile.TemporaryDirectory() as index:
+            shown = compare(Path(index), length, workers=workers, progress=progress)
     else:
         shown = compare(Path(directory), length, workers=workers, progress=progress)
     return shown.report or {}
@@ -118,8 +118,8 @@ def _full(where: Path, workers: int | None, progress: bool) -> Results:
     times = 1 + sittings_of(former)
     before = still_stale(collected(plan, where, command, former, times), own)
     known = checked(before, plan, _say)
-    stale = {key for key, one in known.series.items() if one.get("stale")}
-    for series in (one for group in plan for one in group.series if one.key in stale):
+    stale = {key for key, item in known.series.items() if item.get("stale")}
+    for series in (item for group in plan for item in group.series if item.key in stale):
         forget(series, where)
     former = [known]
     calculated(where, full=True)
@@ -157,18 +157,18 @@ def _write_results(results: Results, where: Path) -> None:
 def _write_report(shown: Results, quick: Results | None, where: Path) -> dict[str, Any]:
     from research.published.page import page
 
-    found = summary(shown)
+    result = summary(shown)
     if quick is not None:
-        found["quick"] = summary(quick)
-    write_json(where / "report.json", found)
+        result["quick"] = summary(quick)
+    write_json(where / "report.json", result)
     page(shown, quick).save(where / "report.html")
-    return found
+    return result
 
 
 def summary(results: Results) -> dict[str, Any]:
     """Entries with verdicts, statements and comparisons, as plain data."""
     rows = judged(results)
-    checks = [(one, one.check(results)) for one in statements()]
+    checks = [(item, item.check(results)) for item in statements()]
     return {
         "made": dict(results.made),
         "summary": counts(rows),
@@ -176,32 +176,33 @@ def summary(results: Results) -> dict[str, Any]:
         "series": counted(results),
         "entries": [row.to_plain() for row in rows],
         "statements": [
-            {"source": one.source, "words": one.words,
+            {"source": item.source, "words": item.words,
              "holds": None if check is None else check.holds,
              "figures": None if check is None else check.figures}
-            for one, check in checks
+            for item, check in checks
         ],
         "both_causes": summary_of_both(with_both_causes(results)),
         "statement_counts": counted_statements(results),
         "comparisons": [
-            {"change": one.change, "bed": one.bed, "figure": one.figure, "unit": one.unit,
-             "published": one.published, "without": one.without._asdict(),
-             "with": one.with_it._asdict(), "matters": one.matters}
-            for one in comparisons(results)
+            {"change": item.change, "bed": item.bed, "figure": item.figure, "unit": item.unit,
+             "published": item.published, "without": item.without._asdict(),
+             "with": item.with_it._asdict(), "matters": item.matters}
+            for item in comparisons(results)
         ],
     }  # fmt: skip
 
 
-def text(found: dict[str, Any]) -> str:
+def text(result: dict[str, Any]) -> str:
     """The entries as a table for the console, and how many agree."""
     from validation.table import text_table
 
-    shown = found.get("quick", found)
+    shown = result.get("quick", result)
     rows = [
-        (one["what"], _number(one["published"], one["unit"]), _number(one["ours"], one["unit"]),
-         one["protocol"] or "", one["verdict"])
-        for one in shown["entries"]
-        if one["ours"] is not None or shown is found
+        (item["what"], _number(item["published"], item["unit"]),
+         _number(item["ours"], item["unit"]),
+         item["protocol"] or "", item["verdict"])
+        for item in shown["entries"]
+        if item["ours"] is not None or shown is result
     ]  # fmt: skip
     both = shown["summary"] | shown["strength"] | shown["both_causes"]
     numbers = ", ".join(f"{count} {name}" for name, count in both.items())

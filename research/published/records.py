@@ -129,8 +129,8 @@ def _cost(run: Trajectory) -> dict[str, Any]:
 
 
 def _places(positions: np.ndarray) -> list[list[float]]:
-    found: list[list[float]] = np.round(positions, 9).tolist()
-    return found
+    result: list[list[float]] = np.round(positions, 9).tolist()
+    return result
 
 
 def _frame_at(run: Trajectory, time: float) -> int:
@@ -145,5 +145,5 @@ def _force_in(run: Trajectory, stage: StageResult) -> list[float]:
     """The piston force at even distances in time, which are even distances of the stroke."""
     samples = np.linspace(stage.start, stage.end, STROKE_SAMPLES)
     data = run.dataset
-    found = np.interp(samples, data["time"].values, data["piston_force"].values)
-    return [float(one) for one in found]
+    result = np.interp(samples, data["time"].values, data["piston_force"].values)
+    return [float(item) for item in result]

@@ -84,7 +84,7 @@ def _run(scene: Scene, step: float | str) -> dict[str, float]:
     data = run.dataset
     names = [str(name) for name in data if str(name).endswith(("_energy", "_force", "_loss"))]
     positions = data["position"].values[-1]
-    found = {name: float(data[name].values[-1]) for name in names}
-    found["mean_distance"] = mean_pair_distance(positions)
-    found["mean_height"] = float(positions[:, 1].mean())
-    return {name: value for name, value in found.items() if math.isfinite(value)}
+    result = {name: float(data[name].values[-1]) for name in names}
+    result["mean_distance"] = mean_pair_distance(positions)
+    result["mean_height"] = float(positions[:, 1].mean())
+    return {name: value for name, value in result.items() if math.isfinite(value)}

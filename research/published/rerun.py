@@ -45,32 +45,32 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     InputError
         If there is no such entry.
     """
-    known = {one.key: one for one in entries()}
+    known = {item.key: item for item in entries()}
     if key not in known:
         raise InputError(unknown(key, tuple(known), "entry"))
     entry, former = known[key], committed()
     names = series_behind(entry, former)
-    chosen = [one for group in full_plan() for one in group.series if one.key in names]
-    with tempfile.TemporaryDirectory() as place:
-        where = Path(place)
+    chosen = [item for group in full_plan() for item in group.series if item.key in names]
+    with tempfile.TemporaryDirectory() as index:
+        where = Path(index)
         groups = [Group(key, chosen)] if chosen else []
         run_groups(groups, where, workers=workers, progress=progress)
         if not chosen:
             calculated(where, full=True)
-        found = collected(groups, where, f"python -m research.published --only {key}")
-    ours, before = (judge(entry, one).found for one in (found, former))
+        result = collected(groups, where, f"python -m research.published --only {key}")
+    ours, before = (judge(entry, item).found for item in (result, former))
     differences = [
         f"{name}, {figure}, start {seed}: {new} and {old} in the file"
         for name in names
-        for figure, values in found.series[name]["figures"].items()
+        for figure, values in result.series[name]["figures"].items()
         if figure not in TIMED
         for seed, new, old in zip(
-            found.series[name]["done"], values, former.series[name]["figures"].get(figure, []),
+            result.series[name]["done"], values, former.series[name]["figures"].get(figure, []),
             strict=False,
         )
         if new != old
     ]  # fmt: skip
-    timed = _is_timed(entry, found)
+    timed = _is_timed(entry, result)
     equal = ours is not None and before is not None and (timed or ours.value == before.value)
     return {
         "key": key,
@@ -81,30 +81,30 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
         "same": equal and not differences,
         "differences": differences,
         "lacking": [
-            name for name in names if former.series[name]["done"] != found.series[name]["done"]
+            name for name in names if former.series[name]["done"] != result.series[name]["done"]
         ],
     }
 
 
-def text(found: dict[str, Any]) -> str:
+def text(result: dict[str, Any]) -> str:
     """For the console."""
-    lines = [f"{found['key']}: {found['ours']} now, {found['committed']} in the file"]
-    lines += [f"the file lacks starts of {name}" for name in found["lacking"]]
-    lines += found["differences"]
-    if found["timed"]:
+    lines = [f"{result['key']}: {result['ours']} now, {result['committed']} in the file"]
+    lines += [f"the file lacks starts of {name}" for name in result["lacking"]]
+    lines += result["differences"]
+    if result["timed"]:
         lines.append("timed: not comparable to the last digit")
     else:
-        lines.append("same to the last digit" if found["same"] else "not the same")
+        lines.append("same to the last digit" if result["same"] else "not the same")
     return "\n".join(lines)
 
 
 def _is_timed(entry: Entry, results: Results) -> bool:
     """Whether an entry's value is a time, or made of times."""
-    found = entry.measure(results)
-    if found is None or found.protocol == "timed":
-        return found is not None
+    result = entry.measure(results)
+    if result is None or result.protocol == "timed":
+        return result is not None
     without = {
-        key: {**one, "figures": {k: v for k, v in one["figures"].items() if k not in TIMED}}
-        for key, one in results.series.items()
+        key: {**item, "figures": {k: v for k, v in item["figures"].items() if k not in TIMED}}
+        for key, item in results.series.items()
     }
     return entry.measure(Results(without, results.calculations, results.made)) is None

@@ -75,19 +75,19 @@ class Results:
 
         None unless all of its starts were run by today's code: nothing stands in for them.
         """
-        one = self._integer(name, protocol)
+        item = self._integer(name, protocol)
         numbers = (
-            [] if one is None else [x for x in one["figures"].get(figure, []) if x is not None]
+            [] if item is None else [x for x in item["figures"].get(figure, []) if x is not None]
         )
-        if one is None or not numbers:
+        if item is None or not numbers:
             return None
-        return Sample(np.array(numbers, dtype=float), one["protocol"], str(one["step"]))
+        return Sample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
 
     def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
         """A figure that is a list of numbers, start by start."""
-        one = self._integer(name, protocol)
-        found = [] if one is None else one["figures"].get(figure, [])
-        return [np.array(x, dtype=float) for x in found if x]
+        item = self._integer(name, protocol)
+        result = [] if item is None else item["figures"].get(figure, [])
+        return [np.array(x, dtype=float) for x in result if x]
 
     def number(self, calculation: str, name: str) -> float | None:
         """A number of a calculation."""
@@ -95,19 +95,19 @@ class Results:
 
     def _integer(self, name: str, protocol: str | None) -> Plain | None:
         chosen = self.best(name) if protocol is None else protocol
-        one = self.series.get(f"{name} | {chosen}")
-        return one if one is not None and is_whole(one) else None
+        item = self.series.get(f"{name} | {chosen}")
+        return item if item is not None and is_whole(item) else None
 
     def stopped(self, name: str, protocol: str) -> bool:
         """Whether every start of a series was stopped by an error, its energy for instance."""
-        one = self.series.get(f"{name} | {protocol}")
-        return one is not None and is_stopped(one)
+        item = self.series.get(f"{name} | {protocol}")
+        return item is not None and is_stopped(item)
 
     def to_plain(self) -> Plain:
         """For JSON."""
         return {
             "made": dict(self.made),
-            "calculations": {name: dict(one) for name, one in self.calculations.items()},
+            "calculations": {name: dict(item) for name, item in self.calculations.items()},
             "series": dict(self.series),
         }
 
@@ -120,26 +120,26 @@ class Results:
 EMPTY = Results({}, {}, {})
 
 
-def is_whole(one: Plain) -> bool:
+def is_whole(item: Plain) -> bool:
     """Whether all starts of a series are done, by today's code."""
-    return bool(one["done"]) and one["done"] == list(one["seeds"]) and not one.get("stale")
+    return bool(item["done"]) and item["done"] == list(item["seeds"]) and not item.get("stale")
 
 
-def is_stopped(one: Plain) -> bool:
+def is_stopped(item: Plain) -> bool:
     """Whether all starts of a series were run by today's code, and each was stopped by an error."""
-    return len(one["errors"]) == len(one["seeds"]) and not one["done"] and not one.get("stale")
+    return len(item["errors"]) == len(item["seeds"]) and not item["done"] and not item.get("stale")
 
 
 def counted(results: Results) -> dict[str, int]:
     """How many series are whole, stopped, begun, stale, not run, and miss the energy residual."""
-    integer = [one for one in results.series.values() if is_whole(one)]
-    stale = [one for one in results.series.values() if one.get("stale")]
+    integer = [item for item in results.series.values() if is_whole(item)]
+    stale = [item for item in results.series.values() if item.get("stale")]
     started = [
-        one for one in results.series.values()
-        if one["done"] and not is_whole(one) and not one.get("stale")
+        item for item in results.series.values()
+        if item["done"] and not is_whole(item) and not item.get("stale")
     ]  # fmt: skip
-    stopped = [one for one in results.series.values() if is_stopped(one)]
-    off = [one for one in integer if not one["coarse"] and worst_residual(one) > RESIDUAL]
+    stopped = [item for item in results.series.values() if is_stopped(item)]
+    off = [item for item in integer if not item["coarse"] and worst_residual(item) > RESIDUAL]
     return {
         "planned": len(results.series),
         "whole": len(integer),
@@ -151,9 +151,9 @@ def counted(results: Results) -> dict[str, int]:
     }
 
 
-def worst_residual(one: Plain) -> float:
+def worst_residual(item: Plain) -> float:
     """Greatest residual of the energy of the starts of a series, over that turned over."""
-    return max((x for x in one["figures"].get("ledger", []) if x is not None), default=0.0)
+    return max((x for x in item["figures"].get("ledger", []) if x is not None), default=0.0)
 
 
 def read(path: Path) -> Results:
@@ -174,4 +174,4 @@ def committed() -> Results:
 
 def sittings_of(former: Sequence[Results]) -> int:
     """How often the full run was begun for earlier results."""
-    return max((int(one.made.get("sittings", 0)) for one in former), default=0)
+    return max((int(item.made.get("sittings", 0)) for item in former), default=0)

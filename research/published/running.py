@@ -47,15 +47,15 @@ def run_groups(
         Called after each group.
     """
     clock = _Clock(groups, directory, workers or 1)
-    for place, group in enumerate(groups):
+    for index, group in enumerate(groups):
         if not group.series:
             continue
         if progress:
-            print(clock.words(place), file=sys.stderr, flush=True)
-        for measure in dict.fromkeys(one.measure for one in group.series):
+            print(clock.words(index), file=sys.stderr, flush=True)
+        for measure in dict.fromkeys(item.measure for item in group.series):
             sweep(
                 load_scene("bed"),
-                cases=_distinct(one for one in group.series if one.measure is measure),
+                cases=_distinct(item for item in group.series if item.measure is measure),
                 measure=measure,
                 method=METHOD,
                 out=directory,
@@ -78,8 +78,8 @@ def _drop_runs(directory: Path) -> None:
 
 def outcomes_of(series: Series, directory: Path) -> list[Outcome]:
     """What is kept of the starts of a series; those not yet run are left out."""
-    found = outcomes_in_order(case_keys(series), directory)
-    return [one for one in found if one is not None]
+    result = outcomes_in_order(case_keys(series), directory)
+    return [item for item in result if item is not None]
 
 
 def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[Outcome | None]:
@@ -104,10 +104,10 @@ def forget(series: Series, directory: Path) -> None:
 def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
     """The cases of all starts, each once."""
     cases = {}
-    for one in series:
-        for seed in one.seeds:
-            scene = one.scene(seed)
-            cases[scene.digest(), one.step] = scene.to_plain() | {"dt": one.step}
+    for item in series:
+        for seed in item.seeds:
+            scene = item.scene(seed)
+            cases[scene.digest(), item.step] = scene.to_plain() | {"dt": item.step}
     return list(cases.values())
 
 
@@ -123,17 +123,17 @@ class _Clock:
 
     def __init__(self, groups: Sequence[Group], directory: Path, workers: int) -> None:
         self._groups, self._begun = groups, time.monotonic()
-        self._costs = [sum(_left(one, directory) for one in group.series) for group in groups]
+        self._costs = [sum(_left(item, directory) for item in group.series) for group in groups]
         self._rate = _NOMINAL_RATE / workers
 
-    def words(self, place: int) -> str:
+    def words(self, index: int) -> str:
         """Which group comes, and the time left."""
-        done, left = sum(self._costs[:place]), sum(self._costs[place:])
+        done, left = sum(self._costs[:index]), sum(self._costs[index:])
         if done > 0.0:
             self._rate = (time.monotonic() - self._begun) / done
-        title = self._groups[place].title
+        title = self._groups[index].title
         ahead = f"about {_time(self._rate * left)} left"
-        return f"group {place + 1} of {len(self._groups)}: {title}; {ahead}"
+        return f"group {index + 1} of {len(self._groups)}: {title}; {ahead}"
 
 
 _NOMINAL_RATE = 5e-10

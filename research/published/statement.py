@@ -40,8 +40,8 @@ class Statement(NamedTuple):
 
     def check(self, results: Results) -> StatementCheck | None:
         """The test's outcome, with a plain truth value: comparisons of arrays make other ones."""
-        found = self.test(results)
-        return None if found is None else found._replace(holds=bool(found.holds))
+        result = self.test(results)
+        return None if result is None else result._replace(holds=bool(result.holds))
 
 
 def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.ndarray:
@@ -60,14 +60,14 @@ def mean_course(results: Results, name: str, way: str) -> np.ndarray | None:
 
 def means_of(results: Results, figure: str, first: str, second: str) -> tuple[float, float] | None:
     """Means of a figure of two series under one protocol."""
-    found = together([first, second], figure, results)
-    return None if found is None else (found[0].values.mean(), found[1].values.mean())
+    result = together([first, second], figure, results)
+    return None if result is None else (result[0].values.mean(), result[1].values.mean())
 
 
 def course_of(results: Results, name: str) -> np.ndarray | None:
     """Force over the mean greatest one, down and up, of every start."""
     courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
-    if any(one.ndim != 2 for one in courses):
+    if any(item.ndim != 2 for item in courses):
         return None
     trajectory = np.concatenate(courses, axis=1)
     return np.asarray(trajectory / trajectory.max(axis=1).mean())

@@ -132,9 +132,9 @@ def statements() -> tuple[Statement, ...]:
 
 def counted_statements(results: Results) -> dict[str, int]:
     """How many statements hold, do not hold, and were not run."""
-    found = [one.check(results) for one in statements()]
+    result = [item.check(results) for item in statements()]
     return {
-        "hold": sum(one is not None and one.holds for one in found),
-        "do not hold": sum(one is not None and not one.holds for one in found),
-        "not run": sum(one is None for one in found),
+        "hold": sum(item is not None and item.holds for item in result),
+        "do not hold": sum(item is not None and not item.holds for item in result),
+        "not run": sum(item is None for item in result),
     }

@@ -18,14 +18,14 @@ def run(options: Any) -> Plain:
     return recovery(options.out, full=options.full, progress=not options.quiet)
 
 
-def blocks(found: Plain) -> Mapping[str, Block]:
+def blocks(result: Plain) -> Mapping[str, Block]:
     """The table for the guide."""
-    return {"table": Block("docs/results/real-records.md", recovery_markdown(found))}
+    return {"table": Block("docs/results/real-records.md", recovery_markdown(result))}
 
 
-def add_options(one: Parser) -> None:
+def add_options(item: Parser) -> None:
     """The user's file of the Silverbox benchmark."""
-    one.add_argument(
+    item.add_argument(
         "--silverbox", metavar="FILE",
         help="fit this file of the Silverbox benchmark instead, with the columns V1 (in) and V2 "
         "(out)",
@@ -38,8 +38,8 @@ def instead(options: Any) -> tuple[Plain, str] | None:
         return None
     from research.recovery.silverbox import silverbox, silverbox_text
 
-    found = silverbox(options.silverbox)
-    return found, silverbox_text(found)
+    result = silverbox(options.silverbox)
+    return result, silverbox_text(result)
 
 
 CAMPAIGN: Campaign[Plain] = Campaign(

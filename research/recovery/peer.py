@@ -91,8 +91,8 @@ def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     data = training_data(record, TEST_FRACTION)
     unknowns = scale_unknowns(law, HeightMap(), data)
     random = np.random.default_rng(0)
-    found = start_vectors(unknowns, data, STARTS, random)
-    return Problem(record, unknowns, found[:starts])
+    result = start_vectors(unknowns, data, STARTS, random)
+    return Problem(record, unknowns, result[:starts])
 
 
 def problem_key(given: Problem) -> str:
@@ -127,9 +127,9 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
     def residuals(x: np.ndarray) -> np.ndarray:
         nonlocal best
-        found = solved(np.where(held, theta, x))
-        best = min(best, float(np.sqrt((found**2).mean())))
-        return found
+        result = solved(np.where(held, theta, x))
+        best = min(best, float(np.sqrt((result**2).mean())))
+        return result
 
     try:
         least_squares(residuals, theta, max_nfev=_MOST_TRIALS, x_scale="jac", diff_step=_DIFFERENCE)
@@ -164,7 +164,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of solutions that end early
             try:
-                found, told = odeint(
+                result, told = odeint(
                     rates, [z0, v0, *hidden], time, full_output=True, tfirst=True, rtol=1e-8,
                     atol=1e-10 * unknowns.amplitude,
                 )  # fmt: skip
@@ -173,7 +173,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
         reached = len(time)
         if told["message"] != "Integration successful.":
             reached = 1 + int(np.argmax(told["tcur"] < time[1:]))
-        full[:reached] = found[:reached, 0] - height[:reached]
+        full[:reached] = result[:reached, 0] - height[:reached]
         return np.clip(np.nan_to_num(full, nan=_FAR), -_FAR, _FAR)
 
     return residuals

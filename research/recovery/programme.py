@@ -77,18 +77,18 @@ def recovery(
         for k in range(len(SYSTEMS))
     ]
     reached = sum(row["reached"] for row in rows)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "fits": len(fits),
         "reached": reached,
         "rate": reached / len(fits),
-        "wrongly agreed": sum(one["ratio"] > LOST and one["agree"] == 1.0 for one in fits),
+        "wrongly agreed": sum(item["ratio"] > LOST and item["agree"] == 1.0 for item in fits),
         "most misses of a system": max(row["fits"] - row["reached"] for row in rows),
         "rows": rows,
     }
-    found["made"] = made_now(f"python -m research.recovery {'--full' if full else '--quick'}")
+    result["made"] = made_now(f"python -m research.recovery {'--full' if full else '--quick'}")
     if out is not None:
-        write_results(found, Path(out) / RESULTS)
-    return found
+        write_results(result, Path(out) / RESULTS)
+    return result
 
 
 def _peer_key(case: Case, starts: int) -> str:
@@ -104,8 +104,8 @@ def _peer(case: Case, starts: int) -> dict[str, Any]:
     begun = time.process_time()
     attempts = scipy_fit(given)
     return {
-        "ratios": [one.residual / _noise_of(case, given.record) for one in attempts],
-        "stopped": [one.calls for one in attempts if one.stopped],
+        "ratios": [item.residual / _noise_of(case, given.record) for item in attempts],
+        "stopped": [item.calls for item in attempts if item.stopped],
         "seconds": (time.process_time() - begun) / starts,
     }
 
@@ -144,32 +144,32 @@ def _sources() -> str:
     import granular
     import reduced_models
 
-    found = hashlib.sha256((Path(__file__).parent / "systems.py").read_bytes())
+    result = hashlib.sha256((Path(__file__).parent / "systems.py").read_bytes())
     for package in (granular, reduced_models):
         assert package.__file__ is not None
         for path in sorted(Path(package.__file__).parent.rglob("*.py")):
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            result.update(path.read_bytes())
+    return result.hexdigest()
 
 
 def _row(
     system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    ratios = np.concatenate([one["ratios"] for one in peers])
+    ratios = np.concatenate([item["ratios"] for item in peers])
     return {
         "system": SYSTEMS[system].name,
         "fits": len(fits),
-        "reached": sum(one["ratio"] <= REACHED for one in fits),
-        "worst": max(one["ratio"] for one in fits),
-        "starts that agree": statistics.mean(one["agree"] for one in fits),
-        "seconds": statistics.median(one["seconds"] for one in fits),
+        "reached": sum(item["ratio"] <= REACHED for item in fits),
+        "worst": max(item["ratio"] for item in fits),
+        "starts that agree": statistics.mean(item["agree"] for item in fits),
+        "seconds": statistics.median(item["seconds"] for item in fits),
         "SciPy fits": len(peers),
-        "SciPy reached": sum(min(one["ratios"]) <= REACHED for one in peers),
+        "SciPy reached": sum(min(item["ratios"]) <= REACHED for item in peers),
         "SciPy starts": len(ratios),
         "SciPy starts that reach it": float((ratios <= REACHED).mean()),
-        "SciPy starts stopped": sum(len(one["stopped"]) for one in peers),
+        "SciPy starts stopped": sum(len(item["stopped"]) for item in peers),
         "SciPy calls when stopped": max(
-            (calls for one in peers for calls in one["stopped"]), default=0
+            (calls for item in peers for calls in item["stopped"]), default=0
         ),
-        "SciPy seconds a start": statistics.median(one["seconds"] for one in peers),
+        "SciPy seconds a start": statistics.median(item["seconds"] for item in peers),
     }

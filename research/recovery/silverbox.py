@@ -102,9 +102,9 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
             raise InputError(
                 f"{sanitize(path)}: no column {name!r}; give the benchmark's file SNLS80mV.csv"
             )
-        place = names.index(name)
+        position = names.index(name)
         try:
-            columns.append(np.array([float(row[place]) for row in rows if row]))
+            columns.append(np.array([float(row[position]) for row in rows if row]))
         except (ValueError, IndexError):
             raise InputError(
                 f"{sanitize(path)}: column {name!r} holds something that is not a number; give the "
@@ -118,15 +118,15 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return force, height
 
 
-def silverbox_text(found: dict[str, Any]) -> str:
+def silverbox_text(result: dict[str, Any]) -> str:
     """The errors of the free runs as a table."""
-    parts = tuple(found["rows"][0]["errors"])
+    parts = tuple(result["rows"][0]["errors"])
     rows = [
         (
             row["law"], *(f"{row['errors'][part]:.3f}" for part in parts), row["interpolation"],
             f"{row['seconds']:.0f}",
         )
-        for row in found["rows"]
+        for row in result["rows"]
     ]  # fmt: skip
     header = ("law", *(f"{part} [mV]" for part in parts), "input between samples", "s")
     return text_table(header, rows).text()

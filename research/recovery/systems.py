@@ -121,20 +121,20 @@ def clean_motion(system: int) -> PistonRecord:
     """The motion of the system with that place in `SYSTEMS`, by SciPy at a tolerance of 1e-10."""
     from scipy.integrate import solve_ivp
 
-    one = SYSTEMS[system]
-    time = np.linspace(0.0, one.duration, one.samples)
-    law = law_of_system(one)
+    item = SYSTEMS[system]
+    time = np.linspace(0.0, item.duration, item.samples)
+    law = law_of_system(item)
     field = compile_rates(law.equation, law.inputs, "numpy")
-    values = [one.true[name] for name in law.parameters]
+    values = [item.true[name] for name in law.parameters]
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         inputs = [t if name == "t" else float(multisine(t)) for name in law.inputs]
         return [state[1], *field(*state, *inputs, *values)]
 
-    found = solve_ivp(
-        rates, (0.0, one.duration), one.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time
+    result = solve_ivp(
+        rates, (0.0, item.duration), item.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time
     )
-    return _with_force(one, time, found.y[0])
+    return _with_force(item, time, result.y[0])
 
 
 def made_record(system: int, noise: float, seed: int) -> PistonRecord:

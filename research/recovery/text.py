@@ -16,21 +16,21 @@ _HEADER = (
 )  # fmt: skip
 
 
-def recovery_text(found: Mapping[str, Any]) -> str:
+def recovery_text(result: Mapping[str, Any]) -> str:
     """The table, and the totals in words."""
-    if not found:
+    if not result:
         return "no results are committed; run it with --quick or --full"
-    return f"{_table(found).text()}\n{_totals(found)}"
+    return f"{_table(result).text()}\n{_totals(result)}"
 
 
-def recovery_markdown(found: Mapping[str, Any]) -> str:
+def recovery_markdown(result: Mapping[str, Any]) -> str:
     """The same for a page, with the day and the command that found it."""
-    made = found["made"]
+    made = result["made"]
     by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
-    return f"{markdown_of(_table(found))}\n\n{_totals(found)}.\n({by}.)"
+    return f"{markdown_of(_table(result))}\n\n{_totals(result)}.\n({by}.)"
 
 
-def _table(found: Mapping[str, Any]) -> TextTable:
+def _table(result: Mapping[str, Any]) -> TextTable:
     rows = [
         (
             row["system"], f"{row['reached']} of {row['fits']}", f"{row['worst']:.3f}",
@@ -39,17 +39,17 @@ def _table(found: Mapping[str, Any]) -> TextTable:
             f"{100 * row['SciPy starts that reach it']:.0f} %", _stopped(row),
             f"{row['SciPy seconds a start']:.2f}",
         )
-        for row in found["rows"]
+        for row in result["rows"]
     ]  # fmt: skip
     return text_table(_HEADER, rows)
 
 
-def _totals(found: Mapping[str, Any]) -> str:
+def _totals(result: Mapping[str, Any]) -> str:
     words = (
-        f"{found['reached']} of {found['fits']} fits leave a residual within {REACHED} of the "
-        f"noise; {found['wrongly agreed']} of the others say that all starts agree"
+        f"{result['reached']} of {result['fits']} fits leave a residual within {REACHED} of the "
+        f"noise; {result['wrongly agreed']} of the others say that all starts agree"
     )
-    if any(row["SciPy starts stopped"] for row in found["rows"]):
+    if any(row["SciPy starts stopped"] for row in result["rows"]):
         words += f"\nSciPy is stopped where a start has called the law {MOST_CALLS} times a sample"
     return words
 
