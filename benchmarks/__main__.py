@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> None:
 
 def _benchmark(options: Any) -> None:
     from benchmarks.page import benchmark_text
-    from benchmarks.programme import benchmark
+    from benchmarks.runner import benchmark
 
     result = benchmark(
         options.out, parts=options.parts or tuple(PARTS), full=options.full,

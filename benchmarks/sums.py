@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from benchmarks import c_kernel
-from benchmarks.others import engine
+from benchmarks.available_engines import engine
 from benchmarks.peers import (
     PlainVerletList,
     jax_forces,

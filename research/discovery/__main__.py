@@ -11,8 +11,8 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from research.campaign import Block, Campaign
 from research.discovery.cases import NOISES, SEEDS
-from research.discovery.programme import discovery
 from research.discovery.results import EMPTY, Results
+from research.discovery.runner import discovery
 from research.discovery.text import markdown, summary, text
 
 if TYPE_CHECKING:

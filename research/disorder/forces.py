@@ -12,7 +12,7 @@ import numpy as np
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import digest
-from research.disorder.uneven import (
+from research.disorder.force_heterogeneity import (
     QUIET,
     SHELLS,
     ForceField,

@@ -11,12 +11,12 @@ import numpy as np
 from granular.shared.plotting import COLOURS, GREY, figure
 from research.disorder.beds import GROUPS
 from research.disorder.candidates import CANDIDATES, ORDERS
-from research.disorder.carried import PARTS, WINDOW, carried, distinct, increments
 from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
 from research.disorder.cycles import SHOWN as KEPT
+from research.disorder.dislocation_strain import PARTS, WINDOW, carried, distinct, increments
+from research.disorder.force_heterogeneity import QUIET, SHELLS
 from research.disorder.forces import FRAMES, KINDS, interval
 from research.disorder.temperature import AGITATED, judged_candidates
-from research.disorder.uneven import QUIET, SHELLS
 
 Row = Mapping[str, Any]
 

@@ -12,7 +12,7 @@ import numpy as np
 from granular.shared.result_cache import digest
 from research.disorder.beds import Bed, scene_of
 from research.disorder.candidates import CANDIDATES, ORDERS, measured
-from research.disorder.collapse import DRAWS, Collapse, collapse
+from research.disorder.data_collapse import DRAWS, Collapse, collapse
 
 Row = dict[str, Any]
 

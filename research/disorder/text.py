@@ -11,15 +11,15 @@ import numpy as np
 from research.disorder import beds
 from research.disorder.beds import GROUPS, Bed, set_temperature
 from research.disorder.candidates import CANDIDATES, ORDERS
-from research.disorder.carried import PARTS, WINDOW, Carried, carried, distinct
-from research.disorder.collapse import LEAST_SKILL, Figure
-from research.disorder.crossing import seen_share
 from research.disorder.cycles import FRAMES as FRAMES_OF_CYCLE
 from research.disorder.cycles import SHOWN
+from research.disorder.data_collapse import LEAST_SKILL, Figure
+from research.disorder.dislocation_strain import PARTS, WINDOW, Carried, carried, distinct
+from research.disorder.force_heterogeneity import QUIET
 from research.disorder.forces import FRAMES, KINDS, Interval, before_and_after, interval
+from research.disorder.made_dislocations import seen_share
 from research.disorder.results import STUDIES, Results, is_whole
 from research.disorder.temperature import AGITATED, judged_candidates, orders_all
-from research.disorder.uneven import QUIET
 
 Row = Mapping[str, Any]
 

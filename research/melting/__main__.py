@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def run(options: Any) -> Results:
     """Results of the layers that are asked for."""
-    from research.melting.running import FULL, QUICK, run_plan
+    from research.melting.layer_runs import FULL, QUICK, run_plan
 
     checked_workers(options)
     plan, where = QUICK if options.quick else FULL, Path(options.out)

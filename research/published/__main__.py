@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from granular.commands.console import Parser, launch
 from research.campaign import Block, Campaign, Plain, add_workers, checked_workers
 from research.published import guide, rerun
-from research.published.programme import Length, Shown, compare, summary, text
 from research.published.results import EMPTY, Results
+from research.published.runner import Length, Shown, compare, summary, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

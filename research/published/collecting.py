@@ -16,8 +16,8 @@ from research.published.figures import Figures, rest_figures
 from research.published.plan import Group
 from research.published.reference import Reference, agrees, reference
 from research.published.results import Results, sittings_of
-from research.published.running import case_keys, outcomes_in_order, references_in
 from research.published.series import Series
+from research.published.series_runs import case_keys, outcomes_in_order, references_in
 
 COURSES = ("down", "up", "half_course_D")
 """Courses, which are kept where they are shown: the file is to stay small."""

@@ -15,7 +15,7 @@ from research.published.entry import Entry
 from research.published.judging import judge, series_behind
 from research.published.plan import Group, full_plan
 from research.published.results import Results, committed
-from research.published.running import run_groups
+from research.published.series_runs import run_groups
 
 TIMED = ("seconds",)
 """Figures that are no two times the same."""

@@ -13,7 +13,7 @@ from research.recovery.text import recovery_markdown, recovery_text
 
 def run(options: Any) -> Plain:
     """Rows of all systems."""
-    from research.recovery.programme import recovery
+    from research.recovery.runner import recovery
 
     return recovery(options.out, full=options.full, progress=not options.quiet)
 

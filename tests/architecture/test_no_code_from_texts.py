@@ -34,7 +34,7 @@ ALLOWED = {
     ("granular/run/threads.py", "import_module"): "two modules of Numba, by names in the source",
     ("granular/compiled/cache.py", "pickle.loads"):
         "compiled code that was sealed, in a folder that belongs to the user alone",
-    ("benchmarks/others.py", "import_module"): "names from a table in the source",
+    ("benchmarks/available_engines.py", "import_module"): "names from a table in the source",
     ("validation/console_script.py", "import_module"): "the three packages' own names",
     ("validation/console_script.py", "complete with shell"): "prints a script; runs no shell",
 }  # fmt: skip

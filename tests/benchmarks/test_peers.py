@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks import others
+from benchmarks import available_engines
 from benchmarks.other_engines import lammps, openmm
 from benchmarks.process import ProcessError, finished
 from benchmarks.sums import arrangement, exact_forces
@@ -58,10 +58,12 @@ def test_openmm_sums_the_same(positions: np.ndarray, platform: str) -> None:
 
 
 def test_engines_that_the_wheel_leaves_out_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in others.NAMES:
-        monkeypatch.setitem(sys.modules, f"{others.FOLDER}.{name}", None)  # as if not there
-        assert others.engine(name) is None
-        assert "from the sources only" in str(others.why_not(name))
+    for name in available_engines.NAMES:
+        monkeypatch.setitem(
+            sys.modules, f"{available_engines.FOLDER}.{name}", None
+        )  # as if not there
+        assert available_engines.engine(name) is None
+        assert "from the sources only" in str(available_engines.why_not(name))
 
 
 def test_process_that_fails_is_a_typed_error() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.compression import PUBLISHED, compression
 from benchmarks.engine import PAIR_METHODS
-from benchmarks.fresh import peak_memory, starts
-from benchmarks.rest import FORCES, forces_at_rest
+from benchmarks.fresh_process import peak_memory, starts
+from benchmarks.pair_sum_errors import FORCES, forces_at_rest
 from benchmarks.steps import EFFECTS, effect_steps, method_errors, method_steps
 
 

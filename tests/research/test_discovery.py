@@ -16,12 +16,12 @@ from reduced_models import HeightMap
 from reduced_models.discovery.libraries import library_terms
 from reduced_models.discovery.terms import state_symbols
 from research.campaign import read_results
-from research.discovery import programme
+from research.discovery import runner
 from research.discovery.__main__ import CAMPAIGN
 from research.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases, measured
 from research.discovery.judging import worth
-from research.discovery.programme import discovery
 from research.discovery.results import EMPTY, Results
+from research.discovery.runner import discovery
 from research.discovery.systems import (
     INPUT,
     SYSTEMS,
@@ -111,15 +111,15 @@ def fake(stop: int | None = None) -> tuple[Callable[[Case], dict[str, Any]], lis
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cases = len(all_cases(programme._QUICK, (0.01,), 1))
+    cases = len(all_cases(runner._QUICK, (0.01,), 1))
     one, before = fake(stop=3)
-    monkeypatch.setattr(programme, "measured", one)
+    monkeypatch.setattr(runner, "measured", one)
     with pytest.raises(KeyboardInterrupt):
         discovery(tmp_path, quick=True, progress=False)
     kept = read_results(tmp_path / "results.json", Results.from_plain, EMPTY)
     assert len(kept.rows) == len(before) == 3
     one, after = fake()
-    monkeypatch.setattr(programme, "measured", one)
+    monkeypatch.setattr(runner, "measured", one)
     found = discovery(tmp_path, quick=True, progress=False)
     assert len(found.rows) == cases
     assert not set(before) & set(after)

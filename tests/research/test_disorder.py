@@ -25,13 +25,13 @@ from research.disorder.candidates import (
     measured,
     without_drive,
 )
-from research.disorder.carried import carried
-from research.disorder.collapse import collapse, rank_correlation, rising_curve, unseen_skill
-from research.disorder.crossing import seen_share
 from research.disorder.cycles import annealing_scene, cycle_scene, plastic_by_law
+from research.disorder.data_collapse import collapse, rank_correlation, rising_curve, unseen_skill
+from research.disorder.dislocation_strain import carried
+from research.disorder.force_heterogeneity import QUIET, SHELLS, ForceField, shells, shuffle
 from research.disorder.forces import interval, of_field
+from research.disorder.made_dislocations import seen_share
 from research.disorder.results import STUDIES, run_studies
-from research.disorder.uneven import QUIET, SHELLS, ForceField, shells, shuffle
 
 DRAWS = 40
 OWNERS = [one for one in GROUPS for _ in range(12)]

@@ -19,9 +19,9 @@ from research.melting.displacements import (
     plateau,
     waves,
 )
+from research.melting.layer_runs import Plan, run_plan
 from research.melting.neighbours import bond_order, correlation, nearest, neighbours
 from research.melting.results import Results, from_plain, results_of, to_plain
-from research.melting.running import Plan, run_plan
 from research.melting.scenes import layer
 from research.melting.text import text
 from research.melting.transitions import Interval, crossing, exponent, layer_order

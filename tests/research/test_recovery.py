@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular.shared.errors import InputError
-from research.recovery import peer, programme
+from research.recovery import peer, runner
 from research.recovery.__main__ import CAMPAIGN
 from research.recovery.silverbox import silverbox
 from research.recovery.systems import SEEDS, SYSTEMS, clean_motion, law_of_system, made_record
@@ -31,8 +31,8 @@ def test_thirteen_systems() -> None:
 
 
 def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
-    found = programme.recovery(tmp_path, progress=False)
+    monkeypatch.setattr(runner, "SYSTEMS", SYSTEMS[:1])
+    found = runner.recovery(tmp_path, progress=False)
     assert found["fits"] == found["reached"] == 1
     assert found["wrongly agreed"] == found["rows"][0]["SciPy starts stopped"] == 0
     assert "1 of 1 fits" in recovery_text(found)
@@ -45,11 +45,9 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
     """The same columns, and all systems of the whole run."""
     guide = (Path(__file__).parents[2] / "docs" / "results" / "real-records.md").read_text("utf-8")
     lines = guide.splitlines()
-    monkeypatch.setattr(
-        programme, "_fitted", lambda _: {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
-    )
-    monkeypatch.setattr(programme, "scipy_fit", lambda _: [peer.Attempt(1.0, 1, stopped=False)])
-    header, rule, *_ = recovery_markdown(programme.recovery(progress=False)).splitlines()
+    monkeypatch.setattr(runner, "_fitted", lambda _: {"ratio": 1.0, "agree": 1.0, "seconds": 1.0})
+    monkeypatch.setattr(runner, "scipy_fit", lambda _: [peer.Attempt(1.0, 1, stopped=False)])
+    header, rule, *_ = recovery_markdown(runner.recovery(progress=False)).splitlines()
     started = lines.index(header)
     assert lines[started + 1] == rule
     rows = lines[started + 2 : started + 2 + len(SYSTEMS)]
@@ -62,17 +60,17 @@ def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch
 
 
 def test_what_is_done_is_found_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[:1])
-    first = programme.recovery(tmp_path, progress=False)
+    monkeypatch.setattr(runner, "SYSTEMS", SYSTEMS[:1])
+    first = runner.recovery(tmp_path, progress=False)
 
     def never(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(programme, "_fitted", never)
-    monkeypatch.setattr(programme, "scipy_fit", never)
-    assert programme.recovery(tmp_path, progress=False) == first
+    monkeypatch.setattr(runner, "_fitted", never)
+    monkeypatch.setattr(runner, "scipy_fit", never)
+    assert runner.recovery(tmp_path, progress=False) == first
     with pytest.raises(AssertionError):
-        programme.recovery(progress=False)
+        runner.recovery(progress=False)
 
 
 def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,12 +84,12 @@ def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) 
     assert attempt.calls == 20 * len(record)
     assert 0.01 * record.height.std() < attempt.residual < 1e6
 
-    monkeypatch.setattr(programme, "SYSTEMS", SYSTEMS[place : place + 1])
-    monkeypatch.setattr(programme, "law_of_system", law_of_system)
-    monkeypatch.setattr(programme, "made_record", lambda *_: record)
+    monkeypatch.setattr(runner, "SYSTEMS", SYSTEMS[place : place + 1])
+    monkeypatch.setattr(runner, "law_of_system", law_of_system)
+    monkeypatch.setattr(runner, "made_record", lambda *_: record)
     fitted = {"ratio": 1.0, "agree": 1.0, "seconds": 1.0}
-    monkeypatch.setattr(programme, "_fitted", lambda _: fitted)
-    text = recovery_text(programme.recovery(progress=False))
+    monkeypatch.setattr(runner, "_fitted", lambda _: fitted)
+    text = recovery_text(runner.recovery(progress=False))
     assert "1 of 1 at 20,000 calls" in text
     assert "SciPy is stopped where" in text
 

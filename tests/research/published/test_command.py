@@ -64,7 +64,7 @@ def test_references_of_the_committed_file_are_todays() -> None:
 
 @pytest.mark.long
 def test_quick_run_reproduces_what_is_published(tmp_path: Path) -> None:
-    from research.published.programme import published
+    from research.published.runner import published
 
     found = published(tmp_path, "quick", progress=False)
     rows = {one["key"]: one for one in found["quick"]["entries"]}

@@ -37,8 +37,8 @@ from research.published.plan import (
     mixture_name,
     quick_plan,
 )
-from research.published.programme import summary
 from research.published.results import EMPTY, Results, committed, counted, read
+from research.published.runner import summary
 from research.published.velocity_variants import LATE_SEEDS
 from validation.published import published_value
 

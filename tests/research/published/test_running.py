@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from research.published import programme, reference, rerun
+from research.published import reference, rerun, runner
 from research.published.__main__ import CAMPAIGN
 from research.published.calculations import TIMED_SIZES
 from research.published.catalogue import entries
@@ -25,8 +25,8 @@ from research.published.page import page
 from research.published.plan import Group
 from research.published.protocols import QUICK
 from research.published.results import EMPTY, Results, counted, is_whole, read
-from research.published.running import forget, outcomes_of, run_groups
 from research.published.series import Series, fall, mixture, mono
+from research.published.series_runs import forget, outcomes_of, run_groups
 
 SMALL = QUICK._replace(speed=0.3, settling=0.5)
 
@@ -134,15 +134,15 @@ def test_the_full_run_goes_on_from_the_file_that_comes_with_the_package(
 
     good = groups[0].series[0]
     first = good._replace(seeds=(1,))
-    monkeypatch.setattr(programme, "run_groups", run)
-    monkeypatch.setattr(programme, "calculated", lambda *_, **__: None)
-    monkeypatch.setattr(programme, "committed", lambda: EMPTY)
+    monkeypatch.setattr(runner, "run_groups", run)
+    monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(runner, "committed", lambda: EMPTY)
     for place, series in (("one", first), ("two", good), ("three", good)):
         plan = [Group("small", [series])]
-        monkeypatch.setattr(programme, "full_plan", lambda plan=plan: plan)
-        programme.published(tmp_path / place, "full", workers=1, progress=False)
+        monkeypatch.setattr(runner, "full_plan", lambda plan=plan: plan)
+        runner.published(tmp_path / place, "full", workers=1, progress=False)
         made = read(tmp_path / place / "results.json")
-        monkeypatch.setattr(programme, "committed", lambda made=made: made)
+        monkeypatch.setattr(runner, "committed", lambda made=made: made)
     assert asked == [[(good.key, [1])], [(good.key, [2])], []]
     assert made.series[good.key]["done"] == [1, 2]
     assert made.made["sittings"] == 3
@@ -265,10 +265,10 @@ def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[lis
         here(some, directory, **settings)
 
     plan = [Group("small", [groups[0].series[0]])]
-    monkeypatch.setattr(programme, "full_plan", lambda: plan)
-    monkeypatch.setattr(programme, "run_groups", run)
-    monkeypatch.setattr(programme, "calculated", lambda *_, **__: None)
-    monkeypatch.setattr(programme, "committed", lambda: EMPTY)
+    monkeypatch.setattr(runner, "full_plan", lambda: plan)
+    monkeypatch.setattr(runner, "run_groups", run)
+    monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
+    monkeypatch.setattr(runner, "committed", lambda: EMPTY)
     return asked
 
 
@@ -287,11 +287,11 @@ def test_a_changed_law_is_run_anew_once(
 ) -> None:
     """The reference of the former code goes with its outcomes: nothing is stale for ever."""
     for _ in range(2):
-        programme.published(tmp_path, "full", workers=1, progress=False)
+        runner.published(tmp_path, "full", workers=1, progress=False)
     assert small_plan == [[1, 2], []]
     changed_law(monkeypatch)
     for _ in range(2):
-        programme.published(tmp_path, "full", workers=1, progress=False)
+        runner.published(tmp_path, "full", workers=1, progress=False)
     assert small_plan[2:] == [[1, 2], []]
     assert counted(read(tmp_path / "results.json"))["stale"] == 0
 
@@ -305,30 +305,30 @@ def test_a_mark_stays_until_the_series_is_run_anew(
     def stale() -> int:
         return counted(read(tmp_path / "results.json"))["stale"]
 
-    programme.published(tmp_path, "full", workers=1, progress=False)
+    runner.published(tmp_path, "full", workers=1, progress=False)
     package = read(tmp_path / "results.json")
-    monkeypatch.setattr(programme, "committed", lambda: package)
+    monkeypatch.setattr(runner, "committed", lambda: package)
     changed_law(monkeypatch)
     for length in ("check", None, None):
-        programme.published(tmp_path, length, progress=False)
+        runner.published(tmp_path, length, progress=False)
         assert stale() == 1
     for name in ("cases", "references", "figures"):
         shutil.rmtree(tmp_path / name)
-    programme.published(tmp_path, progress=False)
+    runner.published(tmp_path, progress=False)
     assert stale() == 1
 
     def stop(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    run = programme.run_groups
-    monkeypatch.setattr(programme, "run_groups", stop)
+    run = runner.run_groups
+    monkeypatch.setattr(runner, "run_groups", stop)
     with pytest.raises(KeyboardInterrupt):
-        programme.published(tmp_path, "full", progress=False)
-    programme.published(tmp_path, progress=False)
+        runner.published(tmp_path, "full", progress=False)
+    runner.published(tmp_path, progress=False)
     (one,) = read(tmp_path / "results.json").series.values()
     assert one["done"] == []  # what the package holds of it is the former code's
-    monkeypatch.setattr(programme, "run_groups", run)
-    programme.published(tmp_path, "full", workers=1, progress=False)
+    monkeypatch.setattr(runner, "run_groups", run)
+    runner.published(tmp_path, "full", workers=1, progress=False)
     assert small_plan == [[1, 2], [1, 2]]
     assert stale() == 0
 
@@ -339,7 +339,7 @@ SCRIPT = """
     from tests.research.published.test_running import small
     from research.published.plan import Group
     from research.published.protocols import QUICK
-    from research.published.running import run_groups
+    from research.published.series_runs import run_groups
     from research.published.series import mono
 
     if __name__ == "__main__":

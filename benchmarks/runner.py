@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS, c_kernel
-from benchmarks.others import NAMES, why_not
+from benchmarks.available_engines import NAMES, why_not
 from granular.shared.files import make_directory, write_json
 from validation.runner import Task, machine_info, run_tasks
 
@@ -54,7 +54,7 @@ def _errors(full: bool) -> _Work:
 
 
 def _rest(full: bool) -> _Work:
-    from benchmarks.rest import forces_at_rest
+    from benchmarks.pair_sum_errors import forces_at_rest
 
     for count in (736, 2208, 5888) if full else (368,):
         yield {"grains": count}, partial(forces_at_rest, count)
@@ -75,13 +75,13 @@ def _effects(full: bool) -> _Work:
 
 
 def _absent(full: bool) -> _Work:
-    from benchmarks.absent import cost_of_absence
+    from benchmarks.absent_effect_cost import cost_of_absence
 
     yield {}, partial(cost_of_absence, rounds=_rounds(full) // 2)
 
 
 def _own(full: bool) -> _Work:
-    from benchmarks.own import own_starts, own_steps
+    from benchmarks.custom_effect_cost import own_starts, own_steps
 
     for count in (92, 368):
         yield {"grains": count}, partial(own_steps, count, 4 * _rounds(full))
@@ -90,7 +90,7 @@ def _own(full: bool) -> _Work:
 
 def _memory(full: bool) -> _Work:
     from benchmarks.engine import PAIR_METHODS
-    from benchmarks.fresh import peak_memory
+    from benchmarks.fresh_process import peak_memory
 
     for method in PAIR_METHODS:
         for count in (5888, *LARGE_COUNTS) if full else (5888, 23552):
@@ -100,7 +100,7 @@ def _memory(full: bool) -> _Work:
 
 
 def _start(full: bool) -> _Work:
-    from benchmarks.fresh import starts
+    from benchmarks.fresh_process import starts
 
     yield {}, starts
 

@@ -17,7 +17,7 @@ from research.published.collecting import checked, collected, former_of, missing
 from research.published.judging import counts, judged, strength
 from research.published.plan import Group, full_plan, quick_plan
 from research.published.results import Results, committed, counted, read, sittings_of
-from research.published.running import forget, run_groups
+from research.published.series_runs import forget, run_groups
 from research.published.statements import counted_statements, statements
 
 Length = Literal["quick", "full", "check"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.engine import bed_of
-from benchmarks.hand import KERNELS, Bed
+from benchmarks.handwritten_steps import KERNELS, Bed
 from benchmarks.timing import least_seconds
 from granular.effects.flow import Flow
 from validation.effect_costs import STEP, EngineSteps

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import PARTS, programme
+from benchmarks import PARTS, runner
 from benchmarks.__main__ import parser
 from benchmarks.engine import PAIR_METHODS
 from benchmarks.page import SHEETS, benchmark_text, growth
@@ -60,16 +60,16 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return {"grains": count}, measure
 
     counts = (1000, 2000, 4000, 8000)
-    monkeypatch.setitem(programme._WORK, "sums", lambda full: map(piece, counts))
+    monkeypatch.setitem(runner._WORK, "sums", lambda full: map(piece, counts))
     return made
 
 
 def test_every_part_is_planned_and_shown() -> None:
-    assert set(PARTS) == set(programme._WORK) == set(SHEETS) == set(ROWS)
+    assert set(PARTS) == set(runner._WORK) == set(SHEETS) == set(ROWS)
 
 
 def test_results_are_written_and_found_again(measured: list[int], tmp_path: Path) -> None:
-    found = programme.benchmark(str(tmp_path), parts=["sums"], progress=False)
+    found = runner.benchmark(str(tmp_path), parts=["sums"], progress=False)
     assert found["growth"][0]["exponent"] == pytest.approx(2.0)
     assert found["growth"][0]["counts"] == 3
     kept = json.loads((tmp_path / "benchmark.json").read_text())
@@ -78,12 +78,12 @@ def test_results_are_written_and_found_again(measured: list[int], tmp_path: Path
     assert "direct sum" in html
     assert "<svg" in html
     assert "LAMMPS ended with 1: too much" in html
-    programme.benchmark(str(tmp_path), parts=["sums"], progress=False)
+    runner.benchmark(str(tmp_path), parts=["sums"], progress=False)
     assert measured == [1000, 2000, 4000, 8000]
 
 
 def test_text_shows_the_rows_and_what_failed(measured: list[int]) -> None:
-    found = programme.benchmark(None, parts=["sums"], progress=False)
+    found = runner.benchmark(None, parts=["sums"], progress=False)
     text = benchmark_text(found)
     assert "grains 8000 failed: ProcessError: LAMMPS ended with 1: too much" in text
     assert "2.000" in text
@@ -96,7 +96,7 @@ def test_every_part_has_a_table_and_a_place_on_the_page(part: str, tmp_path: Pat
     found = {"parts": results, "growth": growth(results), "missing": [], "machine": {"cores": "2"},
              "full": False}  # fmt: skip
     assert SHEETS[part].title in benchmark_text(found)
-    programme._save(found, tmp_path)
+    runner._save(found, tmp_path)
     assert SHEETS[part].title in (tmp_path / "benchmark.html").read_text()
 
 
@@ -110,14 +110,14 @@ def test_growth_needs_three_large_counts() -> None:
 
 def test_every_method_of_pairs_takes_part() -> None:
     assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
-    planned = {key["method"] for key, _ in programme._WORK["memory"](True)}
+    planned = {key["method"] for key, _ in runner._WORK["memory"](True)}
     assert planned == set(PAIR_METHODS)
 
 
 def test_directory_that_cannot_be_written(measured: list[int], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
-        programme.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
+        runner.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
     assert measured == []
 
 

@@ -1,6 +1,6 @@
 """Measurements that need a process of their own: peak memory, and starts with and without a cache.
 
-``python -m benchmarks.fresh GRAINS METHOD`` prints the peak memory of a few steps.
+``python -m benchmarks.fresh_process GRAINS METHOD`` prints the peak memory of a few steps.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ simulate(load_scene(sys.argv[1]), t_end=1e-6, progress=False)
 
 def peak_memory(count: int, method: str) -> list[dict[str, Any]]:
     """Largest memory [bytes] of a process that makes and advances a bed."""
-    command = [sys.executable, "-m", "benchmarks.fresh", str(count), method]
+    command = [sys.executable, "-m", "benchmarks.fresh_process", str(count), method]
     return [{"method": method, "grains": count, **json.loads(finished(command))}]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.absent import hand_and_engine
-from benchmarks.hand import KERNELS
+from benchmarks.absent_effect_cost import hand_and_engine
+from benchmarks.handwritten_steps import KERNELS
 from benchmarks.timing import least_seconds
 from granular.kernel_data.state import LOSSES
 
