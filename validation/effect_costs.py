@@ -45,10 +45,10 @@ class EngineSteps:
     def make(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
-        pace = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
+        schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
         advance_ticks(
-            Window(0.0, 0.0, math.inf, 0, 1), pace, run.plan, run.state, run.constants,
+            Window(0.0, 0.0, math.inf, 0, 1), schedule, run.plan, run.state, run.constants,
             run.motion, run.measurement, self.watch, self.rows,
         )  # fmt: skip
 

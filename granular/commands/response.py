@@ -110,10 +110,10 @@ def _measure_frequency_response(options: Any) -> None:
     if options.sweep is not None:
         from granular.response.transients import sweep_rate_at_peak
 
-        figures["pace"] = sweep_rate_at_peak(result)
-        if figures["pace"] is not None:
+        figures["sweep_rate"] = sweep_rate_at_peak(result)
+        if figures["sweep_rate"] is not None:
             lines.append(
-                f"pace of the sweep at the peak: {figures['pace']:.2g} of what the machine with "
+                f"sweep rate at the peak: {figures['sweep_rate']:.2g} of what the machine with "
                 "its damper can follow; far below 1 is slow enough"
             )
     if options.out is not None:

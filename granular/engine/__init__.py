@@ -28,7 +28,7 @@ tick
 record, frame
     Every so many ticks the row is kept as a record, and, less often, positions, velocities and
     forces of all grains as a frame.
-pace
+schedule
     How a stage is cut: the length of a tick and of a step, ticks from record to record and from
     frame to frame. The automatic step resolves the stiffest mode that the bed can meet; when a
     look finds one that is twice as stiff, the ticks that follow have more steps (`step_size`,

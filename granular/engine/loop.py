@@ -178,7 +178,7 @@ def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
 
 @compiled
 def _advance_one_tick(
-    fraction: float | None, every: int | None, tick: int, window: Window, pace: StepSchedule,
+    fraction: float | None, every: int | None, tick: int, window: Window, schedule: StepSchedule,
     plan: Plan, bed: Bed, motion: Motion, measurement: Measurement,
 ) -> int:  # fmt: skip
     """Make the steps of a tick; not zero where a grain is where it cannot be.
@@ -189,10 +189,10 @@ def _advance_one_tick(
     """
     state = bed.state
     begin, end = (
-        window.origin + tick_start_time(pace, tick),
-        window.origin + tick_start_time(pace, tick + 1),
+        window.origin + tick_start_time(schedule, tick),
+        window.origin + tick_start_time(schedule, tick + 1),
     )
-    steps, step, time, h, last = steps_in_tick(pace, tick), 0, begin, pace.h, False
+    steps, step, time, h, last = steps_in_tick(schedule, tick), 0, begin, schedule.h, False
     duration, durations, span_end, outside = 0, 1, 0, 0
     if every is not None:
         durations = (steps + every - 1) // every
@@ -240,7 +240,7 @@ def _advance_one_tick(
 @entry
 def advance_ticks(
     window: Window,
-    pace: StepSchedule,
+    schedule: StepSchedule,
     plan: Plan,
     state: State,
     constants: Constants,
@@ -262,7 +262,7 @@ def advance_ticks(
         Status; ticks made; records written.
     """
     return _advance_window(
-        by_reference(window), by_reference(pace), by_reference(plan),
+        by_reference(window), by_reference(schedule), by_reference(plan),
         by_reference(Bed(state, constants)), by_reference(motion), by_reference(measurement),
         by_reference(watch), rows,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def _check_and_record(
 
 @compiled
 def _advance_window(
-    window: Window, pace: StepSchedule, plan: Plan, bed: Bed, motion: Motion,
+    window: Window, schedule: StepSchedule, plan: Plan, bed: Bed, motion: Motion,
     measurement: Measurement, watch: StopCriteria, rows: Array,
 ) -> tuple[int, int, int]:  # fmt: skip
     state, constants = bed.state, bed.constants
@@ -294,7 +294,7 @@ def _advance_window(
             plan.far_every,
             tick,
             window,
-            pace,
+            schedule,
             plan,
             bed,
             motion,
@@ -311,7 +311,7 @@ def _advance_window(
         watch.seen[TURNED] = max(watch.seen[TURNED], turned)
         row[columns.TURNED] = watch.seen[TURNED]
         resting = watch.rest >= 0.0 and _has_come_to_rest(watch, done, row)
-        if done % pace.every == 0:
+        if done % schedule.every == 0:
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
@@ -319,7 +319,7 @@ def _advance_window(
             return REACHED, done - window.first, saved
         if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved
-        if row[columns.STIFFEST] * pace.h > watch.stiff:
+        if row[columns.STIFFEST] * schedule.h > watch.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved
 

@@ -97,7 +97,7 @@ class Step:
         """Automatic steps of a tick of that length [tau], for a highest frequency [1/tau]."""
         return max(1, math.ceil(length * frequency / self.fraction - 1e-9))
 
-    def pace(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
+    def schedule(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
         """Divide a stage into ticks and steps, for these intervals of records and frames [tau].
 
         A given step stays as it is, and the distances are rounded to whole steps and records; an
@@ -154,36 +154,36 @@ class StepSchedule(NamedTuple):
 
 
 @compiled
-def tick_start_time(pace: StepSchedule, tick: int) -> float:
+def tick_start_time(schedule: StepSchedule, tick: int) -> float:
     """Time from the stage's start to a tick's start [tau]."""
-    if pace.given > 0:
-        return steps_before_tick(pace, tick) * pace.h
-    return tick * pace.length
+    if schedule.given > 0:
+        return steps_before_tick(schedule, tick) * schedule.h
+    return tick * schedule.length
 
 
 @compiled
-def steps_before_tick(pace: StepSchedule, tick: int) -> int:
+def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
     """Given steps from the stage's start to a tick's start.
 
     That is tick * given // every, whose product may pass 64 bits.
     """
-    total, part = tick // pace.every, tick % pace.every
-    return total * pace.given + part * pace.given // pace.every
+    total, part = tick // schedule.every, tick % schedule.every
+    return total * schedule.given + part * schedule.given // schedule.every
 
 
 @compiled
-def steps_in_tick(pace: StepSchedule, tick: int) -> int:
+def steps_in_tick(schedule: StepSchedule, tick: int) -> int:
     """Return the steps of a tick."""
-    if pace.given > 0:
-        return steps_before_tick(pace, tick + 1) - steps_before_tick(pace, tick)
-    return pace.steps
+    if schedule.given > 0:
+        return steps_before_tick(schedule, tick + 1) - steps_before_tick(schedule, tick)
+    return schedule.steps
 
 
-def completed_ticks(pace: StepSchedule, time: float) -> float:
+def completed_ticks(schedule: StepSchedule, time: float) -> float:
     """Ticks that end by a time in the stage [tau]."""
     if math.isinf(time):
         return math.inf
-    if pace.given > 0:
-        steps = math.floor(time / pace.h + 1e-6)
-        return ((steps + 1) * pace.every - 1) // pace.given
-    return math.floor(time / pace.length + 1e-6)
+    if schedule.given > 0:
+        steps = math.floor(time / schedule.h + 1e-6)
+        return ((steps + 1) * schedule.every - 1) // schedule.given
+    return math.floor(time / schedule.length + 1e-6)

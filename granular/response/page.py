@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 UNSTEADY = 0.05
 """Change of the amplitude, while it is taken, from which on a note says so."""
-PACE = 0.3
+MAX_SWEEP_RATE = 0.3
 """Of a sweep (`sweep_rate_at_peak`), from which on a note says so."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
@@ -176,11 +176,11 @@ def _add_peaks(page: Page, response: Response) -> None:
 def add_steadiness(page: Page, response: Response) -> None:
     """Add notes on swings that are not steady, and on a sweep that was too fast."""
     data = response.dataset
-    pace = sweep_rate_at_peak(response)
-    if pace is not None and pace > PACE:
-        wanted = response.settings["duration"] * pace / (0.5 * PACE)
+    rate = sweep_rate_at_peak(response)
+    if rate is not None and rate > MAX_SWEEP_RATE:
+        wanted = response.settings["duration"] * rate / (0.5 * MAX_SWEEP_RATE)
         page.note(
-            f"The sweep was too fast for the peak: its frequency changes {pace:.2g} times as fast "
+            f"The sweep was too fast for the peak: its frequency changes {rate:.2g} times as fast "
             f"as the machine with its damper can follow. Give a sweep of {wanted:.0f} s or more, "
             "or steady sines."
         )
@@ -202,9 +202,9 @@ def _add_settings(page: Page, response: Response) -> None:
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
         rows.append(("one sweep", f"{sweep[0]:g} to {sweep[1]:g} Hz in {lasts:g} s"))
-        pace = sweep_rate_at_peak(response)
+        rate = sweep_rate_at_peak(response)
         rows.append(
-            ("its pace at the peak", "not known" if pace is None else format_number(pace, 2))
+            ("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2))
         )
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))

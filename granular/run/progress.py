@@ -164,7 +164,7 @@ def remaining_steps(run: Run) -> float:
     end = min(progress.start + run.total + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # such a stage is lengthened up to it
-    return max(0.0, end - run.time) / run.pace.h
+    return max(0.0, end - run.time) / run.schedule.h
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:

@@ -63,10 +63,10 @@ class Run(RunState):
         return figures
 
     def begin_stage(self) -> None:
-        """Set up the present stage: its motion, its pace, and its first record."""
+        """Set up the present stage: its motion, its step schedule, and its first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
         progress.ticks = 0
-        progress.pace = None
+        progress.schedule = None
         self.state.clock[TIME] = 0.0
         self._open_ledger()
         by = stage.jump(float(self.state.piston[HEIGHT]) * scales.length)
@@ -132,16 +132,16 @@ class Run(RunState):
         else:
             left = self.rest_of_stage()
             self._advance_rest_of_stage(left)
-            between = progress.ticks % self.pace.frames_every != 0
+            between = progress.ticks % self.schedule.frames_every != 0
             self._end_stage("duration", new_frame=between or left > 0.0)
 
     def _run(
-        self, window: Window, pace: StepSchedule, watch: StopCriteria
+        self, window: Window, schedule: StepSchedule, watch: StopCriteria
     ) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
-        rows = np.empty((window.ticks // pace.every + 2, self._columns))
+        rows = np.empty((window.ticks // schedule.every + 2, self._columns))
         status, done, saved = advance_ticks(
-            window, pace, self.plan, self.state, self.constants, self.motion,
+            window, schedule, self.plan, self.state, self.constants, self.motion,
             self.measurement, watch, rows,
         )  # fmt: skip
         self.progress.ticks += done
@@ -151,25 +151,25 @@ class Run(RunState):
         return status, done, rows[: saved + 1]
 
     def _call_loop(self, ticks: int) -> None:
-        progress, pace = self.progress, self.pace
+        progress, schedule = self.progress, self.schedule
         window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
         started = time.perf_counter()
-        status, done, rows = self._run(window, pace, self.stop_criteria())
+        status, done, rows = self._run(window, schedule, self.stop_criteria())
         seconds = time.perf_counter() - started
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
-            self.threads.record_step_time(done * pace.steps, seconds)
-        on_record = progress.ticks % pace.every == 0
+            self.threads.record_step_time(done * schedule.steps, seconds)
+        on_record = progress.ticks % schedule.every == 0
         last = rows[-2] if on_record else rows[-1]
-        progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * pace.h)
+        progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * schedule.h)
         self._keep(rows[:-1])
-        if progress.ticks % pace.frames_every == 0:
+        if progress.ticks % schedule.frames_every == 0:
             self._frame()
         if status in (RESTING, REACHED):
             if not on_record:
                 self._keep(last[None])
             reason = "rest" if status == RESTING else "force"
-            self._end_stage(reason, new_frame=progress.ticks % pace.frames_every != 0)
+            self._end_stage(reason, new_frame=progress.ticks % schedule.frames_every != 0)
         elif status == REMOVED:
             self._remove_departed_grains()
         elif status == STIFF:
@@ -194,11 +194,11 @@ class Run(RunState):
     def _advance_rest_of_stage(self, left: float) -> None:
         """Rest of a stage that is no whole tick, in steps that are a little shorter."""
         if not left > 0.0:  # the end falls on a tick, which may lie between two records
-            if self.progress.ticks % self.pace.every:
+            if self.progress.ticks % self.schedule.every:
                 self._keep(self.look(self.shorter_step_remedy)[None])
             return
-        pace, reached = self.pace, float(self.state.clock[TIME])
-        steps = max(1, math.ceil(left / pace.h - 1e-6))
+        schedule, reached = self.schedule, float(self.state.clock[TIME])
+        steps = max(1, math.ceil(left / schedule.h - 1e-6))
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
@@ -209,10 +209,10 @@ class Run(RunState):
             rows = rows[:1]
         else:
             limit, first = reached + left, self.progress.ticks
-            ticks = max(1, math.ceil(limit / pace.length - 1e-9) - first)
+            ticks = max(1, math.ceil(limit / schedule.length - 1e-9) - first)
             window = Window(self.progress.start, 0.0, limit, first, ticks)
-            _, made, rows = self._run(window, pace, watch)
-            rows = rows[:-1] if self.progress.ticks % pace.every == 0 else rows
+            _, made, rows = self._run(window, schedule, watch)
+            rows = rows[:-1] if self.progress.ticks % schedule.every == 0 else rows
         self.progress.ticks -= made
         self._keep(rows)
 
@@ -229,7 +229,7 @@ class Run(RunState):
             self._frame(self.t_end)
             return self.t_end
         self._advance_rest_of_stage(0.0)
-        if self.progress.ticks % self.pace.frames_every:
+        if self.progress.ticks % self.schedule.frames_every:
             self._frame()
         return self.time
 
@@ -258,7 +258,7 @@ class Run(RunState):
         progress.stage += 1
         progress.started = False
         progress.ticks = 0
-        progress.pace = None
+        progress.schedule = None
         self.state.clock[TIME] = 0.0
 
     def _result(self, reason: str, end: float, height: float, spread: float) -> dict[str, Any]:

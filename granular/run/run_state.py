@@ -75,7 +75,7 @@ class Progress:
         Start of the stage, and time of the last record [tau].
     height : float
         Piston height at the stage's start [m].
-    pace : list or None
+    schedule : list or None
         Fields of its `StepSchedule`.
     stiffest : float
         Greatest product of step and highest angular frequency so far.
@@ -91,7 +91,7 @@ class Progress:
     start: float = 0.0
     last: float = 0.0
     height: float = 0.0
-    pace: list[Any] | None = None
+    schedule: list[Any] | None = None
     stiffest: float = 0.0
     closest: float = math.inf
     results: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -157,9 +157,9 @@ class RunState:
         return self.progress.stage == len(self.scene.protocol)
 
     @property
-    def pace(self) -> StepSchedule:
-        assert self.progress.pace is not None
-        return StepSchedule(*self.progress.pace)
+    def schedule(self) -> StepSchedule:
+        assert self.progress.schedule is not None
+        return StepSchedule(*self.progress.schedule)
 
     @property
     def at_end(self) -> bool:
@@ -174,7 +174,7 @@ class RunState:
 
     def ticks_to(self, time: float) -> float:
         """Whole ticks that are left to a time in the stage."""
-        return completed_ticks(self.pace, time) - self.progress.ticks
+        return completed_ticks(self.schedule, time) - self.progress.ticks
 
     def ticks_to_end(self) -> float:
         """Whole ticks that are left to ``t_end``.
@@ -191,17 +191,17 @@ class RunState:
         if math.isinf(total):
             return 0.0
         left = total - float(self.state.clock[TIME])
-        if left > self.least_time(least) or left < -1e-6 * self.pace.length:
+        if left > self.least_time(least) or left < -1e-6 * self.schedule.length:
             return left
         return 0.0
 
     def least_time(self, fraction: float = 1e-6) -> float:
         """Time [tau] below which rounding leaves something to an end that was reached."""
-        return fraction * self.pace.h if self.progress.ticks else 0.0
+        return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def ticks_ahead(self) -> int:
-        ticks, pace = self.progress.ticks, self.pace
-        to_frame = pace.frames_every - ticks % pace.frames_every
+        ticks, schedule = self.progress.ticks, self.schedule
+        to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
         left = min(
             self.ticks_to(self.total),
@@ -227,10 +227,10 @@ class RunState:
         """
         acting = self.scene.effects.all
         own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
-        if not own or self.progress.pace is None:
+        if not own or self.progress.schedule is None:
             return self.shorter_step_remedy
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
-        resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.pace.h < _RESOLVED
+        resolved = np.max(seen, where=np.isfinite(seen), initial=0.0) * self.schedule.h < _RESOLVED
         if not resolved:
             return self.shorter_step_remedy
         return f"correct what you wrote for {' and '.join(map(repr, own))}: it is no number there"
@@ -238,9 +238,9 @@ class RunState:
     @property
     def too_long_step_text(self) -> str:
         """Words for a step in seconds that is too long for the stiffest mode, else none."""
-        if self.step.seconds is None or self.progress.pace is None:  # no step was made yet
+        if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
-        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.pace.h / math.tau
+        swings = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
         if not swings * math.tau > 1.0:
             return ""
         return f"dt = {self.step.seconds:g} s is {swings:.2g} periods of the stiffest swing: "
@@ -286,18 +286,18 @@ class RunState:
             if isinstance(effect, Frame)
         )
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
-        pace = self.step.pace(
+        schedule = self.step.schedule(
             output.scalars / scales.time,
             output.frames / scales.time,
             self._resolved_frequency(frequency),
             scales.time,
         )
-        self._apply_schedule(pace)
+        self._apply_schedule(schedule)
         end = min(self.total, self.t_end - self.progress.start)
-        steps = end / pace.h if end < math.inf else 0.0
+        steps = end / schedule.h if end < math.inf else 0.0
         self._check_count("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
-            half_tick = 0.5 * pace.length
+            half_tick = 0.5 * schedule.length
             initialise_step_density(
                 speed, half_tick, self.plan.fraction, self.state, self.constants
             )
@@ -305,8 +305,8 @@ class RunState:
     def set_steps(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""
         if self.plan.fraction is None:
-            steps = self.step.steps_of(self.pace.length, self._resolved_frequency(frequency))
-            self._apply_schedule(self.pace.with_steps(steps))
+            steps = self.step.steps_of(self.schedule.length, self._resolved_frequency(frequency))
+            self._apply_schedule(self.schedule.with_steps(steps))
 
     def _resolved_frequency(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
@@ -332,12 +332,12 @@ class RunState:
             seconds = self.time * self.system.scales.time
             raise too_many_steps_error(what, steps, limit, self.steps, seconds)
 
-    def _apply_schedule(self, pace: StepSchedule) -> None:
-        self.progress.pace = list(pace)
+    def _apply_schedule(self, schedule: StepSchedule) -> None:
+        self.progress.schedule = list(schedule)
         if self.plan.fraction is None:
             clock = self.state.clock
-            clock[SHORTEST] = min(clock[SHORTEST], pace.h)
-            clock[LONGEST] = max(clock[LONGEST], pace.h)
+            clock[SHORTEST] = min(clock[SHORTEST], schedule.h)
+            clock[LONGEST] = max(clock[LONGEST], schedule.h)
 
     # The end of a stage --------------------------------------------------------------------------
 
@@ -355,7 +355,7 @@ class RunState:
         """Stop criteria of the present stage, for the compiled loop."""
         stage, rest, window = self.stage, self.rest_limit, 0
         if isinstance(stage, Timed) and rest >= 0.0:
-            ticks = stage.window / self.system.scales.time / self.pace.length
+            ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))
         stiff = self.step.stiff if self.plan.fraction is None else math.inf
         assert self.ledger is not None

@@ -135,8 +135,8 @@ def test_ticks_of_many_steps_stay_exact() -> None:
     from granular.engine.step_size import Step, steps_in_tick, tick_start_time
 
     start, steps = entry(tick_start_time), entry(steps_in_tick)
-    pace = Step(seconds=1.0).pace(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
+    schedule = Step(seconds=1.0).schedule(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
-        exact = tick * pace.given // pace.every
-        assert start(pace, tick) == exact * pace.h
-        assert steps(pace, tick) == (tick + 1) * pace.given // pace.every - exact
+        exact = tick * schedule.given // schedule.every
+        assert start(schedule, tick) == exact * schedule.h
+        assert steps(schedule, tick) == (tick + 1) * schedule.given // schedule.every - exact
