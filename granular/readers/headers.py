@@ -105,8 +105,8 @@ KNOWN = {
 _LONGEST = 100
 """Characters of a header that may be a synonym and a unit without brackets."""
 _TIMES = ("s", "ms", "us")
-_BRACKETS = re.compile(r"([^\[\]\(\)\{\}]*)[\[\(\{]([^\[\]\(\)\{\}]*)[\]\)\}]")
-_WITHIN = re.compile(r"([^\[\]\(\)]+)[\[\(]([^\[\]\(\)]+)[\]\)]([^\[\]\(\)]+)")
+_GROUP = re.compile(r"[\[\({]([^\[\](){}]*)[\]\)}]")
+"""A unit, or a remark, in brackets."""
 _RUN = re.compile(
     r"^(latest|run \d+|letzter durchgang|última) | (run|durchgang|essai|ensayo|serie)( nr)? \d+$"
 )
@@ -117,6 +117,8 @@ _IN = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
 _OVER = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
 """A quantity over its unit, with spaces about the stroke."""
 _TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
+_ENDING = re.compile(r"(.*\w)_(mm|cm|um|nm|ms|us|deg|m?rad|m[VA]|px|counts|k?Pa|kN|Hz|psi)")
+"""Endings that are a unit behind any name, which ``_in``, ``_min`` and single letters are not."""
 _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 
 
@@ -142,12 +144,16 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     cell = cell.strip()
     if "$" in cell and len(cell) <= _LONGEST:
         cell = _TEX.sub("", cell).strip()
-    match = _BRACKETS.fullmatch(cell)
-    if match is not None:
-        return match[1].strip(), match[2].strip() or None
-    match = _WITHIN.fullmatch(cell)
-    if match is not None and is_unit(match[2]):
-        return f"{match[1].strip()} {match[3].strip()}", match[2].strip()
+    group = _unit_group(cell)
+    if group is not None:
+        rest = f"{cell[: group.start()].strip()} {cell[group.end() :].strip()}".strip()
+        unit = group[1].strip() or None
+        if unit is None or is_unit(unit) or group[0][0] == "[" or len(cell) > _LONGEST:
+            return rest, unit
+        name, before = parse_header(rest)  # a remark behind a unit without brackets, or alone
+        if before is not None:
+            return f"{name} {group[0]}", before
+        return (cell, None) if " " in unit else (rest, unit)
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         name = match[1].strip()
@@ -158,16 +164,29 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None and is_unit(match[2]) and guess_role(match[1]) is not None:
         return match[1], match[2]
+    match = _ENDING.fullmatch(cell) if len(cell) <= _LONGEST else None
+    if match is not None:
+        return match[1], match[2]
     if normalize_unit(cell) in _TIMES and len(cell) > 1:
         return TIME, cell
     return cell, None
 
 
+def _unit_group(cell: str) -> re.Match[str] | None:
+    """Brackets of a header that hold its unit, by what stands in them or else by their kind."""
+    groups = list(_GROUP.finditer(cell))
+    units = [group for group in groups if is_unit(group[1])]
+    named = [group for group in units if group[1].strip() != "1"]
+    square = [group for group in groups if group[0].startswith("[")]
+    return [None, *groups[:1], *square, *units, *named][-1]
+
+
 def normalize_name(name: str) -> str:
-    """Name in lower case, without a run's number; one space for characters that are no letters."""
-    words = _RUN.sub("", " ".join(re.sub(r"[\W_]+", " ", name.lower()).split()))
-    match = _INPUT.fullmatch(words)
-    return match[1] if match else words
+    """Name in lower case, without remarks in brackets and a run's number, and its words alone."""
+    words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
+    phrase = _RUN.sub("", " ".join(words))
+    match = _INPUT.fullmatch(phrase)
+    return match[1] if match else phrase
 
 
 def guess_role(name: str) -> str | None:

@@ -41,6 +41,12 @@ HEADS = {
     "DIN 461 in ms": Head("t / ms;s / mm", (1e3 * TIME, MM)),
     "ISO 80000 without spaces": Head("t/s;x/mm", (TIME, MM), comma=True),
     "braces": Head("t {s},y {mm}", (TIME, MM)),
+    "a remark behind the unit": Head("time [s],height [mm] (as wired)", (TIME, MM)),
+    "a remark before the unit": Head("time (s),position (top) (mm)", (TIME, MM)),
+    "a remark behind a quotient": Head("t/s;Weg/mm (roh)", (TIME, MM), comma=True),
+    "a function of time": Head("t [s],x(t) [mm]", (TIME, MM)),
+    "an angle as a function of time": Head("t [s],θ(t) [deg]", (TIME, DEG), angle=True),
+    "a unit behind an unknown name": Head("time_ms,position_x_mm", (1e3 * TIME, MM)),
     "TeX names": Head("$t_{1}$,$z_{1}$ [mm]", (TIME, MM)),
     "TeX upright units": Head(r"$t$ [$\mathrm{s}$];$x_1$ [$\mathrm{mm}$]", (TIME, MM)),
     "TeX quotients": Head(r"$t$ / s;$x_1$ / mm", (TIME, MM)),
@@ -110,6 +116,10 @@ HEADS = {
     ),
     "x over x": Head("x,y", (TIME, HEIGHT), r"'x' rises in even steps.*columns: time=x"),
     "frames of a camera": Head("frame,x [px]", (np.arange(400.0), MM), "rate: '100 Hz'"),
+    "an unknown unit before a remark": Head(
+        "time [s],height [furlong] (raw)", (TIME, MM), "units: height="
+    ),
+    "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "units: height="),
     "pixels": Head("time [s],x [px]", (TIME, MM), r"scale: '2.5 mm?/px'"),
     "counts": Head("time [s],encoder [counts]", (TIME, MM), r"scale: '2.5 mm?/counts'"),
     "volts": Head("Time (s)\tPosition (V)", (TIME, HEIGHT), "scale: '2.5 mm/V'"),
