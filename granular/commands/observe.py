@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import command, option, print_result
 from granular.commands.options import IMPORT, OUTPUT, RUN, quantity_reader
-from granular.shared.files import make_directory, write_text
+from granular.shared.files import check_output_file, make_directory, write_text
 
 if TYPE_CHECKING:
     import pandas
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     option("names", metavar="NAME", nargs="+", help="of an observable; see below, or your own"),
     IMPORT,
     option("-o", "--out", metavar="FILE", help="write the table to this CSV file"),
+    option("--force", action="store_true", help="replace the file if it is there"),
     OUTPUT,
     examples="""\
 examples:
@@ -52,6 +53,8 @@ def observe(options: Any) -> None:
     from granular.run.trajectory import load_trajectory
     from granular.user_code import import_user_code
 
+    if options.out is not None:
+        check_output_file(Path(options.out), options.force)  # before anything is computed
     own = import_user_code(options.user_files).observables
     run = load_trajectory(options.run)
     table = frame_table(run, [find_observable(name, own) for name in options.names])

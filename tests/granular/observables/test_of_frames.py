@@ -118,6 +118,9 @@ def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
     with table.open(newline="") as file:
         rows = list(csv.reader(file))
     assert rows[0] == ["time [s]", "mean_distance [m]", "greatest_force [N]"]
+    again = [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]
+    assert launch(main, again) == 2  # nothing is replaced unasked
+    assert launch(main, [*again, "--force"]) == 0
     assert [float(row[2]) for row in rows[1:]] == per_frame(run, greatest_force).values.tolist()
 
 
