@@ -23,7 +23,7 @@ from .models.roll_out import roll_out
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
 from .records.release import cut_at_release
-from .records.sources import read_record
+from .records.sources import read_record, read_releases
 
 __all__ = [
     "Candidate",
@@ -51,6 +51,7 @@ __all__ = [
     "predict",
     "propose_design",
     "read_record",
+    "read_releases",
     "roll_out",
     "run_study",
     "score_drops",

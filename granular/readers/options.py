@@ -29,6 +29,8 @@ _CALIBRATION = ("scale", "zero", "coefficients", "points", "degree")
 """Keys of the calibration of one column."""
 _MAX_BYTES = 2**20
 """Of a description; a scene, which may be longer, is not read to see that it is none."""
+ALL = "all"
+"""All releases of a record."""
 ANGLE = "angle"
 """What ``columns`` and ``units`` may call the height's column where it is an angle."""
 ROLES = (
@@ -65,6 +67,9 @@ class ReadOptions:
     calibration : mapping of str to any
         The same with its other forms, ``coefficients`` or ``points``, of the height or by columns;
         as in a description, where ``points`` names a file.
+    release : int, str or None
+        Which of several releases is the record, from 1, or ``"all"`` for all of them; heeded where
+        the motion in a record is looked for (`reduced_models.records.motion`).
     rate : str, float or None
         Samples a second [Hz] of a file without times.
     sort : bool
@@ -86,6 +91,7 @@ class ReadOptions:
     scale: str | Mapping[str, str] | None = None
     zero: str | Mapping[str, str] | None = None
     calibration: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    release: int | str | None = None
     rate: str | float | None = None
     sort: bool = False
 
@@ -107,6 +113,14 @@ class ReadOptions:
         for name in ("flip", "sort"):
             if not isinstance(getattr(self, name), bool):
                 raise RecordError(f"{name} = {quote(getattr(self, name))}; give true or false")
+        if self.release not in (None, ALL):
+            number = str(self.release)
+            if not number.isdigit() or int(number) < 1 or self.between is not None:
+                raise RecordError(
+                    f"release = {quote(self.release)}; give a number from 1, or 'all', and no "
+                    "times (between) with it"
+                )
+            object.__setattr__(self, "release", int(number))
         self.calibrations()
         if self.rate is not None:
             object.__setattr__(self, "rate", _sampling_rate(self.rate))
@@ -187,7 +201,8 @@ class ReadOptions:
             "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
             "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
             "between": None if self.between is None else list(self.between),
-            "rate": self.rate, "sort": self.sort, **of_height, "calibration": calibrations,
+            "release": self.release, "rate": self.rate, "sort": self.sort,
+            **of_height, "calibration": calibrations,
         }  # fmt: skip
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 

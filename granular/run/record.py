@@ -193,7 +193,7 @@ class PistonRecord:
         **said
             The fields of `granular.readers.options.ReadOptions`: ``columns``, ``decimal``,
             ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
-            ``rate``, ``sort``.
+            ``rate``, ``sort``, but for ``release``, which `reduced_models.read_record` heeds.
 
         Raises
         ------
@@ -433,12 +433,12 @@ class PistonRecord:
         """
         return self._selected_columns((self.time >= start) & (self.time <= stop))
 
-    def select(self, samples: np.ndarray) -> PistonRecord:
+    def select(self, samples: np.ndarray | slice) -> PistonRecord:
         """Return some of the samples.
 
         Parameters
         ----------
-        samples : bool (n,)
+        samples : bool (n,) or slice
             True for the samples that are kept.
 
         Returns

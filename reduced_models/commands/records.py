@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import command, option, option_group, print_result
 from granular.commands.options import OUTPUT
+from granular.readers.options import ALL
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
 
@@ -49,6 +50,11 @@ READING = option_group(
         help="instead of a scale, a file of points with the columns raw, value and uncertainty, "
         "through which a straight line is laid (repeatable)",
     ),
+    option(
+        "--release", metavar="N",
+        help="which of several releases in a file: its number, or 'all' of them together (for fit, "
+        "compare and discover); the first if not given",
+    ),
     option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
     option("--sort", action="store_true", help="put the rows in the order of their times"),
     title="how a record's file is read, where it is not to be guessed",
@@ -85,7 +91,7 @@ def read_options_from_line(options: Any) -> ReadOptions:
             column: {"points": file}
             for column, file in (_by_column("--calibration", options.calibration) or {}).items()
         },
-        rate=options.rate, sort=options.sort,
+        release=options.release, rate=options.rate, sort=options.sort,
     )  # fmt: skip
 
 
@@ -122,12 +128,27 @@ def _parse_pairs(option: str, items: Sequence[str]) -> dict[str, str]:
 
 
 def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
-    """Return the records of sources, of which scenes are run."""
-    from reduced_models.records.sources import METHOD, RunOptions, load_record, open_source
+    """Return the records of sources, of which scenes are run; all releases of each if asked."""
+    from reduced_models.records.sources import (
+        METHOD,
+        RunOptions,
+        is_record_file,
+        load_record,
+        open_source,
+        read_releases,
+        stated_release,
+    )
 
     run = RunOptions({}, "auto", METHOD, None, not options.quiet)
     said = read_options_from_line(options)
-    return [load_record(open_source(source, said), None, run)[0] for source in sources]
+    records: list[PistonRecord] = []
+    for source in sources:
+        path = Path(source)
+        if is_record_file(path) and stated_release(path, said) == ALL:
+            records += read_releases(path, **said.to_plain())
+        else:
+            records.append(load_record(open_source(source, said), None, run)[0])
+    return records
 
 
 def show_result(result: Any, options: Any) -> None:

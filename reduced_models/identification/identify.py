@@ -289,7 +289,7 @@ def suggest_next_steps(
             words.append(f"record longer: {turns:.2g} periods say little of a law")
     words.append(
         "look at the record (granular-damper look FILE) and leave out its first moments, "
-        "or what lies in the noise: --between in a record.toml"
+        "or what lies in the noise: --between T:T"
     )
     if discovery is None:
         words.append("let a law be discovered: --discover sindy")

@@ -17,7 +17,8 @@ from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.messages import sanitize
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.motion import find_motion
-from reduced_models.records.sources import states_interval
+from reduced_models.records.sensor_limits import end_of_motion
+from reduced_models.records.sources import stated_release, states_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,8 +27,6 @@ GAP = 2.5
 """Times the usual step from which on a step is a gap."""
 QUANTISED = 0.5
 """Fraction of steps of the coordinate that are 0, or just one level, of a sensor that rounds."""
-_DEAD = 3.0
-"""Noise levels below which a swing counts no more."""
 _WIDTH, _ROWS = 68, 12
 
 
@@ -49,7 +48,7 @@ class Look:
     level : float or None
         The least step of a sensor that rounds, in the coordinate's unit.
     useful : float
-        Time after which the motion is within three noise levels of its rest [s].
+        Time after which the motion is hardly more than noise about its rest [s].
     """
 
     record: PistonRecord
@@ -131,7 +130,7 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     if not states_interval(path, options):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RecordWarning)
-            record = find_motion(record)
+            record = find_motion(record, stated_release(path, options))
         notes = (*meaning.notes, *(str(warning.message) for warning in caught))
         meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
@@ -139,7 +138,7 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
     return Look(
         record, meaning, 1.0 / usual, int((steps > GAP * usual).sum()), float(noise),
-        _quantization_step(record.height), _end_of_motion(record, float(noise)),
+        _quantization_step(record.height), end_of_motion(record),
     )  # fmt: skip
 
 
@@ -154,13 +153,6 @@ def _quantization_step(height: np.ndarray) -> float | None:
     few = (steps < 1.5 * least).mean() > QUANTISED
     total = np.abs(moved / least - np.round(moved / least)).max() < 0.1
     return least if few and total else None
-
-
-def _end_of_motion(record: PistonRecord, noise: float) -> float:
-    """Time after which the motion is within some noise levels of where it ends."""
-    rest = float(np.median(record.height[-max(3, len(record) // 20) :]))
-    away = np.flatnonzero(np.abs(record.height - rest) > _DEAD * noise)
-    return float(record.time[away[-1]]) if len(away) else float(record.time[0])
 
 
 def _draw_motion(record: PistonRecord) -> list[str]:

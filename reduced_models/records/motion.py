@@ -1,33 +1,73 @@
-"""The motion in a record: what a sensor cut off, and further releases, are no part of it."""
+"""The motion in a record: what the sensor lost, and what was done before and after, is no part."""
 
 from __future__ import annotations
 
 import warnings
 
-import numpy as np
-
+from granular.readers.options import ALL
 from granular.run.record import PistonRecord
-from granular.shared.errors import RecordWarning
-from reduced_models.records.first_guesses import LEAST_SAMPLES
-from reduced_models.records.release import cut_at_release
-
-_LEAST_CLIPPED = 6
-"""Samples at a sensor's limit from which on a record is clipped."""
-_RUN = 3
-"""Of these in a row: two may be the same by chance of rounding."""
-_END = 5
-"""Part of a record, at its end, whose middle is the level of rest: a fifth."""
-_LARGE, _SMALL = 0.4, 0.16
-"""Displacements over the largest one that count as large and as small."""
-_BEFORE = (2.5, 0.6)
-"""Start and end, in half periods before a release, of the time in which nothing moves much."""
-_PAUSE, _CALM, _LEAST_GAPS = 6.0, 0.4, 3
-"""Time without a large displacement before another release, in those between two peaks; fraction of
-it with small ones; and number of such times from which on they can be told apart."""
+from granular.shared.errors import RecordError, RecordWarning
+from reduced_models.records.release import cut_at_release, is_driven
+from reduced_models.records.sections import free_motions, knock
+from reduced_models.records.sensor_limits import (
+    without_clipped,
+    without_lost,
+    without_noise_behind,
+)
 
 
-def find_motion(record: PistonRecord) -> PistonRecord:
-    """Return the first free motion in a record, without clipped samples and from its release on.
+def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
+    """Return a free motion in a record, from its release on.
+
+    Left out are samples that the sensor lost or clipped, further releases, what was done before
+    the release, what follows a knock, and the end that is lost in the sensor's noise.
+
+    Parameters
+    ----------
+    record : PistonRecord
+        Record as an instrument wrote it.
+    release : int or str, optional
+        Which of several, from 1; the first if not given. Of all of them, `find_motions`.
+
+    Returns
+    -------
+    PistonRecord
+        Its motion; the record itself where all of it is one.
+
+    Raises
+    ------
+    RecordError
+        If there are fewer releases, or all are asked for.
+
+    Warns
+    -----
+    RecordWarning
+        If something is left out: what, where, and how to keep it.
+    """
+    if release == ALL:
+        raise RecordError(
+            "release = 'all' where one motion is taken; give its number, or take them together "
+            "with fit, compare or discover"
+        )
+    motions = _cut(record)
+    if len(motions) > 1 and release is None:
+        times = ", ".join(f"{motion.time[0]:.4g}:{motion.time[-1]:.4g}" for motion in motions)
+        warnings.warn(
+            f"the record holds {len(motions)} releases, at {times} s, and the first is taken; for "
+            "another: --release 2; for all of them: --release all",
+            RecordWarning,
+            stacklevel=2,
+        )
+    if not 1 <= (number := int(release or 1)) <= len(motions):
+        raise RecordError(
+            f"release {number} of a record that holds {len(motions)}; give one from 1 to "
+            f"{len(motions)}"
+        )
+    return _refine(motions[number - 1])
+
+
+def find_motions(record: PistonRecord) -> list[PistonRecord]:
+    """Return all free motions in a record; see `find_motion`.
 
     Parameters
     ----------
@@ -36,84 +76,50 @@ def find_motion(record: PistonRecord) -> PistonRecord:
 
     Returns
     -------
-    PistonRecord
-        Its motion; the record itself where all of it is one.
+    list of PistonRecord
+        One for each release.
 
     Warns
     -----
     RecordWarning
-        If something is left out: what, where, and how to keep it.
+        If something is left out.
     """
-    record = _without_clipped(record)
-    starts = _release_samples(record)
-    if len(starts) > 1 and starts[1] >= LEAST_SAMPLES:
-        times = ", ".join(f"{record.time[k]:.4g}" for k in starts)
-        end = float(record.time[starts[1] - 1])
+    return [_refine(motion) for motion in _cut(record)]
+
+
+def _cut(record: PistonRecord) -> list[PistonRecord]:
+    """Free motions of a record, each with what stands still before it."""
+    record = without_clipped(without_lost(record))
+    # what is driven may stand still between two moves without being released
+    parts = free_motions(record, holds=not is_driven(record))
+    start = parts[0].start
+    if start > 0:
         warnings.warn(
-            f"the record holds {len(starts)} releases, at {times} s, and the first is taken; for "
-            f"another: --between {record.time[starts[1]]:.4g}:",
+            f"before {record.time[start]:.4g} s the piston is moved to where it is held and "
+            "released, and that is left out; to keep it: --between :",
             RecordWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-        record = record.between(float(record.time[0]), end)
-    return cut_at_release(record)
+    if len(parts) == 1 and start == 0:
+        return [record]
+    return [record.select(part) for part in parts]
 
 
-def _without_clipped(record: PistonRecord) -> PistonRecord:
-    """Leave out the samples at the limits of a sensor, where runs of them stand at a peak."""
-    height = record.height
-    at_limit = np.zeros(len(height), dtype=bool)
-    several = False
-    for limit in (height.min(), height.max()):
-        here = height == limit
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
-        lengths = edges[1::2] - edges[::2]
-        long = lengths >= _RUN
-        # A hold is one long run; peaks that are cut off are several.
-        several |= bool(long.sum() >= 2 and lengths[long].sum() >= _LEAST_CLIPPED)
-        if long.any():
-            at_limit |= here
-    at_limit &= several
-    if not at_limit.any() or (~at_limit).sum() < LEAST_SAMPLES:
+def _refine(record: PistonRecord) -> PistonRecord:
+    """Motion from its release to a knock, or to where the noise rules."""
+    record = cut_at_release(record)
+    if is_driven(record):
         return record
-    warnings.warn(
-        f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left "
-        "out; to keep them: --between :",
-        RecordWarning,
-        stacklevel=3,
-    )
-    return record.select(~at_limit)
-
-
-def _release_samples(record: PistonRecord) -> list[int]:
-    """Return the samples at which a motion is started anew, the first one included.
-
-    While it swings, the displacement is large again after each half period; before another release
-    it is small for several.
-    """
-    if len(record) < LEAST_SAMPLES:
-        return [0]
-    # A hold may be longer than the motion: the level of rest is that of the record's end.
-    level = np.median(record.height[-(len(record) // _END) :])
-    away = np.abs(record.height - level)
-    large = np.flatnonzero(away > _LARGE * away.max())
-    small = away < _SMALL * away.max()
-    before, after = large[:-1], large[1:]
-    calm = np.concatenate([[0], np.cumsum(small)])
-    passes = (after > before + 1) & (calm[after] > calm[before])
-    gaps = (record.time[after] - record.time[before])[passes]
-    if len(gaps) < _LEAST_GAPS:
-        return [0]
-    half_period = float(np.median(np.sort(gaps)[: (len(gaps) + 1) // 2]))
-    mostly = (calm[after] - calm[before]) > _CALM * (after - before)
-    anew = passes & mostly & (record.time[after] - record.time[before] > _PAUSE * half_period)
-    return [
-        0,
-        *(int(k) for k in after[anew] if _starts_suddenly(record.time, away, k, half_period)),
-    ]
-
-
-def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half_period: float) -> bool:
-    """Return True where it was calm for a period before; beats grow from swing to swing."""
-    period = slice(*np.searchsorted(time, time[start] - half_period * np.array(_BEFORE)))
-    return bool(away[period].max(initial=0.0) < 1.5 * _SMALL * away.max())
+    times = knock(record)
+    if times is not None:
+        before, after = times
+        early = before - record.time[0] >= record.time[-1] - after
+        part = (float(record.time[0]), before) if early else (after, float(record.time[-1]))
+        warnings.warn(
+            f"a swing that grows suddenly, at {before:.4g} to {after:.4g} s, was knocked: what is "
+            f"{'after' if early else 'before'} is left out; to keep it: --between :",
+            RecordWarning,
+            stacklevel=3,
+        )
+        record = record.between(*part)
+    return without_noise_behind(record)

@@ -36,6 +36,8 @@ _STRAIGHT, _SEEN = 0.1, 0.6
 _SIGMAS = 4.0
 _CHANGED, _ACTS = 0.1, 0.25
 """Shares of a further column's range: a change at the release, and one that drives a motion."""
+_LASTS = 0.1
+"""Part of a record in which a column that drives it is away from its middle."""
 _DRIVES = ("force", "base", "drive", "input")
 """In names of columns that may drive a motion; others, as a temperature, may drift in a hold."""
 
@@ -81,9 +83,10 @@ def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
 
 def cut_notice(record: PistonRecord, start: int) -> str:
     """Line on a record that is cut at a sample."""
+    until = round(float(record.time[start]), 9)
     return (
-        f"the record stands still until {record.time[start]:.4g} s and is cut there, at the "
-        "release; to keep all of it: --between :"
+        f"the record stands still until {until:.4g} s and is cut there, at the release; to keep "
+        "all of it: --between :"
     )
 
 
@@ -198,6 +201,17 @@ def _onset_of_motion(
         rest = height[here] - terms @ np.linalg.lstsq(terms, height[here], rcond=None)[0]
         left.append(rest @ rest)
     return float(moments[np.argmin(left)])
+
+
+def is_driven(record: PistonRecord) -> bool:
+    """Return whether a column acts, by its name, in more than a short part of a record."""
+    columns = {} if record.force is None else {"force": record.force}
+    for name, values in (columns | dict(record.extra)).items():
+        away = np.abs(values - np.median(values))
+        named = any(word in name.lower() for word in _DRIVES)
+        if named and float((away > _CHANGED * away.max(initial=0.0)).mean()) > _LASTS:
+            return True
+    return False
 
 
 def _acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:

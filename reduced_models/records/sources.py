@@ -11,7 +11,7 @@ from granular.readers.options import ReadOptions, is_description, read_descripti
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quote, sanitize
-from reduced_models.records.motion import find_motion
+from reduced_models.records.motion import find_motion, find_motions
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -94,8 +94,9 @@ def read_record(
 ) -> PistonRecord:
     """Motion in a file: what `PistonRecord.from_file` reads, from its release on.
 
-    Left out are clipped samples, further releases, and what stands still before the release
-    (`reduced_models.records.motion`), unless times are given, here or in the ``record.toml``.
+    Left out are samples that the sensor lost or clipped, what stands before the release, further
+    releases, what follows a knock, and an end that is noise (`reduced_models.records.motion`),
+    unless times are given, here or in the ``record.toml``; ``release=2`` takes the second one.
 
     Parameters
     ----------
@@ -121,15 +122,52 @@ def read_record(
     RecordWarning
         Of what was guessed or done, the cut among it.
     """
-    record = PistonRecord.from_file(path, units, **said)
-    return record if states_interval(Path(path), ReadOptions(**said)) else find_motion(record)
+    record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
+    if states_interval(Path(path), options):
+        return record
+    return find_motion(record, stated_release(Path(path), options))
+
+
+def read_releases(
+    path: str | Path, units: Mapping[str, str] | None = None, **said: Any
+) -> list[PistonRecord]:
+    """Motions in a file that holds several releases, to be fitted together or one by one.
+
+    Parameters
+    ----------
+    path, units, **said
+        As of `read_record`.
+
+    Returns
+    -------
+    list of PistonRecord
+        One for each release, in SI units.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read as such.
+
+    Warns
+    -----
+    RecordWarning
+        Of what was guessed or left out.
+    """
+    return find_motions(PistonRecord.from_file(path, units, **said))
 
 
 def states_interval(path: Path, options: ReadOptions) -> bool:
     """Return whether the user states which part of a file is the record."""
-    if is_description(path):
-        options = read_description(path)[1].merge(options)
-    return options.between is not None
+    return _described(path, options).between is not None
+
+
+def stated_release(path: Path, options: ReadOptions) -> int | str | None:
+    """Return which of several releases the user names, if any."""
+    return _described(path, options).release
+
+
+def _described(path: Path, options: ReadOptions) -> ReadOptions:
+    return read_description(path)[1].merge(options) if is_description(path) else options
 
 
 def open_source(
@@ -150,8 +188,7 @@ def open_source(
     """
     path, plain = Path(source), {} if options is None else options.to_plain()
     try:
-        is_record = path.is_file() and (path.suffix != ".toml" or is_description(path))
-        if is_record or not (path.is_dir() or path.suffix in ("", ".toml")):
+        if is_record_file(path) or not (path.is_dir() or path.suffix in ("", ".toml")):
             return read_record(path, **plain)
         if plain:
             raise InputError(
@@ -169,6 +206,11 @@ def open_source(
         raise InputError(
             f"{show_path(path)} cannot be read: {error.strerror}; check the path"
         ) from None
+
+
+def is_record_file(path: Path) -> bool:
+    """Return whether a path is the file of a record, or describes one."""
+    return path.is_file() and (path.suffix != ".toml" or is_description(path))
 
 
 def check_run_options(options: RunOptions) -> None:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from reduced_models import PistonRecord, fit
-from reduced_models.records.motion import find_motion
+from granular.readers.options import ALL, ReadOptions
+from granular.shared.errors import RecordError
+from reduced_models import PistonRecord, fit, read_releases
+from reduced_models.records.motion import find_motion, find_motions
 
 RATE, FREQUENCY, DAMPING = 500.0, 4.1, 0.05
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -27,6 +33,21 @@ def record_of(height: np.ndarray, noise: float = 0.01) -> PistonRecord:
     """Record of a height with noise."""
     noisy = height + np.random.default_rng(1).normal(0.0, noise, len(height))
     return PistonRecord(np.arange(len(height)) / RATE, 3e-3 * noisy)
+
+
+def check_fit(motion: PistonRecord) -> None:
+    """Period and damping of the motion are those that it was made with."""
+    rest = fit(motion.first(600), "linear", test_fraction=0.0, starts=2).at_rest
+    assert rest is not None
+    assert rest.period == pytest.approx(1.0 / FREQUENCY, rel=2e-3)
+    assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
+
+
+def lifted(duration: float) -> np.ndarray:
+    """A lift by hand in a quarter of a second, a hold of as long, and the decay from there."""
+    quarter = int(0.25 * RATE)
+    lift = 0.5 - 0.5 * np.cos(np.pi * np.arange(quarter) / quarter)
+    return np.concatenate([np.zeros(quarter), lift, np.ones(quarter), decay(duration)])
 
 
 def found(record: PistonRecord) -> tuple[PistonRecord, list[str]]:
@@ -50,10 +71,7 @@ def test_the_first_of_three_releases_is_taken(hold: float) -> None:
     motion, said = found(record_of(np.concatenate([piece] * 3)))
     assert any("holds 3 releases" in words for words in said)
     assert motion.time[-1] < hold + 2.6
-    rest = fit(motion, "linear", test_fraction=0.0, starts=2).at_rest
-    assert rest is not None
-    assert rest.period == pytest.approx(1.0 / FREQUENCY / np.sqrt(1.0 - DAMPING**2), rel=2e-3)
-    assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
+    check_fit(motion)
 
 
 def test_clipped_peaks_are_left_out() -> None:
@@ -62,9 +80,7 @@ def test_clipped_peaks_are_left_out() -> None:
     motion, said = found(clipped)
     assert any("limit of the sensor" in words for words in said)
     assert np.abs(motion.height).max() < 2e-3
-    rest = fit(motion, "linear", test_fraction=0.0, starts=2).at_rest
-    assert rest is not None
-    assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
+    check_fit(motion)
 
 
 def test_a_sensor_that_rounds_is_not_clipped() -> None:
@@ -81,3 +97,112 @@ def test_beats_are_one_motion() -> None:
     motion, said = found(record_of(beats))
     assert not any("releases" in words for words in said)
     assert len(motion) == len(time)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
+    record = record_of(np.concatenate([lifted(2.5)] * 3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        motion = find_motion(record, number)
+        assert len(find_motions(record)) == 3
+    released = (number - 1) * (2.5 + 0.75) + 0.748
+    assert motion.time[0] == pytest.approx(released, abs=0.015)
+    assert motion.time[-1] < released + 2.5 + 0.25  # it rests before the next lift
+    check_fit(motion)
+
+
+def test_a_release_that_is_not_there_is_refused() -> None:
+    record = record_of(np.concatenate([decay(2.5)] * 3))
+    with pytest.raises(RecordError, match="release 4 of a record that holds 3"):
+        find_motion(record, 4)
+    with pytest.raises(RecordError, match="'all' where one motion is taken"):
+        find_motion(record, ALL)
+    for wrong in ("0", "some", 1.5):
+        with pytest.raises(RecordError, match="give a number from 1, or 'all'"):
+            ReadOptions(release=wrong)  # type: ignore[arg-type]
+    with pytest.raises(RecordError, match="no times"):
+        ReadOptions(release=2, between=(0.0, 1.0))
+
+
+def test_all_releases_of_a_file_are_fitted_together(
+    tmp_path: Path, command: Callable[..., Any]
+) -> None:
+    record = record_of(np.concatenate([decay(2.5)] * 3))
+    record.to_csv(tmp_path / "lab.csv")
+    done = command(
+        "reduced_models", "fit", str(tmp_path / "lab.csv"), "--release", "all", "--law", "linear",
+        "--starts", "2",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("linear: z''") == 3
+    assert len(read_releases(tmp_path / "lab.csv")) == 3
+    done = command("reduced_models", "look", str(tmp_path / "lab.csv"), "--release", "2", "--json")
+    assert json.loads(done.stdout)["from"] == pytest.approx(2.5, abs=0.01)
+
+
+def test_what_precedes_a_hold_is_left_out() -> None:
+    motion, said = found(record_of(lifted(2.5)))
+    assert any("moved to where it is held" in words for words in said)
+    assert motion.time[0] == pytest.approx(0.748, abs=0.015)
+    check_fit(motion)
+
+
+@pytest.mark.parametrize("strength", [0.7, 1.5])
+def test_what_follows_a_knock_is_left_out(strength: float) -> None:
+    moment = 1.5
+    knock = strength * np.sin(OMEGA * np.arange(int(1.5 * RATE)) / RATE)
+    height = decay(3.0)
+    height[int(moment * RATE) :] += knock * np.exp(-DAMPING * OMEGA * np.arange(len(knock)) / RATE)
+    motion, said = found(record_of(height))
+    assert any("knocked" in words or "2 releases" in words for words in said)
+    assert motion.time[-1] < moment
+    check_fit(motion)
+
+
+def test_a_noisy_end_is_left_out() -> None:
+    motion, said = found(record_of(decay(20.0)))
+    assert any("within the sensor's noise" in words for words in said)
+    # 1 % of noise is reached after ln(100)/(damping omega) = 3.6 s
+    assert 3.0 < motion.time[-1] < 4.2
+    check_fit(motion)
+
+
+def test_an_end_in_which_a_drive_acts_is_kept() -> None:
+    record = record_of(decay(20.0))
+    drive = np.sin(30.0 * record.time)
+    driven = PistonRecord(record.time, record.height, extra={"drive": drive})
+    motion, _ = found(driven)
+    assert len(motion) == len(record)
+
+
+LOST = {
+    "zeros": (0.0, 60e-3),
+    "far outside": (-999.25, 0.0),
+    "spikes": (None, 0.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", LOST)
+def test_lost_samples_are_left_out(kind: str) -> None:
+    value, level = LOST[kind]
+    random = np.random.default_rng(4)
+    record = record_of(decay(3.0))
+    height = record.height + level
+    lost = random.uniform(size=len(height)) < 0.02
+    height[lost] = (
+        height[lost] + random.choice([-5e-3, 5e-3], lost.sum()) if value is None else value
+    )
+    motion, said = found(PistonRecord(record.time, height))
+    assert any(f"are left out: {lost.sum()}," in words for words in said)
+    assert not np.isin(record.time[lost], motion.time).any()
+    check_fit(motion)
+
+
+def test_a_coarse_swing_has_no_spikes() -> None:
+    """Seven samples a swing, and a piston that bounces: the motion itself goes far."""
+    time = np.arange(0.0, 4.0, 0.01)
+    for height in (np.cos(2.0 * np.pi * time * 14.3), np.abs(np.cos(9.0 * time)) * np.exp(-time)):
+        motion, said = found(PistonRecord(time, height))
+        assert not any("far off" in words for words in said)
+        assert len(motion) == len(time)

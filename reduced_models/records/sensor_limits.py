@@ -1,0 +1,179 @@
+"""Samples that tell of the sensor and not of the motion: lost, clipped, or within its noise."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordWarning
+from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
+
+KEEP = "to keep them: --between :"
+_LEAST_CLIPPED = 6
+"""Samples at a sensor's limit from which on a record is clipped."""
+_RUN = 3
+"""Of these in a row: two may be the same by chance of rounding."""
+_JUMP = 8.0
+"""Times the usual step, of all and of those about them, by which lost samples are away."""
+_MOST_LOST = 0.2
+"""Fraction of samples from which on one number is a level of the record."""
+_WINDOW, _SPIKE, _NOISES, _LEAST_SPIKE = 7, 7.4, 10.0, 0.03
+"""Samples about each one; its distance from their median over their own (7.4 is five standard
+deviations), over the noise, and over the range of the record, from which on it is a spike."""
+_SUDDEN = 3.0
+"""Steps to a spike and back over those about them."""
+_MOST_SPIKES = 0.05
+"""Fraction of samples from which on spikes are part of the record."""
+_DEAD, _FEWEST = 1.5, 5
+"""Noise levels of a swing, as root mean square of at least so many samples, that count no more."""
+_ENDS = 0.7
+"""Part of a record in which its motion must have ended for the rest to be left out: a fit holds as
+much back to be tested with, which then would hold noise alone."""
+_LEAST_END = 0.05
+"""Part of a record that its level of rest is taken from at least."""
+
+
+def without_lost(record: PistonRecord) -> PistonRecord:
+    """Record without samples that a sensor or a logger lost and wrote a number for.
+
+    They are zeros or a number far outside, such as -999, or spikes of single samples.
+
+    Warns
+    -----
+    RecordWarning
+        If samples are left out.
+    """
+    lost = _substitutes(record.height)
+    spikes = np.zeros_like(lost)
+    spikes[~lost] = _spikes(record.time[~lost], record.height[~lost])
+    lost |= spikes
+    if not lost.any() or (~lost).sum() < LEAST_SAMPLES:
+        return record
+    warnings.warn(
+        f"samples that stand far off those about them (lost, or spikes) are left out: "
+        f"{int(lost.sum())}, the first at {record.time[np.argmax(lost)]:.4g} s; {KEEP}",
+        RecordWarning,
+        stacklevel=3,
+    )
+    return record.select(~lost)
+
+
+def _substitutes(height: np.ndarray) -> np.ndarray:
+    """Return the samples of one extreme number that the record jumps to and back from."""
+    lost = np.zeros(len(height), dtype=bool)
+    for extreme in (np.min, np.max):
+        here = height == extreme(height)
+        inner = ~here[1:] & ~here[:-1]
+        edges = np.flatnonzero(here[1:] != here[:-1])
+        within = len(edges) - int(here[0]) - int(here[-1])  # of runs with samples on both sides
+        if inner.sum() < LEAST_SAMPLES or here.mean() > _MOST_LOST or within < 2:
+            continue
+        steps = np.abs(np.diff(height))
+        about = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, mode="reflect"), 9)
+        usual = np.maximum(np.sort(about[edges], axis=1)[:, 2], np.quantile(steps[inner], 0.95))
+        if (steps[edges] > _JUMP * usual).all():
+            lost |= here
+    return lost
+
+
+def _spikes(time: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Return single samples that stand off the median of their neighbours (Hampel's identifier)."""
+    none = np.zeros(len(height), dtype=bool)
+    if len(height) < LEAST_SAMPLES:
+        return none
+    about = np.lib.stride_tricks.sliding_window_view(
+        np.pad(height, _WINDOW // 2, mode="reflect"), _WINDOW
+    )
+    middle = np.median(about, axis=1)
+    away = np.abs(height - middle)
+    spread = np.median(np.abs(about - middle[:, None]), axis=1)
+    low, high = np.quantile(height, [0.02, 0.98])
+    floor = max(_NOISES * _sensor_noise(time, height), _LEAST_SPIKE * float(high - low))
+    steps = np.abs(np.diff(np.pad(height, _WINDOW // 2, mode="reflect")))
+    steps = np.lib.stride_tricks.sliding_window_view(steps, _WINDOW - 1)
+    middle_two = slice(_WINDOW // 2 - 1, _WINDOW // 2 + 1)
+    others = np.sort(np.delete(steps, middle_two, axis=1), axis=1)[:, 1]
+    # a bounce is as sharp, but the motion comes and goes as quickly next to it
+    alone = steps[:, middle_two].min(axis=1) > _SUDDEN * others
+    spikes = alone & (away > _SPIKE * spread) & (away > floor)
+    spikes[: _WINDOW // 2] = spikes[len(spikes) - _WINDOW // 2 :] = False
+    return spikes if spikes.mean() < _MOST_SPIKES else none
+
+
+def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
+    """Noise of a sensor, its rounding among it."""
+    steps = np.abs(np.diff(height))
+    extent = float(np.ptp(height))
+    rounding = float(steps[steps > 1e-9 * extent].min(initial=extent))
+    few = float((steps < 1.5 * rounding).mean()) > 0.5
+    return math.hypot(noise_level(height, time), rounding / math.sqrt(12.0) if few else 0.0)
+
+
+def without_clipped(record: PistonRecord) -> PistonRecord:
+    """Record without the samples at the limits of a sensor, where runs of them stand at a peak.
+
+    Warns
+    -----
+    RecordWarning
+        If samples are left out.
+    """
+    height = record.height
+    at_limit = np.zeros(len(height), dtype=bool)
+    several = False
+    for limit in (height.min(), height.max()):
+        here = height == limit
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
+        lengths = edges[1::2] - edges[::2]
+        long = lengths >= _RUN
+        # A hold is one long run; peaks that are cut off are several.
+        several |= bool(long.sum() >= 2 and lengths[long].sum() >= _LEAST_CLIPPED)
+        if long.any():
+            at_limit |= here
+    at_limit &= several
+    if not at_limit.any() or (~at_limit).sum() < LEAST_SAMPLES:
+        return record
+    warnings.warn(
+        f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left "
+        f"out; {KEEP}",
+        RecordWarning,
+        stacklevel=3,
+    )
+    return record.select(~at_limit)
+
+
+def end_of_motion(record: PistonRecord) -> float:
+    """Time after which the motion is hardly more than noise about where it ends [s]."""
+    swing = record.height - np.median(record.height[-max(3, int(_LEAST_END * len(record))) :])
+    count = min(len(swing), max(_FEWEST, len(swing) // 50))
+    largest = float(np.abs(swing).max()) or 1.0  # squares of heights may leave the floats
+    sums = np.concatenate([[0.0], np.cumsum((swing / largest) ** 2)])
+    rms = np.sqrt(np.maximum(sums[count:] - sums[:-count], 0.0) / count)
+    # the rms of so few samples of noise alone scatters by 1/sqrt(2 count)
+    limit = max(_DEAD, 1.0 + 4.0 / math.sqrt(2.0 * count))
+    moving = np.flatnonzero(rms > limit * _sensor_noise(record.time, record.height) / largest)
+    return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
+
+
+def without_noise_behind(record: PistonRecord) -> PistonRecord:
+    """Record until its motion is lost in the sensor's noise, where that takes much of it.
+
+    Warns
+    -----
+    RecordWarning
+        If its end is left out.
+    """
+    start, stop = float(record.time[0]), float(record.time[-1])
+    end = end_of_motion(record)
+    motion = record.time <= end
+    if end - start > _ENDS * (stop - start) or motion.sum() < LEAST_SAMPLES:
+        return record
+    warnings.warn(
+        f"from {end:.4g} s on the motion is within the sensor's noise, and what follows is left "
+        "out; to keep it: --between :",
+        RecordWarning,
+        stacklevel=3,
+    )
+    return record.select(motion)
