@@ -30,6 +30,7 @@ from numba.core.serialize import dumps
 from granular.compiled.linking import rebuild_kernel
 from granular.compiled.source import PACKAGE, digest_of_bytes, digest_of_syntax, read_kernel_files
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
+from granular.shared.locks import lock_file
 
 ABANDONED = 86400.0
 """Age [s] from which a part of a file is nobody's any more."""
@@ -88,9 +89,44 @@ def _delete_outdated_files(folder: Path) -> None:
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             stale = path.suffix == ".kernel" and not path.stem.endswith(stamp)
-            part = path.suffix == ".part" and path.stat().st_mtime < time.time() - ABANDONED
+            part = (
+                path.suffix in (".part", ".lock") and path.stat().st_mtime < time.time() - ABANDONED
+            )
             if stale or part:
                 path.unlink(missing_ok=True)
+
+
+PATIENCE = 60.0
+"""Time [s] for which a form is waited for that another process compiles."""
+_LOOK = 0.02  # [s], from look to look whether it is there
+
+_claims: dict[Path, contextlib.ExitStack] = {}
+"""Locks of the forms that this process compiles."""
+
+
+def _read_or_claim(path: Path, label: str) -> bytes | None:
+    """Content of a form's file; None where this process is to compile it, and to write it."""
+    latest = time.monotonic() + PATIENCE
+    while (body := read_sealed(path, label)) is None and path not in _claims:
+        claim = contextlib.ExitStack()
+        try:
+            claimed = claim.enter_context(lock_file(path.with_suffix(".lock"), wait=False))
+        except OSError:  # nothing can be written here
+            return None
+        if claimed:
+            _claims[path] = claim
+        elif time.monotonic() > latest:
+            return None
+        else:
+            time.sleep(_LOOK)
+    if body is not None:
+        _release(path)
+    return body
+
+
+def _release(path: Path) -> None:
+    if path in _claims:
+        _claims.pop(path).close()
 
 
 class KernelCache(_Cache):
@@ -109,7 +145,7 @@ class KernelCache(_Cache):
         """Form for these types of arguments; None where there is none that can be trusted."""
         target_context.refresh()
         entry = self._entry(sig, target_context.codegen())
-        body = None if entry is None else read_sealed(*entry)
+        body = None if entry is None else _read_or_claim(*entry)
         if body is None:
             return None
         types, payload = pickle.loads(body)
@@ -118,9 +154,12 @@ class KernelCache(_Cache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a form."""
         entry = self._entry(sig, data.codegen)
-        if entry is not None and not data.library.has_dynamic_globals:
+        if entry is None:
+            return
+        if not data.library.has_dynamic_globals:
             _delete_outdated_files(entry[0].parent)
             _write(*entry, dumps((sig, data._reduce())))
+        _release(entry[0])
 
     def _entry(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
         """File of a form, and all that it must have been made for."""

@@ -1,11 +1,11 @@
-"""Time that kernels take to be compiled, or read from the cache, which is no price of a run."""
+"""Time that kernels take to be compiled or read, which is no price of a run, and their number."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from numba.core.event import Event, Listener, install_listener
 
@@ -40,3 +40,25 @@ def measure_compile_time() -> Iterator[CompileTimer]:
     """Timer of what is compiled within the block."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
+
+
+class CompileReporter(Listener):
+    """Tells how many kernels its thread has begun to compile; those from the cache do not count."""
+
+    def __init__(self, report: Callable[[int], None]) -> None:
+        self._report, self._thread, self._begun = report, threading.get_ident(), 0
+
+    def on_start(self, event: Event) -> None:
+        if threading.get_ident() == self._thread:
+            self._begun += 1
+            self._report(self._begun)
+
+    def on_end(self, event: Event) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
+    """Call a function with the number of each kernel that is compiled within the block."""
+    with install_listener("numba:compile", CompileReporter(report)):
+        yield

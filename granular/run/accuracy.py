@@ -33,6 +33,12 @@ FARTHEST = 4.0
 MESH_ERROR = 5e-4
 """What the mesh leaves of a bed's forces at rest; the tests of the benchmark hold it to that."""
 
+RESOLVED = 1.0
+"""Step times highest frequency up to which a method shows its order; half the limit."""
+
+MOTION = ("rest height", "period", "damping ratio")
+"""Quantities of a piston that comes to rest, in the table of prices."""
+
 _ASKED = re.compile(r"\s*(?P<value>[0-9.eE+-]+)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*")
 
 
@@ -130,7 +136,7 @@ def _accurate_methods(
         fraction = _longest_step_fraction(entries, quantity, tolerance / MARGIN)
         if fraction is None:
             continue
-        dt = _rounded_step(scene, fraction)
+        dt = step_of_fraction(scene, fraction)
         if not is_allowed(scene, dt, method):
             continue
         near = min(entries, key=lambda entry: abs(math.log(entry.fraction / fraction)))
@@ -164,8 +170,11 @@ def _longest_step_fraction(
     return min(best.fraction * longer, entries[entries.index(best) + 1].fraction)
 
 
-def _rounded_step(scene: Scene, fraction: float) -> str:
-    """Step as a multiple of the scene's automatic one, rounded down to hundredths."""
+def step_of_fraction(scene: Scene, fraction: float) -> str:
+    """Step of that product with the highest frequency, as a multiple of the automatic one.
+
+    It is rounded down to hundredths.
+    """
     step: Step = validated_step("auto", scene)
     factor = min(fraction / step.fraction, step.longest)
     if factor < 1.0:
@@ -184,3 +193,20 @@ def _choose_pair_sum(scene: Scene, quantity: str, tolerance: float, text: str) -
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
         return scene.replace(**{"pairs.method": "direct"}), "direct sum"
     return scene, "sum by the mesh" if method == "mesh" else "direct sum"
+
+
+def step_hidden_by_scatter(scene: Scene, method: str) -> str:
+    """Longest automatic step whose errors random starts hide; ``"auto"`` where none is known.
+
+    By the scene of the table that is most like another one: neither the rest height nor the period
+    nor the damping ratio stands out from their scatter there, and the method shows its order.
+    """
+    costs = nearest_priced_scene(scene, MOTION[0])
+    fraction = 0.0
+    for entry in sorted(costs.entries if costs else (), key=lambda entry: entry.fraction):
+        if entry.method == method and entry.frequency <= RESOLVED:
+            if not set(entry.clear).isdisjoint(MOTION):
+                break
+            fraction = entry.fraction
+    shortest = validated_step("auto", scene).fraction
+    return step_of_fraction(scene, fraction) if fraction > shortest else "auto"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from granular.compiled.timer import report_compiled_kernels
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import Timed
 from granular.shared.progress import print_above_bar, progress_bar
@@ -30,12 +32,16 @@ class ProgressBar:
     def __init__(self, wanted: bool) -> None:
         self.wanted = wanted
         self._bar: Any = None
+        self._compiling: Any = None
+        self._reports = contextlib.ExitStack()
         self._settling: Settling | None = None
         self._stage = -1
         self._first: tuple[float, int] | None = None
         self._told = False
 
     def __enter__(self) -> Self:
+        if self.wanted:
+            self._reports.enter_context(report_compiled_kernels(self._show_compiling))
         return self
 
     def __exit__(
@@ -44,13 +50,26 @@ class ProgressBar:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        self._reports.close()
+        for bar in (self._compiling, self._bar):
+            if bar is not None:
+                bar.close()
+
+    def _show_compiling(self, kernels: int) -> None:
+        """Show that a kernel is compiled, before the first steps."""
+        if self._compiling is None:
+            words = "compiling for scenes of this kind, kept for later runs"
+            form = "{desc}{postfix} [{elapsed}]"
+            self._compiling = progress_bar(desc=words, bar_format=form)
+        self._compiling.set_postfix_str(f"kernel {kernels}")
 
     def show(self, run: Run) -> None:
         """Show how far the run is."""
         if not self.wanted:
             return
+        if self._compiling is not None:
+            self._compiling.close()
+            self._compiling = None
         progress = run.progress
         self._announce_remaining_steps(run)
         if self._stage != progress.stage:

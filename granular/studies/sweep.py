@@ -180,7 +180,7 @@ def sweep(
         case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
         _SweepBar(title, len(every), reused, progress) as bar,
     ):
-        for case, outcome in _iterate_outcomes(waiting, measure, directory, keep_runs, pool):
+        for case, outcome in iterate_outcomes(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
     return Study(tuple(every), tuple(done[case.key] for case in every), reused)
@@ -199,7 +199,7 @@ def _finished_cases(cases: Sequence[Case], directory: Path | None) -> dict[str, 
     return {key: outcome for key, outcome in result.items() if outcome is not None}
 
 
-def _iterate_outcomes(
+def iterate_outcomes(
     cases: Sequence[Case],
     measure: Measure,
     directory: Path | None,
@@ -262,7 +262,7 @@ def _compute_cases(
             for case, wait in cases:
                 futures[pool.submit(compute_case, case, measure, directory, keep_runs, wait)] = case
         for future in concurrent.futures.as_completed(futures):
-            outcome = _future_outcome(future)
+            outcome = future_outcome(future)
             if outcome is not None:
                 yield futures[future], outcome
     finally:
@@ -287,7 +287,7 @@ def _store_outcome(case: Case, outcome: Outcome, directory: Path | None) -> Outc
     return outcome
 
 
-def _future_outcome(future: Future[Outcome]) -> Outcome | None:
+def future_outcome(future: Future[Outcome]) -> Outcome | None:
     """Outcome that a worker returned; None where the worker itself was lost."""
     try:
         return future.result()

@@ -17,7 +17,6 @@ from granular.commands.console import (
 )
 from granular.commands.options import (
     CHANGES,
-    DT,
     IMPORT,
     METHOD,
     OUTPUT,
@@ -80,7 +79,13 @@ STARTS = option(
     option(
         "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
     ),
-    DT, METHOD, IMPORT, THREADS, READING, OUTPUT,
+    option(
+        "--dt", help="time step [s], 'auto', or a multiple such as auto/2; if not given, the "
+        "longest whose errors random starts hide",
+    ),
+    METHOD, IMPORT, THREADS, READING,
+    option("--verbose", action="store_true", help="print all of the result, not its main lines"),
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s damper -o out
@@ -103,12 +108,12 @@ def identify(options: Any) -> None:
         discovery=options.discover,
         mass=None if options.mass is None else si_value(options.mass, "kg"),
         changes=parse_changes(options.changes),
-        dt=parse_time_step(options.dt),
+        dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
         **pick_options(options, "drive", "method", "threads", "starts"),
     )
-    show_result(result, options)
+    show_result(result, options, None if options.verbose else result.brief)
 
 
 @command(

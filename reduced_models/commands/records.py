@@ -151,9 +151,9 @@ def load_records(sources: Sequence[str], options: Any) -> list[PistonRecord]:
     return records
 
 
-def show_result(result: Any, options: Any) -> None:
-    """Print a result, and where its report is."""
-    text = str(result)
+def show_result(result: Any, options: Any, text: str | None = None) -> None:
+    """Print a result, in other words than its own where these are given; and its report's place."""
+    text = str(result) if text is None else text
     if options.out is not None:
         text += f"\nreport: {options.out}/report.html"
     print_result(result.to_plain(), text, options.json)

@@ -96,7 +96,7 @@ class DropScores:
             if row.model is None:
                 rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
-            errors = (_percent(value) for value in (*row.errors, row.median))
+            errors = (percent_of_drop(value) for value in (*row.errors, row.median))
             numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
             rows.append((row.name, str(numbers), *errors))
         return rows
@@ -113,14 +113,16 @@ class DropScores:
             return "No law that was fitted to one fall follows the others."
         words = (
             f"Falls that no law has seen are predicted best by {best.name}, fitted to one fall: to "
-            f"{_percent(best.median)} of the drop at the median and {_percent(best.greatest)} at "
-            "worst"
+            f"{percent_of_drop(best.median)} of the drop at the median and "
+            f"{percent_of_drop(best.greatest)} at worst"
         )
         if self.scatter:
-            words += f", where another random start alone changes {_percent(max(self.scatter))}"
+            words += (
+                f", where another random start alone changes {percent_of_drop(max(self.scatter))}"
+            )
         if others:
             said = (
-                f"{row.name} {_percent(row.median)}"
+                f"{row.name} {percent_of_drop(row.median)}"
                 if math.isfinite(row.median)
                 else f"{row.name} diverges"
                 for row in others
@@ -165,7 +167,8 @@ class DropScores:
         }  # fmt: skip
 
 
-def _percent(value: float) -> str:
+def percent_of_drop(value: float) -> str:
+    """Error over the height of the drop as people read it."""
     return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"
 
 
@@ -211,9 +214,35 @@ def score_drops(
         If there is no unseen fall, no law, no law that can be fitted, or a record begins below the
         level of rest.
     """
-    if not unseen or not laws:
-        raise InputError("give at least one unseen fall and one law")
+    if not laws:
+        raise InputError("give at least one law")
     level = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
+    return judge_fits(record, fit_drops(record, laws, scene, starts), unseen, level)
+
+
+def fit_drops(
+    record: PistonRecord, laws: Sequence[str | Law], scene: Scene | None, starts: int
+) -> list[DropScore]:
+    """Laws fitted to one fall, as of `score_drops`, not judged yet."""
+    return [_fit_drop(resolve_law(law, record), record, scene, starts) for law in laws]
+
+
+def judge_fits(
+    record: PistonRecord,
+    fits: Sequence[DropScore],
+    unseen: Mapping[str, PistonRecord],
+    level: float,
+) -> DropScores:
+    """Laws of `fit_drops`, judged on falls that they have not seen.
+
+    Raises
+    ------
+    InputError
+        If there is no unseen fall, no law could be fitted, or a record begins below the level of
+        rest.
+    """
+    if not unseen:
+        raise InputError("give at least one unseen fall")
     for label, item in {"the fall": record, **unseen}.items():
         if not item.height[0] > level:
             raise InputError(
@@ -221,8 +250,12 @@ def score_drops(
                 f"{level:g} m; give a fall"
             )
     rows = [
-        _score_law(resolve_law(law, record), record, tuple(unseen.values()), level, scene, starts)
-        for law in laws
+        row
+        if (model := row.model) is None
+        else dataclasses.replace(
+            row, errors=tuple(fall_error(model, fall, level) for fall in unseen.values())
+        )
+        for row in fits
     ]
     if all(row.model is None for row in rows):
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
@@ -235,10 +268,7 @@ def score_drops(
     return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
-def _score_law(
-    law: Law, record: PistonRecord, unseen: Sequence[PistonRecord], level: float,
-    scene: Scene | None, starts: int,
-) -> DropScore:  # fmt: skip
+def _fit_drop(law: Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
@@ -249,7 +279,7 @@ def _score_law(
             )  # fmt: skip
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))
-    return DropScore(law.name, model, tuple(fall_error(model, fall, level) for fall in unseen))
+    return DropScore(law.name, model)
 
 
 def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:

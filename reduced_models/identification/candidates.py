@@ -245,7 +245,7 @@ def _law_misfit(
     target = whitening @ weak.target
     if view.starts is None or len(target) < len(view.names) + _FEWEST_ROWS:
         return math.inf
-    inside = whitening @ part.bump
+    bump = part.bump  # sparse, so it comes first: next to it the whitening is small
     logarithmic = np.array([name in view.positive for name in view.names])
     least = math.inf
     for start in np.stack([view.starts[name] for name in view.names], axis=1):
@@ -253,7 +253,7 @@ def _law_misfit(
 
         def left(x: np.ndarray, units: np.ndarray = units) -> np.ndarray:
             values = units * np.where(logarithmic, np.exp(np.clip(x, -50.0, 50.0)), 1.0 + x)
-            return np.asarray(target - inside @ view.rate(values))
+            return np.asarray(target - whitening @ (bump @ view.rate(values)))
 
         result = least_squares(left, np.zeros(len(units)), x_scale="jac", max_nfev=_EVALUATIONS)
         least = min(least, _rms(result.fun, len(units)))

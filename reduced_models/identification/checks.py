@@ -6,17 +6,24 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
-from reduced_models.falls.scores import DropScores, score_drops
+from reduced_models.falls.scores import FALL_LAWS, DropScores, fit_drops, judge_fits
 from reduced_models.fitting.fit import fit
+from reduced_models.identification.background import (
+    BackgroundRuns,
+    Failure,
+    Motions,
+    RunCheck,
+    RunningCheck,
+)
 from reduced_models.identification.engineering import Figure
 from reduced_models.models.model import ReducedModel
+from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -27,7 +34,6 @@ CHECK_SEEDS = 2
 LIFT_TIMES = 3.0
 """Height of a lift that no law sees, over that of the scene: far enough that a law's shape counts.
 """
-_RESOLVED = 1.0  # step times highest frequency up to which a method shows its order; half the limit
 DROPS = (0.4, 0.6, 1.4, 1.8)
 """Heights, over that of the scene's drop, from which the piston falls instead."""
 PERIODS = 10.0
@@ -37,28 +43,6 @@ FEWEST = 100
 STARTS = 8
 """Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
 _STILL = 0.05  # of the drop: what falls less far is a nudge
-
-
-class RunCheck(NamedTuple):
-    """A further run of a scene.
-
-    Attributes
-    ----------
-    what : str
-        In words, for messages.
-    changes : mapping
-        To the run: its ``dt``, or keys of its scene.
-    """
-
-    what: str
-    changes: Mapping[str, Any]
-
-
-class Failure(NamedTuple):
-    """Why a check has no record."""
-
-    what: str
-    cause: str
 
 
 class StepCheck(NamedTuple):
@@ -80,10 +64,11 @@ class FurtherRuns(NamedTuple):
 
     Attributes
     ----------
-    swings : tuple of (str, PistonRecord or Failure)
-        With another time step, and then from other random starts, each behind its name.
-    step_factor : float
-        See `StepCheck`.
+    step : PistonRecord or Failure
+        With another time step.
+    step_check : StepCheck
+    starts : tuple of (str, PistonRecord or Failure)
+        From other random starts, each behind its name.
     lift : PistonRecord or None
         With another lift.
     falls : DropScores or None
@@ -91,49 +76,92 @@ class FurtherRuns(NamedTuple):
         Of all that were asked for.
     """
 
-    swings: tuple[tuple[str, PistonRecord | Failure], ...]
-    step_factor: float
+    step: PistonRecord | Failure
+    step_check: StepCheck
+    starts: tuple[tuple[str, PistonRecord | Failure], ...]
     lift: PistonRecord | None
     falls: DropScores | None
     failures: tuple[Failure, ...]
 
 
-def further_runs(
-    run: Trajectory, period: float | None, executor: Executor | None, progress: bool, *, lift: bool
-) -> FurtherRuns:
-    """Run the scene of a run with another step, other random starts, another lift, other falls.
+class SceneChecks:
+    """Checks of a scene's run, begun before it and beside it.
 
     Parameters
     ----------
-    run : Trajectory
-    period : float, optional
-        Of the small swing [s], where falls are asked for. They are run where the scene begins with
-        one.
-    executor, progress
-        As of `identify`.
+    background : BackgroundRuns
+    scene : Scene
+    settings : mapping
+        ``dt``, ``t_end`` and ``method`` of the run.
     lift : bool
         Whether another lift is run.
     """
-    step, seeds = scene_with_other_step(run), scenes_with_other_seeds(run)
-    swings = [step.check, *seeds]
-    lifts = [other] if lift and (other := lift_for_testing(run.scene)) is not None else []
-    fall = None if period is None else first_fall(run, period)
-    falls = [] if fall is None else fall_checks(run, fall)
-    records = checked_records(run, [*swings, *lifts, *falls], executor, progress)
-    failures = [record for record in records if isinstance(record, Failure)]
-    first, last = len(swings), len(swings) + len(lifts)
-    scores = None if fall is None else score_run_falls(run, fall, falls, records[last:])
-    if isinstance(scores, Failure):
-        failures.append(scores)
-    return FurtherRuns(
-        swings=tuple(zip((swing.what for swing in swings), records[:first], strict=True)),
-        step_factor=step.factor,
-        lift=next(
-            (record for record in records[first:last] if isinstance(record, PistonRecord)), None
-        ),
-        falls=scores if isinstance(scores, DropScores) else None,
-        failures=tuple(failures),
-    )
+
+    def __init__(
+        self, background: BackgroundRuns, scene: Scene, settings: Mapping[str, Any], lift: bool
+    ) -> None:
+        self._background, self._scene, self._settings = background, scene, settings
+        other = lift_for_testing(scene) if lift else None
+        self._starts = background.start(scene, scenes_with_other_seeds(scene), self._settings)
+        self._lift = background.start(scene, [] if other is None else [other], self._settings)
+
+    def finish(self, run: Trajectory, falls: bool, progress: bool) -> FurtherRuns:
+        """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
+
+        Falls, if asked for, are run where the scene begins with one.
+        """
+        start, step = self._background.start, scene_with_other_step(run)
+        changed = start(self._scene, [step.check], self._settings)
+        fall = first_fall(run) if falls else None
+        drops = start(self._scene, [] if fall is None else fall_checks(run, fall), self._settings)
+        fits = [] if fall is None else fit_drops(fall, FALL_LAWS, self._scene, STARTS)
+        order = [*changed, *self._starts, *self._lift, *drops]
+        motions = dict(
+            zip(
+                (entry.case.key for entry in order),
+                self._background.finish(order, progress),
+                strict=True,
+            )
+        )
+        failures = [motion for motion in motions.values() if isinstance(motion, Failure)]
+
+        def record(entry: RunningCheck) -> PistonRecord | Failure:
+            motion = motions[entry.case.key]
+            return motion if isinstance(motion, Failure) else motion.record
+
+        scores = None
+        if fall is not None:
+            unseen = {entry.check.what: record(entry) for entry in drops}
+            unseen |= _start_falls(fall, self._starts, motions)
+            sound = {what: own for what, own in unseen.items() if isinstance(own, PistonRecord)}
+            try:
+                scores = judge_fits(fall, fits, sound, _rest_of_fall(run))
+            except InputError as cause:
+                failures.append(Failure("other falls", str(cause)))
+        lifts = [own for own in map(record, self._lift) if isinstance(own, PistonRecord)]
+        return FurtherRuns(
+            step=record(changed[0]),
+            step_check=step,
+            starts=tuple((entry.check.what, record(entry)) for entry in self._starts),
+            lift=lifts[0] if lifts else None,
+            falls=scores,
+            failures=tuple(failures),
+        )
+
+
+def _start_falls(
+    fall: PistonRecord, starts: Sequence[RunningCheck], motions: Mapping[str, Motions | Failure]
+) -> dict[str, PistonRecord]:
+    """Falls with which the runs from other random starts begin, as long as that of the scene."""
+    duration = (1.0 + 1e-9) * float(fall.time[-1] - fall.time[0])
+    falls = {}
+    for entry in starts:
+        motion = motions[entry.case.key]
+        if isinstance(motion, Motions):
+            own = motion.record if motion.fall is None else motion.fall
+            begin = float(own.time[0])
+            falls[entry.check.what.removeprefix("random ")] = own.between(begin, begin + duration)
+    return falls
 
 
 def check_figures(
@@ -145,7 +173,8 @@ def check_figures(
     of its record.
     """
     duration = float(record.time[-1] - record.time[0])
-    results = [_refit_check(what, swing, duration, model) for what, swing in runs.swings]
+    swings = [(runs.step_check.check.what, runs.step), *runs.starts]
+    results = [_refit_check(what, swing, duration, model) for what, swing in swings]
     other, *scattered = [None if isinstance(result, Failure) else result for result in results]
     checked = {}
     for name, figure in figures.items():
@@ -154,7 +183,7 @@ def check_figures(
         checked[name] = dataclasses.replace(
             figure,
             step_error=(
-                None if other is None else runs.step_factor * abs(figure.value - other[name])
+                None if other is None else runs.step_check.factor * abs(figure.value - other[name])
             ),
             seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
         )
@@ -193,20 +222,21 @@ def scene_with_other_step(run: Trajectory) -> StepCheck:
     taken for the error, which it bounds also where a bed that packs otherwise follows no order.
     Half the step changes 1 - 2^-p of the error.
     """
+    from granular.run.accuracy import RESOLVED
     from granular.run.options import double_step, halve_step, is_allowed
 
     settings = run.settings()
     dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= _RESOLVED and is_allowed(run.scene, double_step(dt), run.method):
+    if coarser <= RESOLVED and is_allowed(run.scene, double_step(dt), run.method):
         return StepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
     power = 2.0**run.method.order
     return StepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
 
 
-def scenes_with_other_seeds(run: Trajectory) -> list[RunCheck]:
-    """Scene of a run from other random starts, all else alike."""
-    first = run.scene.arrangement.seed + 1
+def scenes_with_other_seeds(scene: Scene) -> list[RunCheck]:
+    """Scene from other random starts, all else alike."""
+    first = scene.arrangement.seed + 1
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed})
         for seed in range(first, first + CHECK_SEEDS)
@@ -225,44 +255,7 @@ def lift_for_testing(scene: Scene) -> RunCheck | None:
     )
 
 
-def checked_records(
-    run: Trajectory, checks: Sequence[RunCheck], executor: Executor | None, progress: bool
-) -> list[PistonRecord | Failure]:
-    """Return the records of further runs, or why there is none, in the order of the checks.
-
-    They are run side by side, where `granular.sweep` runs cases or by an executor that is given.
-    """
-    from granular.studies.measures import piston_columns
-    from granular.studies.sweep import sweep
-
-    settings = run.settings()
-    study = sweep(
-        run.scene,
-        cases=[check.changes for check in checks],
-        measure=piston_columns,
-        dt=settings["dt"],
-        t_end=_forced_end(run),
-        method=settings["method"],
-        executor=executor,
-        progress=progress,
-        title="checks of step, seeds, lift and falls",
-    )
-    return [
-        _record_of_check(check, outcome)
-        for check, outcome in zip(checks, study.outcomes, strict=True)
-    ]
-
-
-def _record_of_check(check: RunCheck, outcome: Mapping[str, Any]) -> PistonRecord | Failure:
-    if outcome["error"] is not None:
-        return Failure(check.what, " ".join(outcome["error"].split()))
-    try:
-        return PistonRecord.from_columns(outcome["figures"])
-    except RecordError as error:
-        return Failure(check.what, str(error))
-
-
-def _forced_end(run: Trajectory) -> float | None:
+def end_of_run(run: Trajectory) -> float | None:
     """End of a run whose last stage has no end of its own."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
@@ -270,7 +263,7 @@ def _forced_end(run: Trajectory) -> float | None:
     return float(run.dataset["time"].values[-1])
 
 
-def first_fall(run: Trajectory, period: float) -> PistonRecord | None:
+def first_fall(run: Trajectory) -> PistonRecord | None:
     """Fall with which a run begins; None where it begins otherwise."""
     from granular.protocol.free import Free
 
@@ -282,21 +275,27 @@ def first_fall(run: Trajectory, period: float) -> PistonRecord | None:
         return None
     try:
         record = run.piston(first.name)
+        period = 2.0 * math.pi / first_guesses(run.piston()).frequency
     except RecordError:
         return None
     start = float(record.time[0])
     record = record.between(start, min(float(record.time[-1]), start + PERIODS * period))
-    rest = run.stage(first.name).height
+    rest = _rest_of_fall(run)
     falls = record.height[0] - rest > _STILL * rest
     return record if falls and len(record) >= FEWEST else None
 
 
+def _rest_of_fall(run: Trajectory) -> float:
+    """Height at which the first stage of a run ends [m]."""
+    return run.stage(run.scene.protocol[0].name).height
+
+
 def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
-    """Run the fall alone, from other heights that the grains fit under, and other starts."""
+    """Run the fall alone, from other heights that the grains fit under."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
-    rest, height = run.stage(first.name).height, scene.piston.height
+    rest, height = _rest_of_fall(run), scene.piston.height
     grid = scene.arrangement.height
     stage = {"kind": "free", "name": first.name, "duration": float(fall.time[-1] - fall.time[0])}
     alone = {"protocol": [stage], "output.record": first.name}
@@ -306,11 +305,6 @@ def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         below = None if grid is None else other - (height - grid)
         changes = {**alone, "piston.height": other, "arrangement.height": below}
         drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
-    seed = scene.arrangement.seed + 1
-    drops += [
-        RunCheck(f"start {k}", {**alone, "arrangement.seed": k})
-        for k in range(seed, seed + CHECK_SEEDS)
-    ]
     return [drop for drop in drops if _fits_scene(scene, drop)]
 
 
@@ -321,24 +315,3 @@ def _fits_scene(scene: Scene, check: RunCheck) -> bool:
     except GranularError:
         return False
     return True
-
-
-def score_run_falls(
-    run: Trajectory,
-    fall: PistonRecord,
-    checks: Sequence[RunCheck],
-    records: Sequence[PistonRecord | Failure],
-) -> DropScores | Failure:
-    """Laws judged on the falls that could be run."""
-    unseen = {
-        check.what: record
-        for check, record in zip(checks, records, strict=True)
-        if isinstance(record, PistonRecord)
-    }
-    try:
-        return score_drops(
-            fall, unseen, rest=run.stage(run.scene.protocol[0].name).height, scene=run.scene,
-            starts=STARTS,
-        )  # fmt: skip
-    except InputError as cause:
-        return Failure("other falls", str(cause))

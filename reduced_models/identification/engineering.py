@@ -324,7 +324,7 @@ def swing_text(
     quantities: Sequence[Quantity], figures: Mapping[str, Figure], angle: bool, mass: float | None
 ) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
-    known = {quantity.name: _widen(quantity, figures) for quantity in quantities}
+    known = {quantity.name: widen(quantity, figures) for quantity in quantities}
     rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
     words = (
         f"{'The angle' if angle else 'The piston'} comes to rest at {rest}, and small swings about "
@@ -338,7 +338,7 @@ def swing_text(
     return words
 
 
-def _widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
+def widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
     """Quantity whose interval is no narrower than its step error and scatter."""
     errors = [propagate_error(quantity, figures, name) for name in ("step_error", "seed_spread")]
     wide = max([0.5 * (quantity.high - quantity.low), *(float(error) for error in errors if error)])

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any, cast
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote, sanitize
+from granular.shared.progress import print_above_bar
 from reduced_models.fitting.options import STARTS, check_options
+from reduced_models.identification.background import BackgroundRuns
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
-from reduced_models.identification.checks import check_figures, further_runs
+from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import rest_figures
@@ -27,10 +29,12 @@ from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import (
     METHOD,
+    STEP,
     RunOptions,
-    load_record,
     make_directory,
+    prepare_source,
     run_notes,
+    run_scene,
 )
 
 GLANCED = "sindy"
@@ -54,7 +58,7 @@ def identify(
     drive: str | None = None,
     mass: float | None = None,
     changes: Mapping[str, Any] | None = None,
-    dt: float | str = "auto",
+    dt: float | str | None = None,
     method: str = METHOD,
     threads: int | None = None,
     starts: int = STARTS,
@@ -85,7 +89,9 @@ def identify(
     changes : mapping, optional
         Dotted keys of the scene and their new values.
     dt, method, threads : optional
-        As for `granular.simulate`; for a scene only.
+        As for `granular.simulate`; for a scene only. The step, if not given, is the longest whose
+        errors random starts hide by the stored table of prices, and the automatic one of scenes
+        that it does not hold (`granular.run.accuracy.step_hidden_by_scatter`).
     starts : int
         Random starts of each fit.
     checks : bool
@@ -119,11 +125,73 @@ def identify(
     check_options(starts=starts)
     target = make_directory(out)
     clock = _Stopwatch()
-    options = RunOptions(changes or {}, dt, method, threads, progress)
-    record, run = load_record(source, target, options)
-    mass = _moving_mass(mass, record, run)
-    clock.lap("record" if run is None else "simulation")
+    options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
+    opened = prepare_source(source, options)
+    lift = laws is None or len(laws) > 1
+    with BackgroundRuns(executor) as background:
+        if isinstance(opened, PistonRecord):
+            record, run, further = opened, None, None
+        else:
+            run, further = _run_beside_checks(
+                opened, target, options, dt is None, background if checks else None, lift
+            )
+            record = run.piston()
+        mass = _moving_mass(mass, record, run)
+        clock.lap("record" if run is None else "simulation")
+        result = _fit_laws(record, run, laws, discovery, drive, mass, starts, clock)
+        doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
+        for note in (*result.notes, *doubts):
+            warnings.warn(note, stacklevel=2)
+        if target is not None:
+            result.save(target)
+        if further is None or run is None or not result.figures:
+            return result
+        if progress:
+            print_above_bar(result.first_words)
+        result = _check_by_runs(result, run, further, progress, falls=laws is None)
+    clock.lap("checks of step, random starts, lift and falls")
+    result = dataclasses.replace(result, seconds=dict(clock.seconds))
+    if target is not None:
+        result.save(target)
+    return result
 
+
+def _run_beside_checks(
+    source: Scene | Trajectory, out: Path | None, options: RunOptions, free_step: bool,
+    background: BackgroundRuns | None, lift: bool,
+) -> tuple[Trajectory, SceneChecks | None]:  # fmt: skip
+    """Run of a scene, or one that is there; its checks, which are begun before it.
+
+    Parameters
+    ----------
+    free_step : bool
+        Whether the step is chosen here.
+    background : BackgroundRuns or None
+        Where the checks run; None where none are wanted.
+    """
+    from granular.scene.scene import Scene
+
+    if isinstance(source, Scene):
+        if free_step:
+            from granular.run.accuracy import step_hidden_by_scatter
+
+            options = options._replace(dt=step_hidden_by_scatter(source, options.method))
+        settings = {"dt": options.dt, "t_end": None, "method": options.method}
+        further = None if background is None else SceneChecks(background, source, settings, lift)
+        run = run_scene(source, out, options)
+        return run, further if run.complete else None
+    if background is None or not source.complete:
+        return source, None
+    settings = {name: source.settings()[name] for name in ("dt", "method")}
+    settings["t_end"] = end_of_run(source)
+    return source, SceneChecks(background, source.scene, settings, lift)
+
+
+def _fit_laws(
+    record: PistonRecord, run: Trajectory | None, laws: Sequence[str | Law] | None,
+    discovery: str | None, drive: str | None, mass: float | None, starts: int, clock: _Stopwatch,
+) -> Identification:  # fmt: skip
+    """Laws of a record, fitted and compared; arguments as of `identify`."""
     left_out: tuple[str, ...] = ()
     if laws is None:
         chosen = candidates(record, drive)
@@ -147,7 +215,7 @@ def identify(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
-    result = Identification(
+    return Identification(
         record=record,
         models=models,
         comparison=comparison,
@@ -161,20 +229,6 @@ def identify(
         residuals={model.law.name: residual_tests(model, record) for model in models},
         advice=suggest_next_steps(comparison, models, record, run, discovery),
     )
-    doubts = [f"fit of {best.law.name}: {note}" for note in best.notes]
-    for note in (*result.notes, *doubts):
-        warnings.warn(note, stacklevel=2)
-    if target is not None:
-        result.save(target)
-    if not (checks and run is not None and run.complete and result.figures):
-        return result
-
-    result = _check_by_runs(result, run, executor, progress, falls=laws is None)
-    clock.lap("checks of step, seeds, lift and falls")
-    result = dataclasses.replace(result, seconds=dict(clock.seconds))
-    if target is not None:
-        result.save(target)
-    return result
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
@@ -222,17 +276,17 @@ def _notes(
 
 
 def _check_by_runs(
-    result: Identification, run: Trajectory, executor: Executor | None, progress: bool, falls: bool
+    result: Identification, run: Trajectory, further: SceneChecks, progress: bool, falls: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter.
 
     A check that fails becomes a note. The other lift is run where there are laws to choose from,
     and other falls, if asked for, where the scene begins with one.
     """
-    period = result.figures["period"].value if falls else None
-    checks = further_runs(run, period, executor, progress, lift=len(result.models) > 1)
+    checks = further.finish(run, falls, progress)
     comparison, model, figures = result.comparison, result.shown, result.figures
-    if checks.lift is not None:  # the laws are ranked anew, and the best one now gives the figures
+    if checks.lift is not None and len(result.models) > 1:
+        # The laws are ranked anew, and the best one now gives the figures.
         comparison = compare_on_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
@@ -248,7 +302,8 @@ def _check_by_runs(
     )
     return dataclasses.replace(
         result, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,
-        notes=result.notes + notes, lift=checks.lift, falls=checks.falls,
+        notes=result.notes + notes, lift=None if comparison is result.comparison else checks.lift,
+        falls=checks.falls,
     )  # fmt: skip
 
 

@@ -40,16 +40,39 @@ def load_record(
     InputError, RunError
         If the source cannot be read or run, or an option does not apply to it.
     """
+    opened = prepare_source(source, options)
+    if isinstance(opened, PistonRecord):
+        return opened, None
+    from granular.scene.scene import Scene
+
+    run = run_scene(opened, out, options) if isinstance(opened, Scene) else opened
+    return run.piston(), run
+
+
+def prepare_source(
+    source: str | Path | Scene | Trajectory | PistonRecord, options: RunOptions
+) -> Scene | Trajectory | PistonRecord:
+    """Open a source, and change it where it is a scene.
+
+    Raises
+    ------
+    InputError, StoreError
+        If the source cannot be read, a scene has no piston, or an option does not apply.
+    """
     check_run_options(options)
     result = open_source(source) if isinstance(source, str | Path) else source
     if isinstance(result, PistonRecord):  # needs nothing of what simulates
         _refuse_run_options(options)
-        return result, None
+        return result
     from granular.scene.scene import Scene
 
     if isinstance(result, Scene):
-        run = _simulate(result, out, options)
-        return run.piston(), run
+        scene = result.replace(**options.changes)
+        if scene.piston is None:
+            raise InputError(
+                f"scene {quote(scene.name)} has no piston, so there is nothing to identify"
+            )
+        return scene
     _refuse_run_options(options)
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
@@ -57,7 +80,7 @@ def load_record(
             f"the settings of the run in {result.path} lack {', '.join(sorted(missing))}; run the "
             "scene again"
         )
-    return result.piston(), result
+    return result
 
 
 def make_directory(out: str | Path | None) -> Path | None:
@@ -239,14 +262,10 @@ def _refuse_run_options(options: RunOptions) -> None:
             )
 
 
-def _simulate(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
+def run_scene(scene: Scene, out: Path | None, options: RunOptions) -> Trajectory:
+    """Run of a scene, in the folder ``run`` of a directory, or the one that lies there already."""
     from granular.run.simulation import simulate
 
-    scene = scene.replace(**options.changes)
-    if scene.piston is None:
-        raise InputError(
-            f"scene {quote(scene.name)} has no piston, so there is nothing to identify"
-        )
     return simulate(
         scene,
         dt=options.dt,

@@ -12,7 +12,13 @@ from numba.core.compiler_lock import global_compiler_lock
 
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
-from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy
+from granular.run.accuracy import (
+    FLOORS,
+    MARGIN,
+    choose_settings,
+    parse_accuracy,
+    step_hidden_by_scatter,
+)
 from granular.run.options import validated_step
 from granular.run.price_table import (
     WorkPrecisionTable,
@@ -140,3 +146,15 @@ def test_price_without_a_like_scene_is_the_energy_s() -> None:
     error = run.settings()["ledger_residual"]
     assert f"energy to {error:.1g} by the step" in price_text(run)
     assert f", {error / 4.0:.1g}" in price_text(run)
+
+
+@pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
+def test_steps_are_as_long_as_random_starts_hide(count: int, dt: str) -> None:
+    """By the table, the damping of 92 grains shows four times the step, and 368 show none."""
+    assert step_hidden_by_scatter(damper(count=count), "stormer-verlet") == dt
+
+
+def test_what_the_table_does_not_hold_keeps_the_automatic_step() -> None:
+    touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
+    assert step_hidden_by_scatter(touching, "stormer-verlet") == "auto"
+    assert step_hidden_by_scatter(damper(), "explicit-euler") == "auto"

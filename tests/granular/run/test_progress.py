@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -79,3 +80,24 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     assert fractions[0] < 0.5
     assert fractions[-1] == 1.0 or amplitudes[-1] < 2.0 * settling.limit
     assert "at rest below 1e-04 D" in str(settling)
+
+
+COMPILING = """
+import granular.shared.progress as progress
+progress.LINES_EVERY = 0.0
+from granular import load_scene, simulate
+for _ in range(2):
+    print("run", file=progress.sys.stderr)
+    simulate(load_scene("single-particle"), t_end=1e-3)
+"""
+
+
+def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
+    """By the kernel, where nothing is compiled yet; the second run says nothing of it."""
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILING], cwd=ROOT, capture_output=True, text=True, check=True,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+    )  # fmt: skip
+    _, first, second = done.stderr.split("run\n")
+    assert "compiling for scenes of this kind, kept for later runs, kernel 2" in first
+    assert "compiling" not in second

@@ -181,7 +181,7 @@ def test_a_command_whose_cases_the_machine_failed_says_so(
     def computed(cases: Any, *_: Any) -> Iterator[Any]:
         yield from zip(cases, [sound, failed], strict=True)
 
-    monkeypatch.setattr(granular.studies.sweep, "_iterate_outcomes", computed)
+    monkeypatch.setattr(granular.studies.sweep, "iterate_outcomes", computed)
     code = launch(main, ["sweep", str(study), "-o", str(tmp_path / "out"), "--quiet"])
     told = capsys.readouterr()
     assert code == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import os
 import re
@@ -22,9 +21,11 @@ from granular.run.options import halve_step, validated_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
-from reduced_models import identify, load_model, score_drops
+from reduced_models import identify, load_model
 from reduced_models.identification import checks
+from reduced_models.identification.background import RECORD
 from reduced_models.identification.checks import scene_with_other_step
+from reduced_models.identification.result import Identification
 
 ROOT = Path(__file__).parents[3]
 
@@ -61,12 +62,20 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     assert np.array_equal(back.height, PistonRecord.from_csv(lab).height)
 
 
+def fits_a_screen(found: Identification, words: str) -> None:
+    """At most nineteen lines of a hundred columns, before that of the report."""
+    lines = found.brief.splitlines()
+    assert len(lines) <= 19
+    assert max(map(len, lines)) <= 100
+    for expected in (found.best.law.equation, "natural frequency", found.best.law.name, words):
+        assert expected in found.brief
+
+
 @pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
 def test_from_scene_with_checks(
     small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    two = functools.partial(score_drops, laws=("power-law-spring", "linear"))  # quick to compile
-    monkeypatch.setattr(checks, "score_drops", two)
+    monkeypatch.setattr(checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
     scene = small_damper.replace(
         **{"protocol.release.duration": 1.0, "protocol.drop.tolerance": "1e-3 D",
            "effects.drag.coefficient": 0.5}
@@ -92,6 +101,7 @@ def test_from_scene_with_checks(
     assert found.falls.labels[-2:] == ("start 2", "start 3")
     assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston
     assert found.falls.verdict in page
+    fits_a_screen(found, "other falls, errors in % of the drop")
     assert "Falls that no law has seen are predicted best by" in found.verdict
     assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
@@ -152,6 +162,18 @@ def faster(record: PistonRecord, by: float) -> PistonRecord:
     return PistonRecord(record.time / by, record.height)
 
 
+class Told(Future[Any]):
+    """A future that does something before it tells its result."""
+
+    def __init__(self, before: Callable[[], None]) -> None:
+        super().__init__()
+        self.before = before
+
+    def result(self, timeout: float | None = None) -> Any:
+        self.before()
+        return super().result(timeout)
+
+
 class MadeUp(Executor):
     """Answers each case with an outcome that is made up beforehand, and keeps what was asked."""
 
@@ -160,15 +182,14 @@ class MadeUp(Executor):
         self.asked: list[Case] = []
 
     def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
-        self.before()
         one = self.outcomes[len(self.asked)]
         self.asked.append(case)
-        future: Future[Any] = Future()
+        future = Told(self.before)
         if isinstance(one, str):
             future.set_result({"figures": {}, "error": one})
         else:
             columns = {name: values.tolist() for name, values in one.columns.items()}
-            future.set_result({"figures": columns, "error": None})
+            future.set_result({"figures": {RECORD: columns}, "error": None})
         return future
 
 
@@ -180,12 +201,12 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     height = 0.02 + 1e-3 * np.exp(-2.0 * time) * np.cos(40.0 * time)
     swing = PistonRecord(time, height)
     monkeypatch.setattr(Trajectory, "piston", lambda _: swing)
-    made_up = MadeUp(*(faster(swing, by) for by in (1.03, 1.01, 0.99)))
+    made_up = MadeUp(*(faster(swing, by) for by in (1.01, 0.99, 1.03)))
     found = identify(run.path, laws=[law], executor=made_up, progress=False)
-    assert [case.settings["dt"] for case in made_up.asked] == ["auto*4", "auto*2", "auto*2"]
+    assert [case.settings["dt"] for case in made_up.asked] == ["auto*2", "auto*2", "auto*4"]
     assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
     seeds = [case.scene.arrangement.seed for case in made_up.asked]
-    assert seeds == [run.scene.arrangement.seed + more for more in (0, 1, 2)]
+    assert seeds == [run.scene.arrangement.seed + more for more in (1, 2, 0)]
     period = found.figures["period"]
     assert found.figures_law == law
     # All of what twice the step changes.
@@ -198,7 +219,7 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
         assert (tmp_path / "model.json").is_file()
         assert (tmp_path / "report.html").is_file()
 
-    made_up = MadeUp("EnergyError: step 3", run.piston(), run.piston(), before=saved)
+    made_up = MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
         found = identify(run.path, tmp_path, laws=["linear"], executor=made_up, progress=False)
     period = found.figures["period"]
@@ -213,11 +234,14 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 SCRIPT = """
 import sys
 from granular import load_trajectory
-from reduced_models.identification.checks import RunCheck, checked_records
+from reduced_models.identification.background import BackgroundRuns, RunCheck
 print("started")
 checks = [RunCheck(f"step {dt}", {"dt": dt}) for dt in (1e-3, "auto")]
-for outcome in checked_records(load_trajectory(sys.argv[1]), checks, None, False):
-    print(type(outcome).__name__, getattr(outcome, "cause", ""))
+settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
+with BackgroundRuns(None) as background:
+    running = background.start(load_trajectory(sys.argv[1]).scene, checks, settings)
+    for outcome in background.finish(running, False):
+        print(type(outcome).__name__, getattr(outcome, "cause", ""))
 """
 
 
@@ -235,7 +259,7 @@ def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     assert re.match(
         r"Failure (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed
     )
-    assert kept.startswith("PistonRecord")
+    assert kept.startswith("Motions")
 
 
 def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
@@ -256,6 +280,7 @@ def test_verdict_calls_equals_equal(lab: Path) -> None:
     assert any("quadratic-drag was not fitted" in words for words in found.left_out)
     assert found.residuals["linear"].verdict == "noise"
     assert found.advice == ()
+    fits_a_screen(found, "of a spring on which 1 kg swings alike")
 
 
 CODE = """
