@@ -96,7 +96,9 @@ examples:
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.schema.units import si_value
+    from granular.shared.progress import print_above_bar
     from granular.user_code import import_user_code
+    from reduced_models.identification.brief import brief, first_words
     from reduced_models.identification.identify import identify as identify_source
     from reduced_models.records.sources import open_source
 
@@ -111,9 +113,10 @@ def identify(options: Any) -> None:
         dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
+        announce=None if options.quiet else lambda first: print_above_bar(first_words(first)),
         **pick_options(options, "drive", "method", "threads", "starts"),
     )
-    show_result(result, options, None if options.verbose else result.brief)
+    show_result(result, options, None if options.verbose else brief(result))
 
 
 @command(

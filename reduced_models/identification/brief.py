@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from granular.shared.tables import align_columns
 from reduced_models.falls.scores import DropScores, percent_of_drop
@@ -21,10 +20,8 @@ from reduced_models.identification.engineering import (
     small_swing_sentence,
     widen,
 )
+from reduced_models.identification.result import Identification
 from reduced_models.models.model import ReducedModel
-
-if TYPE_CHECKING:
-    from reduced_models.identification.result import Identification
 
 COLUMNS = 100
 """Width of a line."""
@@ -86,10 +83,9 @@ def _figure_lines(result: Identification) -> list[str]:
     shown = [quantity for quantity in known if quantity.name.startswith(_SHOWN)]
     if not shown:
         return ["it has no level of rest near the record, so no small swing can be told"]
-    checked = any(figure.checked for figure in result.figures.values())
-    of = f"the fit's {100 * result.shown.confidence:g} % interval"
-    if checked:
-        of = f"the widest of {of}, the step's error and the scatter of random starts"
+    of = f"fit's {100 * result.shown.confidence:g} % interval"
+    if any(figure.checked for figure in result.figures.values()):
+        of = f"widest of: {of}, step's error, scatter of starts"
     mass = "1 kg" if result.mass is None else f"{result.mass:.4g} kg"
     meanings = {
         "natural frequency": "without damping",
@@ -103,7 +99,7 @@ def _figure_lines(result: Identification) -> list[str]:
         (f"  {quantity.name}", _with_error(quantity), meanings.get(quantity.name, ""))
         for quantity in shown
     ]
-    header = f"{small_swing_sentence(result.shown)} about rest, +- {of}:"
+    header = f"{small_swing_sentence(result.shown)} about rest (+- {of}):"
     return [_fit_line(header), *align_columns(rows).splitlines()]
 
 
@@ -118,7 +114,7 @@ def _law_lines(table: Comparison) -> list[str]:
     """Errors of the laws on what they have not seen, the best first."""
     sound = [row for row in table.rows if not row.failure]
     lifted = bool(sound[0].records)
-    rows = [("law", "parameters", "later motion", *(["higher lift"] if lifted else []))]
+    rows = [("  law", "parameters", "later motion", *(["higher lift"] if lifted else []))]
     for row in sound[:MOST_LAWS]:
         later = as_percent(root_mean_square(row.stretches)) if row.stretches else "-"
         lifts = [as_percent(record.relative) for record in row.records]

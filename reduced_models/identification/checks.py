@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import warnings
@@ -14,13 +15,6 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.scores import FALL_LAWS, DropScores, fit_drops, judge_fits
 from reduced_models.fitting.fit import fit
-from reduced_models.identification.background import (
-    BackgroundRuns,
-    Failure,
-    Motions,
-    RunCheck,
-    RunningCheck,
-)
 from reduced_models.identification.engineering import Figure
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.first_guesses import first_guesses
@@ -28,6 +22,7 @@ from reduced_models.records.first_guesses import first_guesses
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
+    from granular.studies.background import BackgroundCase, BackgroundCases
 
 CHECK_SEEDS = 2
 """Further random starts of the bed that are run to see the scatter."""
@@ -42,7 +37,32 @@ FEWEST = 100
 """Samples of a fall."""
 STARTS = 8
 """Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
+RECORD, FALL = "record", "fall"
+"""Names of what `free_motions` gives."""
+TITLE = "checks of step, random starts, lift and falls"
 _STILL = 0.05  # of the drop: what falls less far is a nudge
+
+
+class RunCheck(NamedTuple):
+    """A further run of a scene.
+
+    Attributes
+    ----------
+    what : str
+        In words, for messages.
+    changes : mapping
+        To the run: its ``dt``, or keys of its scene.
+    """
+
+    what: str
+    changes: Mapping[str, Any]
+
+
+class Failure(NamedTuple):
+    """Why a check has no record."""
+
+    what: str
+    cause: str
 
 
 class StepCheck(NamedTuple):
@@ -85,11 +105,12 @@ class FurtherRuns(NamedTuple):
 
 
 class SceneChecks:
-    """Checks of a scene's run, begun before it and beside it.
+    """Checks of a scene's run, begun before it and computed beside it.
 
     Parameters
     ----------
-    background : BackgroundRuns
+    background : BackgroundCases
+        Which measures `free_motions`.
     scene : Scene
     settings : mapping
         ``dt``, ``t_end`` and ``method`` of the run.
@@ -98,70 +119,107 @@ class SceneChecks:
     """
 
     def __init__(
-        self, background: BackgroundRuns, scene: Scene, settings: Mapping[str, Any], lift: bool
+        self, background: BackgroundCases, scene: Scene, settings: Mapping[str, Any], lift: bool
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
+        self._starts = self._begin(scenes_with_other_seeds(scene))
         other = lift_for_testing(scene) if lift else None
-        self._starts = background.start(scene, scenes_with_other_seeds(scene), self._settings)
-        self._lift = background.start(scene, [] if other is None else [other], self._settings)
+        self._lift = self._begin([] if other is None else [other])
+
+    def _begin(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
+        cases = [check.changes for check in checks]
+        started = self._background.start(self._scene, cases, self._settings)
+        return list(zip(checks, started, strict=True))
 
     def finish(self, run: Trajectory, falls: bool, progress: bool) -> FurtherRuns:
         """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
 
         Falls, if asked for, are run where the scene begins with one.
         """
-        start, step = self._background.start, scene_with_other_step(run)
-        changed = start(self._scene, [step.check], self._settings)
+        step = scene_with_other_step(run)
+        other = self._begin([step.check])
         fall = first_fall(run) if falls else None
-        drops = start(self._scene, [] if fall is None else fall_checks(run, fall), self._settings)
+        drops = self._begin([] if fall is None else fall_checks(run, fall))
         fits = [] if fall is None else fit_drops(fall, FALL_LAWS, self._scene, STARTS)
-        order = [*changed, *self._starts, *self._lift, *drops]
-        motions = dict(
-            zip(
-                (entry.case.key for entry in order),
-                self._background.finish(order, progress),
-                strict=True,
-            )
+        order = [*other, *self._starts, *self._lift, *drops]
+        outcomes = self._background.finish([case for _, case in order], TITLE, progress)
+        motions = iter([_motion(*pair) for pair in zip(order, outcomes, strict=True)])
+        (changed,), starts, lifts, others = (
+            [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
         )
-        failures = [motion for motion in motions.values() if isinstance(motion, Failure)]
-
-        def record(entry: RunningCheck) -> PistonRecord | Failure:
-            motion = motions[entry.case.key]
-            return motion if isinstance(motion, Failure) else motion.record
-
+        every = [changed, *starts, *lifts, *others]
+        failures = [motion for motion in every if isinstance(motion, Failure)]
         scores = None
         if fall is not None:
-            unseen = {entry.check.what: record(entry) for entry in drops}
-            unseen |= _start_falls(fall, self._starts, motions)
-            sound = {what: own for what, own in unseen.items() if isinstance(own, PistonRecord)}
+            again = [_same_fall(fall, motion) for motion in starts]
+            labels = [check.what for check, _ in drops]
+            labels += [check.what.removeprefix("random ") for check, _ in self._starts]
+            unseen = {
+                label: record
+                for label, record in zip(labels, [*map(_record, others), *again], strict=True)
+                if isinstance(record, PistonRecord)
+            }
             try:
-                scores = judge_fits(fall, fits, sound, _rest_of_fall(run))
+                scores = judge_fits(fall, fits, unseen, _rest_of_fall(run))
             except InputError as cause:
                 failures.append(Failure("other falls", str(cause)))
-        lifts = [own for own in map(record, self._lift) if isinstance(own, PistonRecord)]
+        lifted = [record for record in map(_record, lifts) if isinstance(record, PistonRecord)]
         return FurtherRuns(
-            step=record(changed[0]),
+            step=_record(changed),
             step_check=step,
-            starts=tuple((entry.check.what, record(entry)) for entry in self._starts),
-            lift=lifts[0] if lifts else None,
+            starts=tuple(
+                (check.what, _record(motion))
+                for (check, _), motion in zip(self._starts, starts, strict=True)
+            ),
+            lift=lifted[0] if lifted else None,
             falls=scores,
             failures=tuple(failures),
         )
 
 
-def _start_falls(
-    fall: PistonRecord, starts: Sequence[RunningCheck], motions: Mapping[str, Motions | Failure]
-) -> dict[str, PistonRecord]:
-    """Falls with which the runs from other random starts begin, as long as that of the scene."""
-    duration = (1.0 + 1e-9) * float(fall.time[-1] - fall.time[0])
-    falls = {}
-    for entry in starts:
-        motion = motions[entry.case.key]
-        if isinstance(motion, Motions):
-            own = motion.record if motion.fall is None else motion.fall
-            begin = float(own.time[0])
-            falls[entry.check.what.removeprefix("random ")] = own.between(begin, begin + duration)
-    return falls
+def free_motions(run: Trajectory) -> Mapping[str, Any]:
+    """Piston's record of a run, and of its first stage where that is free, as columns."""
+    from granular.protocol.free import Free
+
+    motions = {RECORD: run.piston()}
+    first = run.scene.protocol[0]
+    if isinstance(first, Free) and first.name != run.scene.output.record:
+        with contextlib.suppress(RecordError):
+            motions[FALL] = run.piston(first.name)
+    return {
+        name: {column: values.tolist() for column, values in motion.columns.items()}
+        for name, motion in motions.items()
+    }
+
+
+def _motion(
+    started: tuple[RunCheck, BackgroundCase], outcome: Mapping[str, Any]
+) -> dict[str, PistonRecord] | Failure:
+    """Motions of `free_motions` in a further run, or why there are none."""
+    what = started[0].what
+    if outcome["error"] is not None:
+        return Failure(what, " ".join(outcome["error"].split()))
+    try:
+        return {
+            name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()
+        }
+    except RecordError as error:
+        return Failure(what, str(error))
+
+
+def _record(motion: dict[str, PistonRecord] | Failure) -> PistonRecord | Failure:
+    return motion if isinstance(motion, Failure) else motion[RECORD]
+
+
+def _same_fall(
+    fall: PistonRecord, motion: dict[str, PistonRecord] | Failure
+) -> PistonRecord | Failure:
+    """Fall with which a further run begins, for as long as that of the scene's own."""
+    if isinstance(motion, Failure):
+        return motion
+    own = motion.get(FALL, motion[RECORD])
+    begin, duration = float(own.time[0]), float(fall.time[-1] - fall.time[0])
+    return own.between(begin, begin + duration * (1.0 + 1e-9))
 
 
 def check_figures(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -14,11 +15,14 @@ from typing import TYPE_CHECKING, Any, cast
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote, sanitize
-from granular.shared.progress import print_above_bar
 from reduced_models.fitting.options import STARTS, check_options
-from reduced_models.identification.background import BackgroundRuns
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
-from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run
+from reduced_models.identification.checks import (
+    SceneChecks,
+    check_figures,
+    end_of_run,
+    free_motions,
+)
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import rest_figures
@@ -47,6 +51,7 @@ _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
     from granular.scene.scene import Scene
+    from granular.studies.background import BackgroundCases
 
 
 def identify(
@@ -65,6 +70,7 @@ def identify(
     checks: bool = True,
     executor: Executor | None = None,
     progress: bool = True,
+    announce: Callable[[Identification], None] | None = None,
 ) -> Identification:
     """Identify the law of a piston's motion.
 
@@ -105,6 +111,8 @@ def identify(
         Where the checks run, as in `granular.sweep`; processes on this machine if not given.
     progress : bool
         Show what is being done.
+    announce : callable, optional
+        Is handed what was identified while the checks, which are to follow, still run.
 
     Returns
     -------
@@ -128,13 +136,16 @@ def identify(
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
     opened = prepare_source(source, options)
     lift = laws is None or len(laws) > 1
-    with BackgroundRuns(executor) as background:
+    with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
             record, run, further = opened, None, None
         else:
-            run, further = _run_beside_checks(
-                opened, target, options, dt is None, background if checks else None, lift
-            )
+            background = None
+            if checks:
+                from granular.studies.background import BackgroundCases
+
+                background = stack.enter_context(BackgroundCases(free_motions, executor))
+            run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
         mass = _moving_mass(mass, record, run)
         clock.lap("record" if run is None else "simulation")
@@ -142,12 +153,13 @@ def identify(
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):
             warnings.warn(note, stacklevel=2)
+        checkable = further is not None and bool(result.figures)
+        if checkable and announce is not None:
+            announce(result)
         if target is not None:
             result.save(target)
-        if further is None or run is None or not result.figures:
+        if further is None or run is None or not checkable:
             return result
-        if progress:
-            print_above_bar(result.first_words)
         result = _check_by_runs(result, run, further, progress, falls=laws is None)
     clock.lap("checks of step, random starts, lift and falls")
     result = dataclasses.replace(result, seconds=dict(clock.seconds))
@@ -158,7 +170,7 @@ def identify(
 
 def _run_beside_checks(
     source: Scene | Trajectory, out: Path | None, options: RunOptions, free_step: bool,
-    background: BackgroundRuns | None, lift: bool,
+    background: BackgroundCases | None, lift: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:  # fmt: skip
     """Run of a scene, or one that is there; its checks, which are begun before it.
 
@@ -166,7 +178,7 @@ def _run_beside_checks(
     ----------
     free_step : bool
         Whether the step is chosen here.
-    background : BackgroundRuns or None
+    background : BackgroundCases or None
         Where the checks run; None where none are wanted.
     """
     from granular.scene.scene import Scene

@@ -16,7 +16,6 @@ from granular.shared.messages import as_factor
 from reduced_models.falls.scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
-from reduced_models.identification.brief import brief, first_words
 from reduced_models.identification.comparison_table import Comparison, best_error_text
 from reduced_models.identification.elliptic import (
     Averaging,
@@ -158,16 +157,6 @@ class Identification:
         units = engineering_units(angle, self.mass)
         words = f"{swing} {best_error_text(best)}{amplitude_text(cycles, units)}"
         return words if self.falls is None else f"{self.falls.verdict} {words}"
-
-    @property
-    def first_words(self) -> str:
-        """The answer before the checks."""
-        return first_words(self)
-
-    @property
-    def brief(self) -> str:
-        """The answer in a screen of lines."""
-        return brief(self)
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""

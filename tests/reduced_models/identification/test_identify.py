@@ -23,8 +23,8 @@ from granular.shared.errors import InputError
 from granular.studies.cases import Case
 from reduced_models import identify, load_model
 from reduced_models.identification import checks
-from reduced_models.identification.background import RECORD
-from reduced_models.identification.checks import scene_with_other_step
+from reduced_models.identification.brief import brief
+from reduced_models.identification.checks import RECORD, scene_with_other_step
 from reduced_models.identification.result import Identification
 
 ROOT = Path(__file__).parents[3]
@@ -64,11 +64,12 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
 
 def fits_a_screen(found: Identification, words: str) -> None:
     """At most nineteen lines of a hundred columns, before that of the report."""
-    lines = found.brief.splitlines()
+    text = brief(found)
+    lines = text.splitlines()
     assert len(lines) <= 19
     assert max(map(len, lines)) <= 100
     for expected in (found.best.law.equation, "natural frequency", found.best.law.name, words):
-        assert expected in found.brief
+        assert expected in text
 
 
 @pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
@@ -234,14 +235,15 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
 SCRIPT = """
 import sys
 from granular import load_trajectory
-from reduced_models.identification.background import BackgroundRuns, RunCheck
+from granular.studies.background import BackgroundCases
+from reduced_models.identification.checks import free_motions
 print("started")
-checks = [RunCheck(f"step {dt}", {"dt": dt}) for dt in (1e-3, "auto")]
+cases = [{"dt": dt} for dt in (1e-3, "auto")]
 settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-with BackgroundRuns(None) as background:
-    running = background.start(load_trajectory(sys.argv[1]).scene, checks, settings)
-    for outcome in background.finish(running, False):
-        print(type(outcome).__name__, getattr(outcome, "cause", ""))
+with BackgroundCases(free_motions, None) as background:
+    started = background.start(load_trajectory(sys.argv[1]).scene, cases, settings)
+    for outcome in background.finish(started, "checks", False):
+        print(sorted(outcome["figures"]), outcome["error"])
 """
 
 
@@ -256,10 +258,8 @@ def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     )  # fmt: skip
     started, failed, kept = done.stdout.splitlines()
     assert started == "started"
-    assert re.match(
-        r"Failure (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed
-    )
-    assert kept.startswith("Motions")
+    assert re.match(r"\[\] (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed)
+    assert kept == "['fall', 'record'] None"
 
 
 def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:

@@ -1,0 +1,103 @@
+"""Cases of a scene on an executor, while the caller does other work."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from typing import Any, NamedTuple, Self
+
+from granular.scene.scene import Scene
+from granular.shared.progress import progress_bar
+from granular.studies.cases import Case, Measure, make_cases
+from granular.studies.sweep import future_outcome, iterate_outcomes
+from granular.studies.workers import Outcome, Workers, compute_case
+
+
+class BackgroundCase(NamedTuple):
+    """A case that was handed to an executor."""
+
+    case: Case
+    future: Future[Outcome]
+
+
+class BackgroundCases:
+    """Cases that are computed while the caller works; what nobody waits for is ended.
+
+    Parameters
+    ----------
+    measure : function of Trajectory
+        As of `granular.sweep`.
+    executor : Executor, optional
+        Where they are computed; processes on this machine, one fewer than it has processors, if not
+        given.
+    """
+
+    def __init__(self, measure: Measure, executor: Executor | None) -> None:
+        self._measure, self._given = measure, executor
+        self._own: Workers | None = None
+        self._started: list[BackgroundCase] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._own is not None:
+            self._own.shutdown(wait=False, cancel_futures=True)
+            return
+        for started in self._started:
+            started.future.cancel()
+
+    def _pool(self) -> Executor:
+        """Executor, whose processes start with the first case."""
+        if self._given is not None:
+            return self._given
+        if self._own is None:
+            self._own = Workers(max(1, (os.cpu_count() or 1) - 1))
+        return self._own
+
+    def start(
+        self, scene: Scene, changes: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
+    ) -> list[BackgroundCase]:
+        """Hand cases to the executor.
+
+        Parameters
+        ----------
+        scene : Scene
+        changes : sequence of mapping
+            As the cases of `granular.sweep`.
+        settings : mapping
+            ``dt``, ``t_end`` and ``method`` of cases without their own.
+        """
+        started = []
+        for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
+            try:
+                future = self._pool().submit(compute_case, case, self._measure, None, False, True)
+            except BrokenExecutor as error:  # `finish` tries again
+                future = Future()
+                future.set_exception(error)
+            started.append(BackgroundCase(case, future))
+        self._started += started
+        return started
+
+    def finish(
+        self, started: Sequence[BackgroundCase], title: str, progress: bool
+    ) -> list[Outcome]:
+        """Wait for cases; their outcomes. Those whose process died are tried again."""
+        waiting = {entry.future for entry in started}
+        done = {future for future in waiting if future.done()}
+        with progress_bar(
+            wanted=progress, total=len(started), initial=len(done), desc=title, unit="run"
+        ) as bar:
+            for _ in concurrent.futures.as_completed(waiting - done):
+                bar.update()
+        outcomes = {
+            entry.case.key: outcome
+            for entry in started
+            if (outcome := future_outcome(entry.future)) is not None
+        }
+        lost = [entry.case for entry in started if entry.case.key not in outcomes]
+        for case, outcome in iterate_outcomes(lost, self._measure, None, False, self._pool()):
+            outcomes[case.key] = outcome
+        return [outcomes[entry.case.key] for entry in started]
