@@ -16,5 +16,6 @@ PARTS = {
     "study": "a sweep over small dampers, and how far it fills the cores",
     "protocol": "the published compression of 368 grains, from start to end",
     "fits": "fits of laws: cold, later, and again",
+    "jobs": "whole jobs: the main one cold and warm, a design, a study, a compression, a fit",
 }
 """What can be measured, by the name of each part."""

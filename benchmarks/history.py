@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks.jobs import JOBS, job_times
 from benchmarks.timing import least_seconds
 from granular.shared.errors import InputError
 from granular.shared.version import versions
@@ -74,7 +75,7 @@ def _kernels() -> dict[str, Kernel]:
     }
 
 
-def measured(rounds: int = 40) -> dict[str, Any]:
+def measured(rounds: int = 40, jobs: Sequence[str] = tuple(JOBS)) -> dict[str, Any]:
     """One entry: seconds of the reference, and the ratio of every other time to it."""
     from benchmarks.fits import measured_here
 
@@ -83,6 +84,7 @@ def measured(rounds: int = 40) -> dict[str, Any]:
     result = least_seconds(calls, rounds=rounds, seconds=0.002)
     seconds = {name: time / kernels[name].times for name, time in result.items()}
     seconds["fit, linear law"] = min(measured_here("linear", 1000, _FITS)["warm"])
+    seconds |= {f"{row['job']}, processor": row["processor"] for row in job_times(jobs)}
     reference = seconds.pop(REFERENCE)
     return {
         **_commit(),

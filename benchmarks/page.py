@@ -54,6 +54,11 @@ def _bytes_a_grain(row: Row) -> str:
 
 _MICROSECONDS = _number("seconds", ".2f", "us", 1e6)
 
+
+def _job_parts(row: Row) -> str:
+    return ", ".join(f"{name} {seconds:.1f}" for name, seconds in row["parts"].items())
+
+
 _SUMS = (
     _plain("sum"), _plain("grains"), _MICROSECONDS, _number("ns per pair", ".3f"),
     _number("times plain", ".3f", "times as fast as the plain loop"),
@@ -143,6 +148,12 @@ SHEETS: dict[str, Sheet] = {
         (_plain("law"), _plain("samples"), _number("cold", ".2f", "cold [s]"),
          _number("next process", ".2f", "next process [s]"), _number("warm", ".3f", "warm [s]"),
          _number("error", ".1e"), _number("converged", ".2f", "starts that led to it")),
+    ),
+    "jobs": Sheet(
+        "Whole jobs in processes of their own",
+        (_plain("job"), _number("seconds", ".1f", "wall time [s]"),
+         _number("processor", ".1f", "processor time [s]"),
+         _number("cores", ".2f", "processors kept busy"), ("parts [s of wall time]", _job_parts)),
     ),
 }  # fmt: skip
 

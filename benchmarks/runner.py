@@ -135,12 +135,18 @@ def _fits(full: bool) -> _Work:
             yield {"law": law, "samples": samples}, partial(fits, law, samples)
 
 
+def _jobs(full: bool) -> _Work:
+    from benchmarks.jobs import job_times
+
+    yield {}, job_times
+
+
 _WORK: dict[str, Callable[[bool], _Work]] = {
     "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
     "threads": _threads,
     "effects": _effects, "absent": _absent, "own": _own, "memory": _memory, "start": _start,
     "package": _package,
-    "protocol": _protocol, "fits": _fits, "study": _study,
+    "protocol": _protocol, "fits": _fits, "study": _study, "jobs": _jobs,
 }  # fmt: skip
 
 

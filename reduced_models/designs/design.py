@@ -10,13 +10,16 @@ disagree by more than is allowed, another number of grains is tried.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 
+from granular.run.accuracy import step_hidden_by_scatter
 from granular.scene.beds import damper
 from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
+from granular.studies.workers import case_executor
 from reduced_models.designs.damper import Candidate
 from reduced_models.designs.maps import DamperMaps, damper_maps
 from reduced_models.designs.proposal import (
@@ -26,7 +29,8 @@ from reduced_models.designs.proposal import (
     targets_by_grain_count,
 )
 from reduced_models.designs.result import Design, DesignCheck, DesignRound
-from reduced_models.designs.study import check_figures
+from reduced_models.designs.study import check_columns, check_figures
+from reduced_models.records.sources import METHOD
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 SEEDS = (2, 3, 4)
@@ -117,17 +121,26 @@ def design(
     propose_design(
         chosen, target
     )  # refuses what the maps do not hold, before anything is simulated
+    with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
+        return _search(target, chosen, seeds, out, pool, progress)
+
+
+def _search(
+    target: DesignTarget, chosen: DamperMaps, seeds: Sequence[int], out: str | Path | None,
+    executor: Executor, progress: bool,
+) -> Design:  # fmt: skip
+    """Proposals, each checked and the next one corrected by it, until a target is met."""
     rounds: list[DesignRound] = []
     targets = targets_by_grain_count(target)
     for target_ in targets:
-        aim = (frequency, damping)
+        aim = (target.frequency, target.damping)
         first = len(rounds)
         for _ in range(CORRECTIONS):
             candidate = damper_for_target(chosen, target_, aim)
             if candidate is None or len(rounds) == MOST:
                 break
             try:
-                checks = _run_checks(candidate, seeds, out, executor, workers, progress)
+                checks = _run_checks(candidate, seeds, out, executor, progress)
             except GranularError as error:
                 raise DesignError(
                     str(error), Design(target, tuple(rounds)) if rounds else None
@@ -175,23 +188,23 @@ def _run_checks(
     candidate: Candidate,
     seeds: Sequence[int],
     out: str | Path | None,
-    executor: Executor | None,
-    workers: int | None,
+    executor: Executor,
     progress: bool,
 ) -> tuple[DesignCheck, ...]:
+    scenes = [candidate.scene(seed) for seed in seeds]
     study = sweep(
         damper(),
-        cases=[candidate.scene(seed).to_plain() for seed in seeds],
-        measure=check_figures,
+        cases=[scene.to_plain() for scene in scenes],
+        measure=check_columns,
+        dt=step_hidden_by_scatter(scenes[0], METHOD),
         out=out,
         executor=executor,
-        workers=workers,
         progress=progress,
     )
     checks = []
     for seed, outcome in zip(seeds, study.outcomes, strict=True):
-        figures = outcome["figures"]
-        if outcome["error"] is not None or not math.isfinite(figures["frequency"]):
+        figures = {} if outcome["error"] is not None else check_figures(outcome["figures"])
+        if not math.isfinite(figures.get("frequency", math.nan)):
             cause = outcome["error"] or "the motion has no level of rest"
             raise GranularError(
                 f"the simulation of {candidate.mass:.4g} kg on {candidate.grains} grains with a "

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.run.record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.scene.beds import damper
 from granular.shared.errors import InputError
@@ -123,23 +124,34 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
         of two grains at rest over that of their contact, and of two grains in the whole run over
         the large diameter; ``ledger``.
     """
+    bed, motion = bed_figures(run), motion_figures(run.piston("release").from_zero())
+    return {"rest_height": bed.pop("rest_height"), **motion, **bed}
+
+
+def bed_figures(run: Trajectory) -> dict[str, float]:
+    """Figures of `damper_figures` that no law is fitted for."""
+    settings = run.settings()
+    return {
+        "rest_height": run.stage("drop").height,
+        "rest_gap": _least_gap(run),
+        "fall_gap": settings["closest_distance"] / run.scene.grains.species[0].diameter,
+        "ledger": settings["ledger_residual"],
+    }
+
+
+def motion_figures(motion: PistonRecord) -> dict[str, float]:
+    """Figures of `damper_figures` by the law of the motion after the release."""
     from reduced_models.fitting.fit import fit
 
-    motion = run.piston("release").from_zero()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = fit(motion, law=LAW, test_fraction=0.0, starts=STARTS)
-    settings = run.settings()
     resting = model.at_rest
     return {
-        "rest_height": run.stage("drop").height,
         "frequency": float("nan") if resting is None else 1.0 / resting.period,
         "damping_ratio": float("nan") if resting is None else resting.damping_ratio,
         **{name: model.parameters[name] for name in ("lam", "k1", "k2", "k3")},
         "misfit": model.quality.relative,
-        "rest_gap": _least_gap(run),
-        "fall_gap": settings["closest_distance"] / run.scene.grains.species[0].diameter,
-        "ledger": settings["ledger_residual"],
     }
 
 
@@ -154,11 +166,18 @@ def _least_gap(run: Trajectory) -> float:
     return float((pdist(positions) / (radii[rows] + radii[columns])).min())
 
 
-def check_figures(run: Trajectory) -> Mapping[str, Any]:
-    """`damper_figures`, and the motion after the release: ``times`` [s] and ``heights`` [m]."""
-    motion = run.piston("release").from_zero()
+def check_columns(run: Trajectory) -> Mapping[str, Any]:
+    """`bed_figures`, and the motion after the release as columns; nothing is fitted."""
+    columns = run.piston("release").from_zero().columns
+    return {**bed_figures(run), "motion": {name: one.tolist() for name, one in columns.items()}}
+
+
+def check_figures(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of a run's `check_columns`, and ``times`` [s] and ``heights`` [m] for a picture."""
+    motion = PistonRecord.from_columns(columns["motion"])
     return {
-        **damper_figures(run),
+        **{name: value for name, value in columns.items() if name != "motion"},
+        **motion_figures(motion),
         "times": motion.time[::SHOWN_EVERY].tolist(),
         "heights": motion.height[::SHOWN_EVERY].tolist(),
     }

@@ -41,6 +41,8 @@ ROWS: dict[str, dict[str, Any]] = {
                  "steps": 633800, "ledger": 3e-3, "force": 15.3, "half distance": 10.9},
     "fits": {"law": "linear", "samples": 1000, "cold": 9.0, "next process": 3.0, "warm": 0.1,
              "error": 1e-3, "converged": 1.0},
+    "jobs": {"job": "main job", "seconds": 40.0, "processor": 70.0, "cores": 1.75,
+             "parts": {"simulation": 9.0}},
 }  # fmt: skip
 """A row of each part, as it is measured."""
 
