@@ -117,15 +117,12 @@ def _make_grain_forces(definition: Definition) -> Loop:
         return lambda kind, law, state, constants, time: None
 
     def add(kind: Any, law: CustomLaw, state: State, constants: Constants, time: float) -> None:
-        p, count, factor = values_of(*law.values), constants.grains, law.factor
+        p = values_of(*law.values)
         masses, moments = constants.masses, relative_moments(constants)
-        # Read once: what is written in the loop might be these addresses, for all that is known.
-        x, y, total_x, total_y = state.x, state.y, state.fx, state.fy
-        for i in range(count):
-            grain = Grain(x[i], y[i], value_or_one(masses, i), value_or_one(moments, i))
-            fx, fy = force(p, grain, time)
-            total_x[i] += value_or_one(factor, i) * fx
-            total_y[i] += value_or_one(factor, i) * fy
+        for i in range(constants.grains):
+            fx, fy = force(p, make_grain(state, masses, moments, i), time)
+            state.fx[i] += value_or_one(law.factor, i) * fx
+            state.fy[i] += value_or_one(law.factor, i) * fy
 
     return add
 
