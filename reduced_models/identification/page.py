@@ -103,7 +103,8 @@ def add_engineering(
             "the order of the method, where twice is too coarse), which is more than the error of "
             "the step itself; the scatter is the standard deviation over random starts of the bed. "
             "Where the step error is not smaller than the scatter, it is the scatter that it "
-            "shows: another step lets the bed pack differently."
+            "shows: another step lets the bed pack differently. Behind +- on the terminal stands the "
+            "greatest of half the interval, the step error and the scatter."
         )
     if averaging:
         page.text(f"{capitalise(averaging)}.")
@@ -162,7 +163,8 @@ def add_comparison(page: Page, table: Comparison) -> None:
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
         f"in rms swings; the baseline, a piston at rest, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
-        "from the least."
+        "from the least. The test error, of the end of the record that a first fit does not see, "
+        "is the terminal's 'later motion', and record 1, where there is one, its 'higher lift'."
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)

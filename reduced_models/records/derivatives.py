@@ -122,12 +122,21 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
 
 def _output_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
     """Noise of the outputs: the smoother applied to white noise of unit variance."""
+    gains = _known_noise_gains if isinstance(smoother, _EvenPolynomials) else _noise_gains
+    return Noise(*(float(sigma * gain) for gain in gains(smoother, count)))
+
+
+def _noise_gains(smoother: Smoother, count: int) -> np.ndarray:
+    """Rms of each output of a smoother for white noise of unit variance."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
     inner = slice(count // 4, count - count // 4)
     squares = [(smoother(random.normal(size=count))[:, inner] ** 2).mean(1) for _ in range(probes)]
-    gains = np.sqrt(np.mean(squares, axis=0))
-    return Noise(*(float(sigma * gain) for gain in gains))
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+
+
+_known_noise_gains = functools.lru_cache(maxsize=64)(_noise_gains)
+"""Of local polynomials on even times, which every fit of a record asks for."""
 
 
 # Local polynomials -----------------------------------------------------------------------------
@@ -136,14 +145,19 @@ def _output_noise(smoother: Smoother, count: int, sigma: float) -> Noise:
 def _local_polynomials(
     time: np.ndarray, height: np.ndarray, sigma: float
 ) -> tuple[Smoother, float]:
-    even = is_evenly_sampled(time)
-    fits = _savitzky_golay if even else _polynomials_at_uneven_times
+    even, step = is_evenly_sampled(time), float(time[-1] - time[0]) / (len(time) - 1)
+
+    def smooth(window: int) -> np.ndarray:
+        if even:
+            return _EvenPolynomials(step, window).filtered(height, 0)
+        return _polynomials_at_uneven_times(height, time, window)[0]
+
     longest = max(_LEAST_WINDOW, (len(time) // 3) | 1)
     chosen = _LEAST_WINDOW
     limit = 1.0 + _SIGMAS * np.sqrt(2.0 / len(time))
     window = _LEAST_WINDOW
     while window <= longest:
-        left = height - fits(height, time, window)[0]
+        left = height - smooth(window)
         # A local fit with window w keeps this fraction of the noise, that of its central weight.
         saved = _central_smoother_weight(window)
         if (left**2).mean() > limit * sigma**2 * (1.0 - saved):
@@ -152,8 +166,10 @@ def _local_polynomials(
         window = max(window + 2, int(window * 1.25) | 1)
     # The widest window hides as much of the motion as of the noise; a shorter one keeps the motion.
     chosen = max(_LEAST_WINDOW, int(_FRACTION * chosen) | 1)
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    return functools.partial(fits, time=time, window=chosen), chosen * step
+    if even:
+        return _EvenPolynomials(step, chosen), chosen * step
+    smoother = functools.partial(_polynomials_at_uneven_times, time=time, window=chosen)
+    return smoother, chosen * step
 
 
 def is_evenly_sampled(time: np.ndarray) -> bool:
@@ -169,13 +185,21 @@ def _central_smoother_weight(window: int) -> float:
     return float((basis[window // 2] ** 2).sum())
 
 
-def _savitzky_golay(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
-    from scipy.signal import savgol_filter
+class _EvenPolynomials(NamedTuple):
+    """Local polynomials on times that are a step apart."""
 
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    return np.stack(
-        [savgol_filter(height, window, _DEGREE, deriv=order, delta=step) for order in range(3)]
-    )
+    step: float
+    window: int
+
+    def __call__(self, height: np.ndarray) -> np.ndarray:
+        return np.stack([self.filtered(height, order) for order in range(3)])
+
+    def filtered(self, height: np.ndarray, order: int) -> np.ndarray:
+        """Heights, or a derivative of theirs."""
+        from scipy.signal import savgol_filter
+
+        result = savgol_filter(height, self.window, _DEGREE, deriv=order, delta=self.step)
+        return np.asarray(result)
 
 
 def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: int) -> np.ndarray:
