@@ -7,6 +7,7 @@ Morozov 1966), so that a clean record is hardly smoothed at all.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -185,7 +186,8 @@ def _central_smoother_weight(window: int) -> float:
     return float((basis[window // 2] ** 2).sum())
 
 
-class _EvenPolynomials(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class _EvenPolynomials:
     """Local polynomials on times that are a step apart."""
 
     step: float
