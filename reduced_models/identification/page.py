@@ -103,8 +103,8 @@ def add_engineering(
             "the order of the method, where twice is too coarse), which is more than the error of "
             "the step itself; the scatter is the standard deviation over random starts of the bed. "
             "Where the step error is not smaller than the scatter, it is the scatter that it "
-            "shows: another step lets the bed pack differently. Behind +- on the terminal stands the "
-            "greatest of half the interval, the step error and the scatter."
+            "shows: another step lets the bed pack differently. Behind +- on the terminal stands "
+            "the greatest of half the interval, the step error and the scatter."
         )
     if averaging:
         page.text(f"{capitalise(averaging)}.")
