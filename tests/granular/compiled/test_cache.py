@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import random
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from granular.compiled.cache import _read_or_claim, _release
+
+ROOT = Path(__file__).parents[3]
 
 
 def test_a_docstring_compiles_nothing_and_an_operator_compiles_all(fresh_workshop: Any) -> None:
@@ -93,6 +99,35 @@ def test_two_processes_compile_at_once(workshop: Any) -> None:
     assert workshop.run() == said[0]
     assert workshop.kernels() == kernels
     assert not list(workshop.cache.rglob("*.part"))
+    assert not list(workshop.cache.rglob("*.lock"))
+
+
+COMPILES = """
+import sys, time
+from pathlib import Path
+from granular.compiled.cache import _read_or_claim, _release
+from granular.shared.caches import write_sealed
+path = Path(sys.argv[1])
+assert _read_or_claim(path, "label") is None
+print("claimed", flush=True)
+time.sleep(0.5)
+if sys.argv[2] == "writes":
+    write_sealed(path, "label", b"code")
+    _release(path)
+"""
+
+
+@pytest.mark.parametrize(("end", "wanted"), [("writes", b"code"), ("dies", None)])
+def test_a_form_is_compiled_once(end: str, wanted: bytes | None, tmp_path: Path) -> None:
+    """The second process waits for the first one's file; after one that dies it compiles itself."""
+    path = tmp_path / "a.kernel"
+    tmp_path.chmod(0o700)
+    words = [sys.executable, "-c", COMPILES, str(path), end]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, cwd=ROOT) as first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == b"claimed\n"
+        assert _read_or_claim(path, "label") == wanted
+    _release(path)
 
 
 # Files that may not grow fail to be written as on a full disk.
