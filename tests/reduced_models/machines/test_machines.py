@@ -14,7 +14,7 @@ from granular.effects.host import Host
 from granular.shared.errors import InputError
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines import design_for, predicted_response
-from reduced_models.machines.design import _verdict
+from reduced_models.machines.design import _verdict_text
 from reduced_models.machines.response import (
     CoupledSystem,
     OutsideRangeWarning,
@@ -97,6 +97,6 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
 )  # fmt: skip
 def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: str) -> None:
     """Of 9.95 mm; a bed that takes most of it away damps, however little it moves."""
-    said = _verdict(load_scene("machine"), peak, 9.95e-3, 5e-4, stroke)
+    said = _verdict_text(load_scene("machine"), peak, 9.95e-3, 5e-4, stroke)
     assert words in said
     assert said.startswith("no: ") == (not peak < 1e-3)
