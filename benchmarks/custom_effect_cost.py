@@ -105,8 +105,8 @@ class BuiltInSpringLaw(NamedTuple):
 def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     """Time of a step with the spring brought in each way [s], over that of the one built in.
 
-    A call makes two thousand steps, about as many as those of a run: it takes a tenth of a millisecond
-    longer where an own effect acts, since Numba then looks at its arguments more slowly.
+    A call makes two thousand steps, about as many as those of a run: it takes a tenth of a
+    millisecond longer where an own effect acts: Numba then looks at its arguments more slowly.
     """
     with tempfile.TemporaryDirectory() as folder:
         import_user_code([_class_file(folder)])
