@@ -70,7 +70,7 @@ def _threads(full: bool) -> _Work:
 def _effects(full: bool) -> _Work:
     from benchmarks.steps import effect_steps
 
-    for count in (92, 368) if full else (368,):
+    for count in (92, 368, 5888) if full else (368, 5888):
         yield {"grains": count}, partial(effect_steps, count, _rounds(full) // 4)
 
 

@@ -25,6 +25,8 @@ STEPS = 32
 DRIFT_STEPS = 2000
 """Steps over which the energy is watched."""
 
+_PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
+
 EFFECTS: dict[str, dict[str, Any]] = {
     "dipole, walls": {},
     "infinite walls": {f"effects.walls.{side}": "infinite" for side in ("left", "right", "top")},
@@ -34,6 +36,11 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "dry friction": {"effects.friction": {}},
     "contact": {"effects.contact.modulus": 1e7},
     "shaking": {"effects.shaking": {"amplitude": "0.1 mm", "frequency": 20.0}},
+    "eddy currents": {"effects.eddy": _PLATE | {"mutual": False}},
+    "eddy currents, mutual": {"effects.eddy": _PLATE | {"mutual": True}},
+    "eddy currents, mutual, thick plate": {
+        "effects.eddy": _PLATE | {"mutual": True, "plate": "thick"}
+    },
     "two species": {
         "grains.species": [
             {"name": "big", "diameter": "6 mm", "share": 0.5},
@@ -42,6 +49,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
     },
 }
 """What is added to, or changed in, a bed with dipoles and walls alone."""
+
+MESH_FROM = 2000
 
 _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 
@@ -80,9 +89,16 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Time of a step [s] with each effect, and what it adds to one with dipoles and walls alone."""
+    """Time of a step [s] with each effect, and what it adds to one with dipoles and walls alone.
+
+    Large beds are summed by the mesh, which slabs do not go with.
+    """
+    bare, effects = _BARE, EFFECTS
+    if count > MESH_FROM:
+        bare = _BARE | {"pairs.method": "mesh"}
+        effects = {name: changes for name, changes in EFFECTS.items() if "slabs" not in name}
     engines = {
-        name: EngineSteps(bed_of(count, _BARE | changes)) for name, changes in EFFECTS.items()
+        name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()
     }
     steps = max(STEPS, math.ceil(2e7 / count**2))
     calls = {name: partial(engine.make, steps) for name, engine in engines.items()}

@@ -30,6 +30,7 @@ from granular.response import frequency_response
 from granular.run.accuracy import FLOORS
 from granular.run.price_table import WorkPrecisionTable
 from granular.run.price_table import load_price_table as prices
+from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_look
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
@@ -202,6 +203,33 @@ def draw_effects() -> None:
         axes.set(yscale="log", xlabel="distance [D]", ylabel="force [N]")
         axes.legend()
         keep(drawing, "effects")
+
+
+def draw_eddy() -> None:
+    """Damping ratio of the damper in oil and over copper, by the drag of a lone grain."""
+    plates = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "plates": 2}
+    scene = damper().replace(**{"effects.drag": None, "effects.eddy": plates})
+    unit = scene.effects.eddy.coefficient(Scales.of(scene.grains))
+    drags = (0.1, 0.2)
+    with figure(width=7.0, height=3.2) as (drawing, axes):
+        for place, (label, mutual) in enumerate(
+            (("oil", None), ("copper, each grain alone", False), ("copper, with neighbours", True))
+        ):
+            ratios = []
+            for drag in drags:
+                made = scene.replace(
+                    **{"effects.eddy.thickness": 1e-3 * drag / unit, "effects.eddy.mutual": mutual}
+                )
+                if mutual is None:
+                    made = damper().replace(**{"effects.drag.coefficient": drag})
+                law = fit(simulated(made, progress=False).piston("release"), "linear")
+                rate, frequency = law.parameters["lam"], law.parameters["omega"]
+                print(label, drag, f"{rate:.3f} 1/s")
+                ratios.append(100.0 * rate / frequency)
+            axes.plot((0.0, *drags), (0.0, *ratios), "o-", color=COLOURS[place], label=label)
+        axes.set(xlabel="drag of a lone grain [kg/s]", ylabel="damping ratio [%]")
+        axes.legend()
+        keep(drawing, "eddy")
 
 
 def draw_methods() -> None:
@@ -760,6 +788,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "theory": draw_theory,
     "first-bed": draw_first_bed,
     "effects": draw_effects,
+    "eddy": draw_eddy,
     "methods": draw_methods,
     "pairs": draw_pairs,
     "observables": draw_observables,

@@ -1,7 +1,8 @@
 """Viscous drag: the force -gamma v on a grain of the first species [D, eq. 4.4].
 
-De Paula scales gamma with the mass ratio [D, eq. 4.16], so that the acceleration is
--(gamma/m) v for every species.
+The liquid shears between the faces of a grain and the plates, so a grain of the diameter D_s feels
+gamma (D_s/D_1)^2. Of one material and thickness, that is gamma times the mass ratio [D, eq. 4.16]:
+the acceleration is -(gamma/m) v for every species. A denser or thicker one is slowed down less.
 
 Drag dissipates and is not smuggled into a kick as one more force, which would cost the second
 order: kick and drag are solved together, exactly, while the positions stand still. With the
@@ -25,6 +26,7 @@ from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
+from granular.pairs.direct import padded_values
 from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.pair_arrays import value_or_one
 from granular.schema.scales import Scales
@@ -37,7 +39,7 @@ class Drag(Flow):
     Attributes
     ----------
     coefficient : float
-        gamma [kg/s] of a grain of the first species.
+        gamma [kg/s] of a grain of the first species; of others it goes with the area of a face.
     """
 
     key = "drag"
@@ -49,12 +51,33 @@ class Drag(Flow):
     coefficient: float = quantity("kg/s", default=0.1, least=0.0)
 
     def decay_rate(self, scales: Scales) -> float:
-        """Decay rate c = gamma tau / m of the velocity, in natural units."""
+        """Decay rate c = gamma tau / m of a grain of the first species, in natural units."""
         return self.coefficient * scales.time / scales.mass
 
     def law(self, setting: EffectContext) -> DragLaw:
         """Law in natural units."""
-        return DragLaw(self.decay_rate(setting.scales))
+        return DragLaw(*self.rates(setting))
+
+    def rates(self, setting: EffectContext) -> tuple[float, Array | None, RateTable | None]:
+        """Return decay rates as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw`."""
+        rate, grains = self.decay_rate(setting.scales), setting.grains
+        slower = grains.face_ratios() / grains.mass_ratios()
+        if (slower == 1.0).all():
+            return rate, None, None
+        distinct, kinds = np.unique(slower, return_inverse=True)
+        return rate, padded_values(kinds[setting.species]), RateTable(rate * distinct)
+
+
+class RateTable(NamedTuple):
+    """Decay rates of grains of several materials or thicknesses.
+
+    Attributes
+    ----------
+    values : float64 (k,)
+        [1/tau]
+    """
+
+    values: np.ndarray
 
 
 class DragFlowCache(NamedTuple):
@@ -62,8 +85,8 @@ class DragFlowCache(NamedTuple):
 
     Attributes
     ----------
-    values : float64 (7,)
-        ``dt`` [tau], what `drag_flow_coefficients` returned for it, and exp(-c dt) - 1.
+    values : float64 (k, 7)
+        Of each rate: ``dt`` [tau], what `drag_flow_coefficients` returned, and exp(-c dt) - 1.
     """
 
     values: np.ndarray
@@ -75,14 +98,21 @@ class DragLaw(NamedTuple):
     Attributes
     ----------
     rate : float
-        Decay rate of the velocity [1/tau].
+        Decay rate of the velocity of a grain of the first species [1/tau].
+    kind : float64 (m,) or None
+        Index of each grain's rate in ``rates``.
+    rates : RateTable or None
+        None where all grains have the same rate.
     """
 
     rate: float
+    kind: Array | None
+    rates: RateTable | None
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
         """Buffer of the last flow: steps of equal length share it, and exponentials take long."""
-        return DragFlowCache(np.full(7, np.nan))
+        rates = 1 if self.rates is None else len(self.rates.values)
+        return DragFlowCache(np.full((rates, 7), np.nan))
 
     @staticmethod
     @compiled(inline=True)
@@ -91,10 +121,12 @@ class DragLaw(NamedTuple):
     ) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
-        _kick_with_drag(
-            state.rounding, workspace.values, law.rate, dt, state, constants.grains,
-            constants.masses, LOSSES + index,
-        )  # fmt: skip
+        for k in range(rate_count(law.rates)):
+            _kick_with_drag(
+                state.rounding, workspace.values[k], law, k, dt, state, constants.grains,
+                constants.masses,
+            )  # fmt: skip
+        state.ledger[LOSSES + index] += lane_sum(state.scratch)
         return 0
 
     @staticmethod
@@ -105,26 +137,31 @@ class DragLaw(NamedTuple):
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
         for i in range(constants.grains):
-            mass = value_or_one(constants.masses, i)
-            vx, vy = state.vx[i], state.vy[i]
-            slopes[VX, i] -= law.rate * vx
-            slopes[VY, i] -= law.rate * vy
-            state.scratch[i] = mass * (vx * vx + vy * vy)
+            mass, vx, vy = value_or_one(constants.masses, i), state.vx[i], state.vy[i]
+            factor = 1.0
+            if law.rates is not None and law.kind is not None:
+                factor = law.rates.values[int(law.kind[i])] / law.rate
+            slopes[VX, i] -= factor * law.rate * vx
+            slopes[VY, i] -= factor * law.rate * vy
+            state.scratch[i] = factor * mass * (vx * vx + vy * vy)
         state.ledger[LOSSES + index] += dt * law.rate * lane_sum(state.scratch)
         return 0
 
 
 @compiled(inline=True)
 def _kick_with_drag(
-    rounding: Array | None, last: Array, rate: float, dt: float, state: State, count: int,
-    masses: Array | None, loss_entry: int,
+    rounding: Array | None, last: Array, law: DragLaw, k: int, dt: float, state: State, count: int,
+    masses: Array | None,
 ) -> None:  # fmt: skip
     if last[0] != dt:
+        rate = rate_at(law.rate, law.rates, k)
         last[0] = dt
         last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
+        if not has_rate(law.kind, i, k):
+            continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
@@ -137,7 +174,6 @@ def _kick_with_drag(
             add_to_velocity(rounding, state, i, loss * vx + gain * ax, loss * vy + gain * ay)
         lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
         state.scratch[i] = mass * lost
-    state.ledger[loss_entry] += lane_sum(state.scratch)
 
 
 @entry
@@ -191,6 +227,24 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate
+
+
+@compiled(inline=True)
+def rate_count(rates: RateTable | None) -> int:
+    """Return the number of different rates."""
+    return 1 if rates is None else len(rates.values)
+
+
+@compiled(inline=True)
+def rate_at(rate: float, rates: RateTable | None, k: int) -> float:
+    """Return the rate of an index, with the fields of `DragLaw`."""
+    return rate if rates is None else rates.values[k]
+
+
+@compiled(inline=True)
+def has_rate(kind: Array | None, i: int, k: int) -> bool:
+    """Return whether a grain has the rate of the index ``k``."""
+    return True if kind is None else kind[i] == k
 
 
 # For what is solved together with a drag that need not be there.

@@ -117,6 +117,7 @@ class Friction(Flow):
     def law(self, setting: EffectContext) -> FrictionLaw:
         """Law in natural units; it takes the drag along."""
         scales, other = setting.scales, setting.effects.get("drag")
+        rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
         own, _ = self.factors(setting.grains, setting.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
@@ -125,7 +126,9 @@ class Friction(Flow):
             threshold=threshold,
             load=self.load / scales.force,
             factor=padded_values(own[setting.species] * setting.grains.spread_factors()),
-            rate=None if other is None else other.decay_rate(scales),
+            rate=rate,
+            kind=kind,
+            rates=rates,
             entry=LOSSES + setting.indices["friction"],
             drag=None if other is None else LOSSES + setting.indices["drag"],
         )

@@ -24,6 +24,8 @@ class FrictionLaw(NamedTuple):
         N_i = load + factor_i sum_j weight_j / r_ij^3.
     rate : float or None
         Decay rate of the drag that is solved with it [1/tau]; None without drag.
+    kind, rates : float64 (m,) and RateTable, or None
+        As of `granular.effects.drag.DragLaw`.
     entry : int
         Index in the ledger of the loss to friction.
     drag : int or None
@@ -36,6 +38,8 @@ class FrictionLaw(NamedTuple):
     load: float
     factor: Array
     rate: float | None
+    kind: Array | None
+    rates: drag.RateTable | None
     entry: int
     drag: int | None
 
@@ -45,7 +49,9 @@ class FrictionLaw(NamedTuple):
         law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
     ) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        _dry_kick(law.threshold, law, drag.drag_decay_rate(law.rate), dt, bed, opening)
+        for k in range(drag.rate_count(law.rates)):
+            rate = drag.rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
+            _dry_kick(law.threshold, law, k, rate, dt, bed, opening)
         return 0
 
 
@@ -189,7 +195,7 @@ def _turn_grain(
 
 @compiled
 def _kick_with_friction(
-    law: FrictionLaw, rate: float, dt: float, bed: Bed, masses: Array | None, opening: bool
+    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, opening: bool
 ) -> None:
     state, constants = bed.state, bed.constants
     assert state.load is not None
@@ -197,6 +203,8 @@ def _kick_with_friction(
     # Apart from the ledger, where each sum would wait for the one before it.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
+        if not drag.has_rate(law.kind, i, k):
+            continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
@@ -258,13 +266,16 @@ def _stop_grain(
 
 @compiled
 def _kick_regularised(
-    law: FrictionLaw, rate: float, dt: float, bed: Bed, masses: Array | None, threshold: float
-) -> None:
+    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None,
+    threshold: float,
+) -> None:  # fmt: skip
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     for i in range(constants.grains):
+        if not drag.has_rate(law.kind, i, k):
+            continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
@@ -288,10 +299,11 @@ def _kick_regularised(
 
 @compiled
 def _dry_kick(
-    threshold: float | None, law: FrictionLaw, rate: float, dt: float, bed: Bed, opening: bool
-) -> None:
+    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed,
+    opening: bool,
+) -> None:  # fmt: skip
     constants = bed.constants
     if threshold is None:
-        _kick_with_friction(law, rate, dt, bed, constants.masses, opening)
+        _kick_with_friction(law, k, rate, dt, bed, constants.masses, opening)
     else:
-        _kick_regularised(law, rate, dt, bed, constants.masses, threshold)
+        _kick_regularised(law, k, rate, dt, bed, constants.masses, threshold)

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from granular.compiled import compiled
+from granular.compiled import Array, compiled
 from granular.compiled.dispatch import call_hook
 from granular.effects import drag
 from granular.effects.effect import Effect, EffectContext, energy_variable
@@ -67,11 +67,14 @@ class WallFriction(Flow):
             None if side is None else side.law_of(width, scales)
             for side in (walls.left, walls.right)
         )
+        rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
         return WallFrictionLaw(
             self.coefficient,
             left,
             right,
-            None if other is None else other.decay_rate(scales),
+            rate,
+            kind,
+            rates,
             None if other is None else LOSSES + setting.indices["drag"],
         )
 
@@ -85,6 +88,8 @@ class WallFrictionLaw(NamedTuple):
     left, right : law of the wall, or None
     rate : float or None
         Decay rate of the drag that is solved with it [1/tau].
+    kind, rates : float64 (m,) and RateTable, or None
+        As of `granular.effects.drag.DragLaw`.
     drag : int or None
         Entry of the ledger for what the drag takes.
     """
@@ -93,6 +98,8 @@ class WallFrictionLaw(NamedTuple):
     left: Any
     right: Any
     rate: float | None
+    kind: Array | None
+    rates: drag.RateTable | None
     drag: int | None
 
     @staticmethod
@@ -102,24 +109,27 @@ class WallFrictionLaw(NamedTuple):
     ) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
-        rate = drag.drag_decay_rate(law.rate)
         masses, moments = constants.masses, relative_moments(constants)
-        decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
         rubbed, dragged = 0.0, 0.0
-        for i in range(constants.grains):
-            mass, x = value_or_one(masses, i), state.x[i]
-            normal = _wall_normal_force(law.left, x) + _wall_normal_force(
-                law.right, constants.width - x
-            )
-            hold = law.coefficient * value_or_one(moments, i) * normal
-            v, push = state.vx[i], state.fx[i] / mass
-            state.vx[i] = decay * v + gain * push
-            dragged += mass * (a * v * v + b * v * push + c * push * push)
-            state.vy[i], displacement = slide_along_wall(
-                rate, dt, state.vy[i], state.fy[i] / mass, hold / mass
-            )
-            rubbed += hold * displacement[0]
-            dragged += mass * displacement[1]
+        for k in range(drag.rate_count(law.rates)):
+            rate = drag.rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
+            decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
+            for i in range(constants.grains):
+                if not drag.has_rate(law.kind, i, k):
+                    continue
+                mass, x = value_or_one(masses, i), state.x[i]
+                normal = _wall_normal_force(law.left, x) + _wall_normal_force(
+                    law.right, constants.width - x
+                )
+                hold = law.coefficient * value_or_one(moments, i) * normal
+                v, push = state.vx[i], state.fx[i] / mass
+                state.vx[i] = decay * v + gain * push
+                dragged += mass * (a * v * v + b * v * push + c * push * push)
+                state.vy[i], displacement = slide_along_wall(
+                    rate, dt, state.vy[i], state.fy[i] / mass, hold / mass
+                )
+                rubbed += hold * displacement[0]
+                dragged += mass * displacement[1]
         state.ledger[LOSSES + index] += rubbed
         drag.record_drag_loss(law.drag, state, dragged)
         return 0

@@ -193,6 +193,14 @@ class Deck(NamedTuple):
         return {side: wall.law for side, wall in result.items() if wall is not None}
 
     @property
+    def rates(self) -> list[tuple[str, str, int]]:
+        """For each decay rate a suffix of names, its group, and the first species that has it."""
+        drag, grains = self.scene.effects.drag, self.scene.grains
+        if drag is None or (grains.face_ratios() == grains.mass_ratios()).all():
+            return [("", "all", 0)]
+        return [(str(k + 1), f"species{k + 1}", k) for k in range(len(self.masses))]
+
+    @property
     def cut(self) -> float | None:
         """Distance at which the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
         if self.scene.effects.dipole is None:
@@ -295,34 +303,43 @@ def _walls(deck: Deck) -> Iterator[str]:
 def _drag(deck: Deck) -> Iterator[str]:
     """Drag, and the masses that make its step exact."""
     drag = deck.scene.effects.drag
-    stretch = "1.0"
-    if drag is not None and drag.coefficient > 0.0:
+    moving = drag is not None and drag.coefficient > 0.0
+    if drag is not None and moving:
         yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
-        yield f"variable rate equal {drag.coefficient / deck.scales.mass!r}"
-        stretch = "v_rate*dt/(1.0-exp(-v_rate*dt))"
-        fractions = "".join(f" scale {k} {mass!r}" for k, mass in enumerate(deck.masses, start=1))
+        faces = deck.scene.grains.face_ratios().tolist()
+        for suffix, _, species in deck.rates:
+            relative = faces[species] / deck.masses[species]
+            yield f"variable rate{suffix} equal {relative * drag.coefficient / deck.scales.mass!r}"
+        fractions = "".join(f" scale {k} {face!r}" for k, face in enumerate(faces, start=1))
         yield f"fix drag all viscous {drag.coefficient!r}{fractions}"
-    yield f"variable stretch equal {stretch}"
+    for suffix, _, _ in deck.rates:
+        stretch = f"v_rate{suffix}*dt/(1.0-exp(-v_rate{suffix}*dt))" if moving else "1.0"
+        yield f"variable stretch{suffix} equal {stretch}"
     for number, mass in enumerate(deck.masses, start=1):
-        yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch"
-    yield "compute motion all ke"
-    yield "variable kinetic equal c_motion/v_stretch"
+        suffix = deck.rates[number - 1 if len(deck.rates) > 1 else 0][0]
+        yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch{suffix}"
+    for suffix, group, _ in deck.rates:
+        yield f"compute motion{suffix} {group} ke"
+    total = "+".join(f"c_motion{suffix}/v_stretch{suffix}" for suffix, _, _ in deck.rates)
+    yield f"variable kinetic equal {total}"
 
 
 def _gravity(deck: Deck) -> Iterator[str]:
     """Gravity and shaking: accelerations, of the forces on the true masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
-    if gravity is not None:
-        yield f"variable weight equal {gravity.acceleration!r}/v_stretch"
-        yield "fix gravity all gravity v_weight vector 0 -1 0"
-        yield "fix_modify gravity energy yes"
-    if shaking is not None:
-        omega = 2.0 * math.pi * shaking.frequency
-        size = shaking.amplitude * omega**2
-        yield f"variable swing equal {size!r}*sin({omega!r}*time)/v_stretch"
-        along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
-        yield f"fix swing all gravity v_swing vector {along}"
+    for suffix, group, _ in deck.rates:
+        if gravity is not None:
+            yield f"variable weight{suffix} equal {gravity.acceleration!r}/v_stretch{suffix}"
+            yield f"fix gravity{suffix} {group} gravity v_weight{suffix} vector 0 -1 0"
+            yield f"fix_modify gravity{suffix} energy yes"
+        if shaking is not None:
+            omega = 2.0 * math.pi * shaking.frequency
+            size = shaking.amplitude * omega**2
+            swing = f"{size!r}*sin({omega!r}*time)/v_stretch{suffix}"
+            yield f"variable swing{suffix} equal {swing}"
+            along = f"{math.cos(shaking.angle)!r} {math.sin(shaking.angle)!r} 0"
+            yield f"fix swing{suffix} {group} gravity v_swing{suffix} vector {along}"
 
 
 def _time_integration_lines() -> Iterator[str]:

@@ -74,8 +74,8 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
             figures[f"{name}_a_period"] = float(values[-1] - values[0]) / periods
     drag = run.scene.effects.drag
     if drag is not None:
-        shaken = run.scene.grains.masses() / run.scene.grains.masses()[0]
-        affine = drag.coefficient * float(shaken.sum()) / 3.0
+        faces = run.scene.grains.face_ratios()[run.scene.grains.assignment()]
+        affine = drag.coefficient * float(faces.sum()) / 3.0
         figures["affine_loss_a_period"] = math.pi * math.tau * frequency * affine * abs(stroke) ** 2
     figures["last"] = last
     return figures

@@ -19,6 +19,7 @@ from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
 from granular.schema.parameters import Parametric, Values
 from granular.schema.sections import (
+    Flag,
     Integer,
     Kind,
     Many,
@@ -147,6 +148,11 @@ def _(kind: Quantity) -> Schema:
 @_kind_schema.register
 def _(kind: Integer) -> Schema:
     return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
+
+
+@_kind_schema.register
+def _(kind: Flag) -> Schema:
+    return {"type": "boolean"}
 
 
 @_kind_schema.register

@@ -136,15 +136,18 @@ class Grains(Section):
         """Mass of a grain of each species (s,) over that of the first."""
         return self._ratios("density")
 
+    def face_ratios(self) -> np.ndarray:
+        """Area of a face of a grain of each species (s,) over that of the first."""
+        diameter = np.array([specy.diameter for specy in self.species])
+        return np.asarray((diameter / diameter[0]) ** 2)
+
     def moment_ratios(self) -> np.ndarray:
         """Moment of a grain of each species (s,), without spread, over that of the first."""
         return self._ratios("remanence")
 
     def _ratios(self, name: str) -> np.ndarray:
-        diameter = np.array([specy.diameter for specy in self.species])
         thickness, strength = self.of_species("thickness"), self.of_species(name)
-        areas = (diameter / diameter[0]) ** 2
-        return np.asarray(areas * (thickness / thickness[0]) * (strength / strength[0]))
+        return self.face_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def spread_factors(self) -> np.ndarray:
         """Factor of each grain's moment over its species' (n,)."""

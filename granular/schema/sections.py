@@ -139,6 +139,17 @@ def _integer(value: object) -> int | None:
 
 
 @dataclasses.dataclass(frozen=True)
+class Flag(Kind):
+    def parse(self, value: Any, diameter: float | None) -> bool:
+        known = {"true": True, "false": False}
+        if isinstance(value, str) and value in known:
+            return known[value]
+        if not isinstance(value, bool | np.bool_):
+            raise FieldError(f"{quote(value)} must be true or false")
+        return bool(value)
+
+
+@dataclasses.dataclass(frozen=True)
 class OneOf(Kind):
     names: tuple[str, ...] = ()
 
@@ -325,6 +336,10 @@ def integer(
     optional: bool = False,
 ) -> Any:
     return declare(Integer(optional, least=least, most=most), default)
+
+
+def flag(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return declare(Flag(optional), default)
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:

@@ -149,7 +149,7 @@ def affine_damping_ratio(candidate: Candidate) -> float:
 
 
 def _mean_grain_mass(candidate: Candidate) -> float:
-    """Over that of a large grain; moment and drag go with the mass of a grain [D, eq. 4.16]."""
+    """Over that of a large grain; moment and drag go with it, for one material [D, eq. 4.16]."""
     return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 
 

@@ -187,7 +187,7 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
         PRESSURE * scales.force * moment**2 * width / (scales.length * weight)
     ) ** (1.0 / POWER)
     rest = (BULK + WALLS / math.sqrt(grains.count)) * lattice
-    resistance = grains.count * mass * drag
+    resistance = grains.count * float(np.array(grains.fractions()) @ grains.face_ratios()) * drag
     inertia = grains.count * mass * scales.mass / 3.0
     late = _lateness_number(resistance, weight, rest, gravity)
     if late > LATEST:

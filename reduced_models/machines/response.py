@@ -113,15 +113,15 @@ class CoupledSystem(NamedTuple):
         gravity = scene.effects.gravity
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
         (body,) = host.bodies
-        grains = scene.grains.masses()
+        grains, faces = scene.grains, scene.grains.face_ratios()[scene.grains.assignment()]
         return cls(
             host=body.mass,
             stiffness=body.stiffness,
             damping=body.damping,
             piston=piston.mass,
-            bed=float(grains.sum()),
+            bed=float(grains.masses().sum()),
             moving=accelerated_mass(still, parameters),
-            drag=drag * float((grains / grains[0]).sum()) / 3.0 + piston.drag,
+            drag=drag * float(faces.sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
         )

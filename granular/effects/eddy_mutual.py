@@ -1,0 +1,306 @@
+"""Eddy-current drag with the currents of all other grains, as a flow of second order.
+
+The velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j while the positions stand still, with T of
+`granular.effects.eddy_tensor`. With A = dt M^(-1) T, a step is v - A v + A^2 v/2: of second order
+in ``dt``, and never a gain of energy while no eigenvalue of A exceeds 2, as T is positive; longer
+steps are cut. The loss is that of the kinetic energy, to the last bit.
+
+The sum goes over all pairs, each from both ends, so that its inner loop writes to a single row and
+is vectorised. Of a high bed, grains whose heights differ by more than ``reach`` do not meet; a drag
+on each grain, as large as what they could brake, then keeps the sum from giving energy.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.effects.eddy_tensor import FARTHEST, Plate, series
+from granular.effects.effect import EffectContext
+from granular.kernel_data.constants import relative_moments
+from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.pairs.pair_arrays import value_or_one
+
+LEFT_OUT = 0.01
+"""Drag of a lone grain, at most, that grains beyond the reach take or add."""
+
+DENSEST, USUAL = 1.155, 0.61
+"""Grains per D^2 that touch each other, and at the packaged damper's spacing."""
+
+LONGEST = 0.5
+"""Largest eigenvalue of A in a step: the error of its exponential is 2 % there."""
+
+PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, SPEED_X, SPEED_Y, CHARGE = range(9)
+"""Rows of the workspace: positions, what the tensor multiplies, what comes out, velocities, and
+from there on the moments of each kind of grain, 0 for those of other kinds."""
+
+
+class EddyTable(NamedTuple):
+    """The tensor of each pair of kinds of grains.
+
+    Attributes
+    ----------
+    series : float64 (k, k, 2, ORDER) or None
+        As of `granular.effects.eddy_tensor.series`.
+    shifts : float64 (s, 2)
+        Displacements of the images of the cell, its own first [D].
+    """
+
+    series: np.ndarray | None
+    shifts: np.ndarray
+
+
+class EddyWorkspace(NamedTuple):
+    """Scratch of the sums.
+
+    Attributes
+    ----------
+    rows : float64 (8 + k, m)
+    order : int64 (m,)
+        Grains by their height.
+    """
+
+    rows: np.ndarray
+    order: np.ndarray
+
+
+class MutualEddyLaw(NamedTuple):
+    """Eddy-current drag of all grains as the kernels take it.
+
+    Attributes
+    ----------
+    rate : float
+        Decay rate of a lone dipole of the first species along a thin plate [1/tau].
+    square : float
+        H^2 [D^2].
+    reach : float
+        Greatest difference in height of grains that meet [D].
+    spare : float
+        Drag of each grain for those beyond the reach, over that of a lone one.
+    stiffest : float
+        Bound of the eigenvalues of M^(-1) T, over ``rate``.
+    kinds : int
+        Kinds of grains: 1 of dipoles, of discs one for each species.
+    kind : int64 (n,) or None
+        That of each grain; None of one kind.
+    table : EddyTable
+    """
+
+    rate: float
+    square: float
+    reach: float
+    spare: float
+    stiffest: float
+    kinds: int
+    kind: Array | None
+    table: EddyTable
+
+    def workspace(self, size: int, count: int) -> EddyWorkspace:
+        """Scratch arrays of the sums."""
+        rows = np.zeros((CHARGE + self.kinds, size))
+        return EddyWorkspace(rows, np.arange(size))
+
+    @staticmethod
+    @compiled
+    def flow(
+        law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opening: bool
+    ) -> int:
+        """Let the velocities decay; enter what is lost."""
+        state, constants = bed.state, bed.constants
+        masses, count, rows, lost = constants.masses, constants.grains, workspace.rows, 0.0
+        _load(law, workspace, bed)
+        steps = 1 + int(law.rate * law.stiffest * abs(dt) / LONGEST)
+        h = dt / steps
+        for _ in range(steps):
+            for i in range(count):
+                rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
+            _multiply(law, workspace, count)
+            for i in range(count):
+                factor = h / value_or_one(masses, workspace.order[i])
+                rows[INPUT_X, i] = factor * rows[OUTPUT_X, i]
+                rows[INPUT_Y, i] = factor * rows[OUTPUT_Y, i]
+            _multiply(law, workspace, count)
+            for i in range(count):
+                mass = value_or_one(masses, workspace.order[i])
+                x = 0.5 * h / mass * rows[OUTPUT_X, i] - rows[INPUT_X, i]
+                y = 0.5 * h / mass * rows[OUTPUT_Y, i] - rows[INPUT_Y, i]
+                vx, vy = rows[SPEED_X, i], rows[SPEED_Y, i]
+                lost -= 0.5 * mass * (x * (2.0 * vx + x) + y * (2.0 * vy + y))
+                rows[SPEED_X, i], rows[SPEED_Y, i] = vx + x, vy + y
+        for i in range(count):
+            grain = workspace.order[i]
+            state.vx[grain], state.vy[grain] = rows[SPEED_X, i], rows[SPEED_Y, i]
+        state.ledger[LOSSES + index] += lost
+        return 0
+
+    @staticmethod
+    @compiled
+    def damping_slope(
+        law: MutualEddyLaw,
+        workspace: EddyWorkspace,
+        index: int,
+        slopes: Array,
+        dt: float,
+        bed: Bed,
+    ) -> int:
+        """Add the drag as a force, for Runge-Kutta methods."""
+        rows, count, lost = workspace.rows, bed.constants.grains, 0.0
+        _load(law, workspace, bed)
+        for i in range(count):
+            rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
+        _multiply(law, workspace, count)
+        for i in range(count):
+            grain = workspace.order[i]
+            mass = value_or_one(bed.constants.masses, grain)
+            fx, fy = rows[OUTPUT_X, i], rows[OUTPUT_Y, i]
+            slopes[VX, grain] -= fx / mass
+            slopes[VY, grain] -= fy / mass
+            lost += fx * rows[SPEED_X, i] + fy * rows[SPEED_Y, i]
+        bed.state.ledger[LOSSES + index] += dt * lost
+        return 0
+
+
+@compiled
+def _load(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
+    """Put the grains into the workspace; in order of their heights where not all of them meet."""
+    state, count, rows, order = bed.state, bed.constants.grains, workspace.rows, workspace.order
+    moments = relative_moments(bed.constants)
+    if law.reach < np.inf:
+        order[:count] = np.argsort(state.y[:count])
+    else:
+        for i in range(count):
+            order[i] = i  # a grain that left may have changed it
+    for i in range(count):
+        grain = order[i]
+        rows[PX, i], rows[PY, i] = state.x[grain], state.y[grain]
+        rows[SPEED_X, i], rows[SPEED_Y, i] = state.vx[grain], state.vy[grain]
+        for kind in range(law.kinds):
+            rows[CHARGE + kind, i] = 0.0
+        rows[CHARGE + _kind_of(law.kind, grain), i] = value_or_one(moments, grain)
+
+
+@compiled
+def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
+    """Multiply the input by T."""
+    rows, series, shifts = workspace.rows, law.table.series, law.table.shifts
+    y = rows[PY]
+    begin = end = 0
+    rows[OUTPUT_X, :count] = 0.0
+    rows[OUTPUT_Y, :count] = 0.0
+    for j in range(count):
+        while y[j] - y[begin] > law.reach:
+            begin += 1
+        while end < count and not y[end] - y[j] > law.reach:
+            end += 1
+        own = _kind_of(law.kind, workspace.order[j])
+        charge = law.rate * rows[CHARGE + own, j]
+        vx, vy = charge * rows[INPUT_X, j], charge * rows[INPUT_Y, j]
+        for image in range(len(shifts)):
+            at_x, at_y = rows[PX, j] + shifts[image, 0], y[j] + shifts[image, 1]
+            for kind in range(law.kinds):
+                _add_row(
+                    rows[PX], y, rows[CHARGE + kind], rows[OUTPUT_X], rows[OUTPUT_Y], begin, end,
+                    at_x, at_y, vx, vy, law.square,
+                    _terms_of(series, kind, own),
+                )  # fmt: skip
+        spare = law.spare * rows[CHARGE + own, j]
+        rows[OUTPUT_X, j] += spare * vx
+        rows[OUTPUT_Y, j] += spare * vy
+
+
+@compiled(inline=True)
+def _kind_of(kinds: Array | None, grain: int) -> int:
+    return 0 if kinds is None else kinds[grain]
+
+
+@compiled(inline=True)
+def _terms_of(series: Array | None, kind: int, other: int) -> Array | None:
+    return None if series is None else series[kind, other]
+
+
+@compiled
+def _add_row(
+    x: Array, y: Array, charges: Array, sum_x: Array, sum_y: Array, begin: int, end: int,
+    at_x: float, at_y: float, vx: float, vy: float, square: float, terms: Array | None,
+) -> None:  # fmt: skip
+    """Add what the motion of a grain does to grains of a kind."""
+    # Slices begin at 0: an index that might be negative keeps Numba from vectorising.
+    x, y, charges = x[begin:end], y[begin:end], charges[begin:end]
+    sum_x, sum_y = sum_x[begin:end], sum_y[begin:end]
+    if terms is None:
+        for i in range(len(x)):
+            dx, dy = x[i] - at_x, y[i] - at_y
+            u = square / (dx * dx + dy * dy + square)
+            power = charges[i] * u * u * math.sqrt(u)
+            along = 5.0 / square * u * (dx * vx + dy * vy)
+            sum_x[i] += power * (vx - along * dx)
+            sum_y[i] += power * (vy - along * dy)
+    else:
+        p = _as_tuple(terms[0])
+        q = _as_tuple(terms[1])
+        for i in range(len(x)):
+            dx, dy = x[i] - at_x, y[i] - at_y
+            u = square / (dx * dx + dy * dy + square)
+            power = charges[i] * u * u * math.sqrt(u)
+            across = _polynomial(p, u)
+            along = 5.0 / square * u * _polynomial(q, u) * (dx * vx + dy * vy)
+            sum_x[i] += power * (across * vx - along * dx)
+            sum_y[i] += power * (across * vy - along * dy)
+
+
+@compiled(inline=True)
+def _as_tuple(c: Array) -> tuple[float, ...]:
+    return c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]
+
+
+@compiled(inline=True)
+def _polynomial(c: tuple[float, ...], u: float) -> float:
+    """Sum of c_k u^k by Estrin's scheme, written out: Numba does not vectorise round a loop."""
+    c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11 = c
+    v = u * u
+    w = v * v
+    low = c0 + u * c1 + v * (c2 + u * c3)
+    middle = c4 + u * c5 + v * (c6 + u * c7)
+    high = c8 + u * c9 + v * (c10 + u * c11)
+    return low + w * (middle + w * high)
+
+
+def mutual_law(rate: float, plate: Plate, setting: EffectContext) -> MutualEddyLaw:
+    """Make the law of a bed.
+
+    Parameters
+    ----------
+    rate : float
+        Decay rate of a lone dipole of the first species along a thin plate [1/tau].
+    plate : Plate
+    setting : EffectContext
+    """
+    length = setting.scales.length
+    square = 4.0 * plate.distance**2
+    periods = setting.cell.periods
+    shifts, reach = np.zeros((1, 2)), math.inf
+    if periods is not None:
+        sides = np.array(periods) / length
+        numbers = [
+            range(-math.ceil(FARTHEST / side), math.ceil(FARTHEST / side) + 1) for side in sides
+        ]
+        shifts = np.array([(i * sides[0], j * sides[1]) for i in numbers[0] for j in numbers[1]])
+    else:
+        reach = (32.0 / 9.0 * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
+        height = setting.grains.count / USUAL / (setting.cell.width / length)
+        if height < 2.0 * reach:
+            reach = math.inf
+    made = series(plate)
+    factor = plate.factor()
+    moments = setting.grains.moment_ratios()[setting.species] * setting.grains.spread_factors()
+    masses = setting.grains.mass_ratios()[setting.species]
+    heaviest = float((moments**2 / masses).max())
+    return MutualEddyLaw(
+        rate=rate, square=square, reach=reach,
+        spare=0.0 if reach == math.inf else LEFT_OUT * factor,
+        stiffest=heaviest * factor * (1.0 + DENSEST * square), kinds=1, kind=None,
+        table=EddyTable(None if made is None else made[None, None], shifts),
+    )  # fmt: skip

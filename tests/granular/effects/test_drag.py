@@ -1,0 +1,95 @@
+"""Drag by the size of a grain, alone and with what is solved together with it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene, simulate
+from granular.scene.system import natural_system
+from granular.schema.scales import Scales
+
+DENSE = [
+    {"name": "light", "diameter": "6 mm", "share": 0.5},
+    {"name": "heavy", "diameter": "4 mm", "share": 0.5, "density": 16000.0, "thickness": "2 mm"},
+]
+ALIKE = [{**species, "density": None, "thickness": None} for species in DENSE]
+
+
+def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
+    """Two grains that feel drag alone."""
+    return load_scene("single-particle").replace(
+        **{
+            "grains.count": 2,
+            "grains.species": species,
+            "cell.width": "400 D",
+            "piston": "none",
+            "arrangement.positions": [[0.6, 0.6], [1.2, 0.9]],
+            "arrangement.velocities": [[0.1, -0.05], [0.1, -0.05]],
+            "arrangement.height": None,
+            "effects": {"drag": {"coefficient": "0.01 kg/s"}, "dipole": "none"},
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 0.1}],
+            "output": {"scalars": 1e-3, "frames": 0.1, "record": "none"},
+        }
+        | changes
+    )
+
+
+@pytest.mark.parametrize("method", ["stormer-verlet", "runge-kutta-4"])
+def test_drag_goes_with_the_area_of_a_face(method: str) -> None:
+    scene = apart(DENSE)
+    run = simulate(scene, dt=1e-4, method=method, progress=False)
+    faces = 0.01 * np.array([1.0, (4.0 / 6.0) ** 2])
+    left = np.exp(-0.1 * faces / scene.grains.masses())
+    velocity = run.dataset["velocity"].values
+    np.testing.assert_allclose(velocity[-1], left[:, None] * velocity[0], rtol=1e-9)
+    data = run.dataset
+    total = (data["kinetic_energy"] + data["drag_loss"]).values
+    np.testing.assert_allclose(total, total[0], rtol=1e-10)
+
+
+def test_of_one_material_and_thickness_all_have_one_rate() -> None:
+    (law,) = natural_system(apart(ALIKE)).constants.acting.laws
+    assert (law.kind, law.rates) == (None, None)
+    (law,) = natural_system(apart(DENSE)).constants.acting.laws
+    scales = Scales.of(apart(DENSE).grains)
+    rates = 0.01 * np.array([1.0, 4.0 / 9.0]) / apart(DENSE).grains.masses() * scales.time
+    assert law.rates.values[law.kind[:2].astype(int)] == pytest.approx(rates)
+
+
+def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
+    """Compare with v = (v0 + b/c) exp(-c t) - b/c under the drag c and the deceleration b."""
+    scene = apart(
+        DENSE,
+        **{
+            "effects.friction": {"load": "2 mN", "static": 0.4, "dynamic": 0.3},
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 0.02}],
+        },
+    )
+    velocity = simulate(scene, dt=2e-5, progress=False).dataset["velocity"].values
+    masses = scene.grains.masses()
+    c, b = 0.01 * np.array([1.0, 4.0 / 9.0]) / masses, 0.3 * 2e-3 / masses
+    before, after = np.hypot(*velocity[0].T), np.hypot(*velocity[-1].T)
+    exact = (before + b / c) * np.exp(-0.02 * c) - b / c
+    np.testing.assert_allclose(after, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("friction", [{}, {"scheme": "regularised", "threshold": "10 mm/s"}, None])
+def test_ledger_closes_to_second_order(friction: dict[str, Any] | None) -> None:
+    rubbing = {"friction": friction} if friction is not None else {}
+    scene = load_scene("bed").replace(
+        **{
+            "grains.count": 12,
+            "grains.species": DENSE,
+            "cell.width": "4 D",
+            **{f"effects.{key}": value for key, value in rubbing.items()},
+            "effects.wall_friction": {"coefficient": 0.3} if friction is None else "none",
+        }
+    )
+    errors = [
+        simulate(scene, dt=dt, t_end=0.03, progress=False).settings()["ledger_residual"]
+        for dt in (1e-4, 2.5e-5)
+    ]
+    assert errors[1] < errors[0] / 6.0

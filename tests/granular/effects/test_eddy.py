@@ -1,0 +1,271 @@
+"""Eddy currents that grains make for each other: tensor, flow and lattices."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene, simulate
+from granular.effects.eddy_tensor import Disc, Plate, lattice_factor, series, tensor
+from granular.scene.system import natural_system
+from granular.schema.scales import Scales
+from granular.shared.errors import SceneError
+
+PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm", "mutual": True}
+H = 8.0 / 6.0
+
+
+def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> Scene:
+    """Grains at positions [D] with velocities [m/s] that feel nothing but eddy currents."""
+    return load_scene("single-particle").replace(
+        **{
+            "grains.count": len(positions),
+            "grains.species": [{"name": "disc", "diameter": "6 mm", "share": 1.0}],
+            "cell.width": "400 D",
+            "piston": "none",
+            "arrangement.positions": (0.006 * positions).tolist(),
+            "arrangement.velocities": velocities.tolist(),
+            "arrangement.height": None,
+            "effects": {"eddy": dict(PLATE), "dipole": "none"},
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 0.02}],
+            "output": {"scalars": 1e-3, "frames": 0.01, "record": "none"},
+        }
+        | changes
+    )
+
+
+def loose(columns: int, rows: int, seed: int) -> np.ndarray:
+    """Positions (n, 2) [D] on a square grid, each moved a little."""
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    grid = 1.4 * np.stack([i, j], -1).reshape(-1, 2) + [100.0, 50.0]
+    return np.asarray(grid + np.random.default_rng(seed).uniform(-0.15, 0.15, grid.shape))
+
+
+def thin(displacement: np.ndarray) -> np.ndarray:
+    """Tensor of two dipoles over that of one, in closed form."""
+    s = float(displacement @ displacement) + H * H
+    outer = np.outer(displacement, displacement)
+    return np.asarray((H * H / s) ** 2.5 * (np.eye(2) - 5.0 * outer / s))
+
+
+def matrix(positions: np.ndarray) -> np.ndarray:
+    """Tensor (2n, 2n) of a bed."""
+    return np.block([[thin(a - b) for b in positions] for a in positions])
+
+
+PAIRS = {
+    "common, along": ((1, 0), (1, 0)),
+    "opposite, along": ((1, 0), (-1, 0)),
+    "common, across": ((0, 1), (0, 1)),
+    "opposite, across": ((0, 1), (0, -1)),
+    "perpendicular": ((1, 0), (0, 1)),
+}
+
+
+def decayed(scene: Scene, dt: float, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities [m/s] at the end, as computed and as by the matrix exponential."""
+    from scipy.linalg import expm
+
+    run = simulate(scene, dt=dt, progress=False, **options)
+    scales = Scales.of(scene.grains)
+    rate = scene.effects.eddy.coefficient(scales) / scales.mass
+    positions = run.dataset["position"][0].values / 0.006
+    start = run.dataset["velocity"][0].values
+    duration = float(run.dataset["time"][-1])
+    moments = np.repeat(scene.grains.moment_ratios()[scene.grains.assignment()], 2)
+    masses = np.repeat(scene.grains.mass_ratios()[scene.grains.assignment()], 2)
+    weighted = moments[:, None] * matrix(positions) * moments / masses[:, None]
+    exact = (expm(-duration * rate * weighted) @ start.ravel()).reshape(-1, 2)
+    return run.dataset["velocity"][-1].values, exact
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_two_grains_decay_as_the_tensor_says(name: str) -> None:
+    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
+    scene = scene_of(positions, 1e-9 * np.array(PAIRS[name], dtype=float))
+    computed, exact = decayed(scene, 2e-6)
+    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("species", [1, 2])
+def test_flow_is_of_second_order_and_a_runge_kutta_method_agrees(species: int) -> None:
+    random = np.random.default_rng(3)
+    positions = loose(4, 3, 3)
+    changes: dict[str, Any] = {"output.frames": 0.02}
+    if species == 2:
+        changes["grains.species"] = [
+            {"name": "big", "diameter": "6 mm", "share": 0.5},
+            {"name": "small", "diameter": "4 mm", "share": 0.5},
+        ]
+    scene = scene_of(positions, 1e-9 * random.normal(size=(12, 2)), **changes)
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        computed, exact = decayed(scene, dt)
+        errors.append(np.abs(computed - exact).max() / np.abs(exact).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(slopes, 2.0, atol=0.15)
+    computed, exact = decayed(scene, 2e-4, method="runge-kutta-4")
+    np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
+
+
+def test_what_is_lost_is_never_negative_and_closes_the_ledger() -> None:
+    random = np.random.default_rng(4)
+    positions = random.uniform(0.0, 6.0, (40, 2))
+    form = matrix(positions)
+    for _ in range(1000):
+        velocity = random.normal(size=80)
+        assert velocity @ form @ velocity >= 0.0
+    assert np.linalg.eigvalsh(form).min() > -1e-12
+    scene = scene_of(loose(8, 5, 4), 0.1 * random.normal(size=(40, 2)))
+    for conductivity in ("59.6 MS/m", "60 GS/m"):  # of the second a step is as long as the decay
+        good = scene.replace(**{"effects.eddy.conductivity": conductivity})
+        run = simulate(good, dt=1e-3, progress=False)
+        kinetic, lost = (run.dataset[name].values for name in ("kinetic_energy", "eddy_loss"))
+        assert lost[1] > 0.0
+        assert (np.diff(lost) >= 0.0).all()
+        np.testing.assert_allclose(kinetic + lost, kinetic[0], rtol=1e-13)
+
+
+def test_without_conductivity_nothing_is_lost() -> None:
+    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
+    scene = scene_of(positions, np.ones((2, 2)), **{"effects.eddy.conductivity": 0.0})
+    run = simulate(scene, dt=1e-3, progress=False)
+    velocity = run.dataset["velocity"].values
+    assert (velocity == velocity[0]).all()
+    assert (run.dataset["eddy_loss"].values == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("spacing", "factor"), [(1.375, 0.3035), (1.6, 0.4561), (2.0, 0.6728), (2.6, 0.8527)]
+)
+def test_lattice_that_moves_as_one_body(spacing: float, factor: float) -> None:
+    """Against the sum over the reciprocal lattice, which converges at once."""
+    assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
+    area = math.sqrt(0.75) * spacing**2
+    numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
+    basis = (
+        2.0
+        * math.pi
+        / spacing
+        * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
+    )
+    k = np.hypot(*(numbers @ basis).T)
+    exact = float((math.pi * H**4 / 3.0 / area * k**2 * np.exp(-k * H)).sum())
+    assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(exact, abs=1e-4)
+
+
+@pytest.mark.parametrize("motion", ["as one body", "affinely"])
+def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
+    spacing, columns, rows = 1.375, 6, 6
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    height = math.sqrt(0.75) * spacing
+    positions = np.stack([(i + 0.5 * (j % 2) + 0.25) * spacing, (j + 0.5) * height], -1).reshape(
+        -1, 2
+    )
+    wave = 2.0 * math.pi / (rows * height)
+    velocities = np.zeros_like(positions)
+    # The longest wave of compression that fits is as affine as a periodic cell allows.
+    velocities[:, 1] = 1e-9 * (1.0 if motion == "as one body" else np.sin(wave * positions[:, 1]))
+    cell = {
+        "width": f"{6 * columns * spacing} mm",
+        "height": f"{6 * rows * height} mm",
+        "sides": "periodic",
+    }
+    run = simulate(
+        scene_of(positions, velocities, **{"cell": cell}), dt=2e-5, t_end=1e-3, progress=False
+    )
+    before, after = (run.dataset["velocity"][k].values for k in (0, -1))
+    scales = Scales.of(run.scene.grains)
+    rate = run.scene.effects.eddy.coefficient(scales) / scales.mass
+    measured = -math.log((after * before).sum() / (before * before).sum()) / 1e-3 / rate
+    own = 0.0 if motion == "as one body" else wave
+    m = np.arange(-60, 61)
+    basis = (
+        2.0
+        * math.pi
+        / spacing
+        * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
+    )
+    k = np.array([(a, b) for a in m for b in m]) @ basis + [0.0, own]
+    size = np.maximum(np.hypot(k[:, 0], k[:, 1]), 1e-300)
+    terms = k[:, 1] ** 2 * np.exp(-size * H)
+    exact = 2.0 * math.pi * H**4 / 3.0 / (height * spacing) * float(terms.sum())
+    assert measured == pytest.approx(exact, abs=1e-4)
+
+
+def test_thick_plate_and_discs() -> None:
+    """Drag of a lone magnet over a dipole's, and the series against the integrals themselves."""
+    assert Plate(4.0 / 6.0, 2.0 / 6.0).factor() == pytest.approx(1.2389, abs=1e-4)
+    disc = Disc(0.5, 0.5)
+    for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
+        lone, _ = tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
+        assert lone[0] == pytest.approx(factor, abs=1e-3)
+    for plate, discs in (
+        (Plate(4.0 / 6.0, 2.0 / 6.0), ()),
+        (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc)),
+    ):
+        r = np.linspace(0.0, 20.0, 41)
+        isotropic, radial = tensor(plate, r, discs)
+        made = series(plate, discs)
+        assert made is not None
+        square = 4.0 * plate.distance**2
+        u = square / (square + r * r)
+        p, q = (np.polynomial.Polynomial(row)(u) for row in made)
+        np.testing.assert_allclose(u**2.5 * p, isotropic, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(-5.0 * u**3.5 * q * r * r / square, radial, rtol=0, atol=1e-5)
+
+
+def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
+    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
+    scene = scene_of(positions, np.zeros((2, 2)), **{"effects.eddy.mutual": None})
+    scales = Scales.of(scene.grains)
+    assert scene.effects.eddy.counts_neighbours(2, scales)
+    assert not scene.effects.eddy.counts_neighbours(1, scales)
+    near = scene.replace(**{"effects.eddy.distance": "1 mm"})
+    assert not near.effects.eddy.counts_neighbours(2, scales)
+    assert "mutual" not in scene.to_plain()["effects"]["eddy"]
+    with pytest.raises(SceneError, match="must be true or false"):
+        scene.replace(**{"effects.eddy.mutual": 1})
+    with pytest.raises(SceneError, match="reaches the grains' middle"):
+        scene.replace(**{"effects.eddy": {**PLATE, "plate": "thick", "thickness": "9 mm"}})
+
+
+def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
+    """The drag differs by less than what is left out, and energy is never given."""
+    columns, rows = 6, 120
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    positions = np.stack([1.3 * i, 1.3 * j], -1).reshape(-1, 2) + 1.0
+    velocities = np.tile([0.0, 1e-9], (len(positions), 1))
+    losses = []
+    for width in ("9 D", "80 D"):  # the wide cell's bed would be low: all pairs meet
+        scene = scene_of(positions, velocities, **{"cell.width": width})
+        law = natural_system(scene).constants.acting.laws[0]
+        assert math.isfinite(law.reach) == (width == "9 D")
+        losses.append(
+            float(simulate(scene, dt=1e-4, t_end=1e-3, progress=False).dataset["eddy_loss"][-1])
+        )
+    assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
+
+
+def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
+    random = np.random.default_rng(6)
+    species = [
+        {"name": "big", "diameter": "6 mm", "share": 0.5},
+        {"name": "dense", "diameter": "4 mm", "share": 0.5, "density": 16000.0},
+    ]
+    scene = scene_of(
+        loose(6, 5, 6),
+        0.1 * random.normal(size=(30, 2)),
+        **{"grains.species": species, "effects.eddy.plate": "thick", "effects.dipole": {}},
+    )
+    through = simulate(scene, dt=1e-4, progress=False)
+    simulate(scene, dt=1e-4, t_end=0.0123, out=tmp_path / "run", progress=False)
+    resumed = simulate(scene, dt=1e-4, out=tmp_path / "run", resume=True, progress=False)
+    two = simulate(scene, dt=1e-4, threads=2, progress=False)
+    for other in (resumed, two):
+        for name in ("position", "velocity", "eddy_loss"):
+            assert (other.dataset[name].values == through.dataset[name].values).all()
