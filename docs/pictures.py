@@ -380,6 +380,11 @@ def draw_maps() -> None:
     keep(plot_maps(damper_maps()), "maps")
 
 
+def write_sliders() -> None:
+    """The maps under sliders: a page that needs no Python."""
+    damper_maps().view().save(IMAGES / "sliders.html")
+
+
 def write_whole_falls() -> None:
     """Two whole falls, simulated and by the law."""
     rows = [
@@ -798,6 +803,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "limits": draw_limits,
     "misprints": draw_misprints,
     "maps": draw_maps,
+    "sliders": write_sliders,
     "whole-fall": write_whole_falls,
     "defects": draw_defects,
     "machine": draw_machine,

@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pandas
@@ -22,6 +23,7 @@ from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
 from reduced_models.designs.proposal import DesignTarget, propose_design
 from reduced_models.designs.study import design_points, run_study
 
+ROOT = Path(__file__).parents[3]
 TARGETS = [
     (2.9, 0.05, {}),
     (3.3, 0.1, {}),
@@ -73,6 +75,17 @@ def test_the_sliders_hold_the_maps():
     for name, one in json.loads(text)["surfaces"].items():
         terms = [np.prod([single[c, p] for c, p in enumerate(powers)]) for powers in one["powers"]]
         assert np.dot(one["coefficients"], terms) == pytest.approx(maps.at(name, place))
+
+
+def test_the_sliders_of_the_site_are_of_these_maps():
+    """`python docs/pictures.py sliders` made them; other processors round otherwise."""
+    kept = (ROOT / "docs" / "images" / "sliders.html").read_text(encoding="utf-8")
+    data = re.compile(r'(?<=type="application/json">).*(?=</script>)')
+    assert data.sub("", kept) == data.sub("", damper_maps().view().page)
+    (text,) = data.findall(kept)
+    for name, one in json.loads(text)["surfaces"].items():
+        expected = damper_maps().surfaces[name].coefficients
+        np.testing.assert_allclose(one["coefficients"], expected, rtol=1e-6)
 
 
 def test_maps_find_a_polynomial_again():
