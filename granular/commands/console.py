@@ -84,7 +84,9 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _print_error(str(error), FAILED)
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
-        saved = f"what was done is in {path}; --resume goes on" if path else "nothing was written"
+        saved = "nothing was written" if path is None else (
+            f"what was done is in {path}; the same command goes on (run with --resume)"
+        )  # fmt: skip
         return _print_error(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing_module_message(error)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -27,6 +28,8 @@ FILE = "file"
 """Key of the file that is described, as a path from the description."""
 _CALIBRATION = ("scale", "zero", "coefficients", "points", "degree")
 """Keys of the calibration of one column."""
+_MISSPELT = 0.8
+"""Similarity to a role from which on a name is no input's, but that role misspelt."""
 _MAX_BYTES = 2**20
 """Of a description; a scene, which may be longer, is not read to see that it is none."""
 ALL = "all"
@@ -225,9 +228,9 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 def _check_role(role: str) -> None:
     """Refuse a name that is no role, and is no plain word for an input or nearly a role."""
     known = (*ROLES, ANGLE)
-    words = unknown(role, known, "column of a record")
-    if role not in known and (not role.isidentifier() or "did you mean" in words):
-        raise RecordError(f"columns: {words}")
+    misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
+    if role not in known and (misspelt or not role.isidentifier()):
+        raise RecordError(f"columns: {unknown(role, known, 'column of a record')}")
 
 
 def _column_key(name: object) -> str:

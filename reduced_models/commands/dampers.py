@@ -19,6 +19,7 @@ from granular.commands.console import (
 from granular.commands.options import (
     CHANGES,
     DT,
+    IMPORT,
     METHOD,
     OUTPUT,
     SCENE,
@@ -63,7 +64,7 @@ SLIDERS = "sliders.html"
         help="law whose rest, period and damping are compared: name or equation",
     ),
     option("--no-checks", action="store_true", help="skip the run with half the step"),
-    OUT, DT, METHOD, READING, OUTPUT,
+    OUT, DT, METHOD, IMPORT, READING, OUTPUT,
     examples="""\
 examples:
   %(prog)s lab.csv damper -o out
@@ -75,9 +76,11 @@ def calibrate(options: Any) -> None:
     """Fit numbers of a scene to a record."""
     from granular.run.record import PistonRecord
     from granular.scene.scene import Scene
+    from granular.user_code import import_user_code
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene
     from reduced_models.records.sources import open_source
 
+    import_user_code(options.user_files)
     source = open_source(options.record, read_options_from_line(options))
     if isinstance(source, Scene):
         raise InputError(

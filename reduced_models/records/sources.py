@@ -286,7 +286,7 @@ def run_notes(run: Trajectory) -> tuple[str, ...]:
     when = float(run.dataset["time"].values[-1])
     return (
         f"the run was cut at t = {when:.4g} s, {where}, so the record is not whole; finish it with "
-        "--resume, or read the figures as those of a part",
+        "run --resume, or read the figures as those of a part",
     )
 
 

@@ -16,6 +16,7 @@ from granular import PistonRecord
 from granular.readers.options import ReadOptions
 from granular.shared.errors import InputError
 from reduced_models.__main__ import parser
+from reduced_models.records.inputs import input_column
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = {
@@ -86,6 +87,36 @@ def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -
     assert found.time == pytest.approx(TIME[150:1001], abs=1e-9)
     assert found.height == pytest.approx(HEIGHT[150:1001], abs=1e-8)
     assert "stands still" not in done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable[..., Any]) -> None:
+    """Further columns by their roles, in their own units, volts by their scales; and inputs."""
+    path, shape = tmp_path / "lab.csv", np.sin(3.0 * TIME)
+    columns = {
+        "ticks": 1e3 * TIME, "lvdt [V]": HEIGHT / 2.5e-3 - 21.0, "acc [g]": shape,
+        "cell [mV]": shape, "table [mil]": shape, "shaker [V]": shape, "ch3 [mA]": shape,
+    }  # fmt: skip
+    rows = (
+        ",".join(f"{value:.12g}" for value in row) for row in zip(*columns.values(), strict=True)
+    )
+    path.write_text("\n".join([",".join(columns), *rows, ""]))
+    found, done = read(
+        name, str(path), "--columns",
+        "time=ticks,height=lvdt,acceleration=acc,force=cell,base_height=table,"
+        "base_acceleration=shaker,valve=ch3",
+        "--units", "time=ms", "--scale", "2.5 mm/V", "--zero", "-21 V", "--scale", "force=10 lb/V",
+        "--scale", "base_acceleration=2 g/V", "--between", ":",
+    )  # fmt: skip
+    assert found is not None, done.stderr
+    assert found.time == pytest.approx(TIME, abs=1e-9)
+    assert found.height == pytest.approx(HEIGHT, abs=1e-9)
+    sizes = {
+        "acceleration": 9.80665, "force": 10e-3 * 4.4482216152605, "base_height": 2.54e-5,
+        "base_acceleration": 2.0 * 9.80665, "valve": 1e-3,
+    }  # fmt: skip
+    for role, size in sizes.items():
+        assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
 @pytest.mark.parametrize("name", COMMANDS)

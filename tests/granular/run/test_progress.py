@@ -55,7 +55,8 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     rest = process.communicate(timeout=60)[1]
     assert process.returncode == 143
     assert (
-        rest.splitlines()[-1] == f"error: terminated: what was done is in {out}; --resume goes on"
+        rest.splitlines()[-1] == f"error: terminated: what was done is in {out}; the same command "
+        "goes on (run with --resume)"
     )
     part = load_trajectory(out)
     assert not part.complete
