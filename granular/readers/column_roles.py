@@ -12,6 +12,7 @@ from granular.readers.calibration import Calibration, parse_calibration
 from granular.readers.headers import (
     ACCELERATION,
     ANGLES,
+    CHANNEL,
     COUNTERS,
     FORCE,
     HEIGHT,
@@ -168,7 +169,7 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
             loads = [item for word in LOADS for item in called.get(word, [])]
             result = [item for item in loads if item.unit and has_dimension(item.unit, "N")]
         if role == HEIGHT:
-            _refuse_alike(result)
+            result = _moving_first(result)
         if not result:
             continue
         chosen[role] = result[0]
@@ -180,10 +181,10 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
             )
 
 
-def _refuse_alike(candidates: Sequence[Column]) -> None:
-    """Refuse to choose between columns that may be the coordinate and move alike."""
+def _moving_first(candidates: list[Column]) -> list[Column]:
+    """Columns that may be the coordinate, the one that moves first; refused if several do."""
     if not candidates or normalize_name(candidates[0].name) in PREFERRED:
-        return
+        return candidates
     moving = [item for item in candidates if _value_range(item) > 0.0]
     kinds = {(item.unit, normalize_name(item.name) in ANGLES) for item in moving}
     if len(kinds) == 1:
@@ -192,6 +193,8 @@ def _refuse_alike(candidates: Sequence[Column]) -> None:
     names = {item.name.lower() for item in candidates}
     if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
         raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in moving]))
+    still = [item for item in candidates if len(moving) == 1 and item is not moving[0]]
+    return [*moving, *still] if still else candidates
 
 
 def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:
@@ -266,7 +269,7 @@ def _time_advice(free: Sequence[Column]) -> str:
         )
     return (
         "name the columns in the first line, such as 'time [s], height [mm]', or say which is "
-        "which (columns: time=NAME)"
+        "which (columns: time=NAME), or how many samples there are in a second (rate: '100 Hz')"
     )
 
 
@@ -325,7 +328,8 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     if result[0].name:
         notes.append(
             f"height is the column {quote(result[0].name)}, the only other one of numbers "
-            "(columns: height=..., and flip if it grows downwards)"
+            f"(columns: height=..., {'' if result[0].unit else 'units: height=..., '}and flip if it "
+            "grows downwards)"
         )
     else:
         number = sheet.columns.index(result[0]) + 1
@@ -367,7 +371,11 @@ def _is_sensor(unit: str) -> bool:
 
 def _check_channels(columns: Sequence[Column]) -> None:
     """Refuse to guess which input of an instrument the height was connected to."""
-    names = [column.name for column in columns if column.channel]
+    names = [
+        column.name
+        for column in columns
+        if column.channel or (not column.unit and CHANNEL.fullmatch(normalize_name(column.name)))
+    ]
     if names and len(names) == len(columns):
         raise RecordError(
             f"no column 'height', only channels: {', '.join(map(quote, names))}; say which it is "

@@ -102,6 +102,9 @@ KNOWN = {
 }  # fmt: skip
 """Units that are recognised behind a name, without brackets."""
 
+_CAPITALS = ("S", "MS", "US", "M", "MM", "CM", "UM", "IN", "FT", "DEG", "RAD")
+"""Units in capitals, which stand for those of a time or a way in headings that are all capitals."""
+_SENSOR_UNITS = ("V", "mV", "mA", "counts", "px")
 _LONGEST = 100
 """Characters of a header that may be a synonym and a unit without brackets."""
 _TIMES = ("s", "ms", "us")
@@ -111,6 +114,8 @@ _RUN = re.compile(
     r"^(latest|run \d+|letzter durchgang|última) | (run|durchgang|essai|ensayo|serie)( nr)? \d+$"
 )
 """What programs for schools put before or behind a name."""
+CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
+"""Normalized names of an instrument's inputs, which say nothing of what was connected."""
 _INPUT = re.compile(r"(\w) ?[ab][12]")
 """Quantity, and the input of CASSY Lab that it was measured at, as in sA1."""
 _IN = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
@@ -125,6 +130,7 @@ _BEHIND = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 def normalize_unit(unit: str) -> str:
     """Return the unit as `granular.schema.units` writes it, where it is known; else as it is."""
     bare = unit.strip().strip("[](){}").strip().rstrip(".").replace("²", "^2")
+    bare = bare.lower() if bare in _CAPITALS else bare
     return UNITS.get(bare, UNITS.get(bare.lower(), bare))
 
 
@@ -153,7 +159,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         name, before = parse_header(rest)  # a remark behind a unit without brackets, or alone
         if before is not None:
             return f"{name} {group[0]}", before
-        return (cell, None) if " " in unit else (rest, unit)
+        return (cell, None) if " " in unit or unit == "t" else (rest, unit)
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         name = match[1].strip()
@@ -169,6 +175,8 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         return match[1], match[2]
     if normalize_unit(cell) in _TIMES and len(cell) > 1:
         return TIME, cell
+    if normalize_unit(cell) in _SENSOR_UNITS and len(cell) > 1:
+        return cell, cell
     return cell, None
 
 

@@ -38,8 +38,8 @@ _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
 _ROW = " row"
 """Column of a sample's row in the file while samples are left out and sorted; no file has it."""
 _LEAST_SAMPLES = 20
-_LONG_STEP, _LONG_WAY = 0.5, 1.0
-"""Step [s] and extent [m] from which on numbers without a unit are noted."""
+_LONG_STEP, _LONG_WAY, _HIGH = 0.5, 1.0, 10.0
+"""Step [s], extent and height [m] from which on numbers without a unit are noted."""
 _ABSURD = 1e6
 """From here on an error says more."""
 _AGREEMENT = 0.3
@@ -252,11 +252,11 @@ def _check_sizes(
                 f"{usual:.3g} s (units: time=ms)"
             )
     if HEIGHT not in units and chosen[HEIGHT].name:
-        extent = float(np.ptp(known[HEIGHT]))
-        if _LONG_WAY <= extent <= _ABSURD:
+        extent, largest = float(np.ptp(known[HEIGHT])), float(np.abs(known[HEIGHT]).max())
+        if extent <= _ABSURD and (extent >= _LONG_WAY or largest >= _HIGH):
             notes.append(
                 f"{quote(chosen[HEIGHT].name)} has no unit and is taken for m, over {extent:.3g} m "
-                "(units: height=mm)"
+                f"up to {largest:.3g} m (units: height=mm)"
             )
 
 

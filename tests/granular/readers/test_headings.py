@@ -90,6 +90,9 @@ HEADS = {
         "Zeit (s) Durchgang Nr. 1;Position (m) Durchgang Nr. 1", (TIME, HEIGHT), comma=True
     ),
     "Tracker, x at rest": Head("t\tx\ty", (TIME, 0.0 * HEIGHT, HEIGHT), note="not 'x'"),
+    "Tracker, y at rest": Head("t\tx\ty", (TIME, HEIGHT, 1e-6 * RISING), note="not 'y'"),
+    "capitals": Head("TIME[S],DISP[MM]", (TIME, MM)),
+    "y as a function of time": Head("t,y(t)", (TIME, HEIGHT)),
     "a damper dynamometer": Head(
         "Time (s),Stroke (mm),Load (kN),Velocity (m/s)", (TIME, MM, HEIGHT, SPEED)
     ),
@@ -121,6 +124,12 @@ HEADS = {
     ),
     "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "units: height="),
     "pixels": Head("time [s],x [px]", (TIME, MM), r"scale: '2.5 mm?/px'"),
+    "a channel": Head("Time,Ch1", (TIME, MM), "only channels.*height=Ch1, units: height=mm"),
+    "volts as a name": Head("time,volts", (TIME, MM), "scale: '2.5 mm/volts'"),
+    "counts as a name": Head("time,counts", (TIME, MM), "scale: '2.5 mm?/counts'"),
+    "force over stroke": Head(
+        "Force [N],Displacement [mm]", (HEIGHT, MM), "columns: time=NAME.*rate: '100 Hz'"
+    ),
     "counts": Head("time [s],encoder [counts]", (TIME, MM), r"scale: '2.5 mm?/counts'"),
     "volts": Head("Time (s)\tPosition (V)", (TIME, HEIGHT), "scale: '2.5 mm/V'"),
     "a control voltage": Head("time,control voltage", (TIME, HEIGHT), "columns: height=NAME"),
@@ -194,7 +203,11 @@ def test_there_are_forty_of_them() -> None:
 
 @pytest.mark.parametrize(
     ("columns", "words"),
-    [((TIME, 6.0 * MM), "taken for m, over 116 m"), ((1e3 * TIME, HEIGHT), "a sample each 5 s")],
+    [
+        ((TIME, 6.0 * MM), "taken for m, over 116 m"),
+        ((TIME, 61.0 + HEIGHT), "up to 61 m"),
+        ((1e3 * TIME, HEIGHT), "a sample each 5 s"),
+    ],
 )
 def test_large_numbers_without_a_unit_are_said(
     columns: tuple[np.ndarray, ...], words: str, tmp_path: Path
