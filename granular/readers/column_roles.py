@@ -193,8 +193,10 @@ def _moving_first(candidates: list[Column]) -> list[Column]:
     names = {item.name.lower() for item in candidates}
     if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
         raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in moving]))
-    still = [item for item in candidates if len(moving) == 1 and item is not moving[0]]
-    return [*moving, *still] if still else candidates
+    if len(moving) != 1 or _increases(moving[0]):  # it may be the time
+        return candidates
+    still = [item for item in candidates if item is not moving[0]]
+    return [*moving, *still]
 
 
 def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:

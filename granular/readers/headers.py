@@ -159,7 +159,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         name, before = parse_header(rest)  # a remark behind a unit without brackets, or alone
         if before is not None:
             return f"{name} {group[0]}", before
-        return (cell, None) if " " in unit or unit == "t" else (rest, unit)
+        return (cell, None) if " " in unit or unit == "t" or unit.isdigit() else (rest, unit)
     match = _IN.fullmatch(cell)
     if match is not None and is_unit(match[2]):
         name = match[1].strip()

@@ -125,7 +125,7 @@ HEADS = {
     "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "units: height="),
     "pixels": Head("time [s],x [px]", (TIME, MM), r"scale: '2.5 mm?/px'"),
     "a channel": Head("Time,Ch1", (TIME, MM), "only channels.*height=Ch1, units: height=mm"),
-    "volts as a name": Head("time,volts", (TIME, MM), "scale: '2.5 mm/volts'"),
+    "volts as a name": Head("time,volts", (TIME, MM), "scale: '2.5 mm/V'"),
     "counts as a name": Head("time,counts", (TIME, MM), "scale: '2.5 mm?/counts'"),
     "force over stroke": Head(
         "Force [N],Displacement [mm]", (HEIGHT, MM), "columns: time=NAME.*rate: '100 Hz'"
