@@ -330,8 +330,8 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     if result[0].name:
         notes.append(
             f"height is the column {quote(result[0].name)}, the only other one of numbers "
-            f"(columns: height=..., {'' if result[0].unit else 'units: height=..., '}and flip if it "
-            "grows downwards)"
+            f"(columns: height=..., {'' if result[0].unit else 'units: height=..., '}and flip if "
+            "it grows downwards)"
         )
     else:
         number = sheet.columns.index(result[0]) + 1
