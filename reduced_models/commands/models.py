@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 import warnings
+from pathlib import Path
 from typing import Any
 
-from granular.commands.console import command, option, print_result
-from granular.commands.options import OUTPUT
+from granular.commands.console import (
+    command,
+    option,
+    pick_options,
+    print_result,
+    refuse_options,
+)
+from granular.commands.options import OUTPUT, quantity_reader
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
@@ -64,21 +71,61 @@ def simulate(options: Any) -> None:
 
 @command(
     "export-model", "write a saved model as code: Python, C, MATLAB, Modelica, FMU",
-    MODEL,
+    option("model", metavar="MODEL", help="JSON file of a model; for a port, a scene too"),
     option(
         "-o", "--out", metavar="FILE", required=True,
         help="file to write; its ending says the language: .py, .c, .m, .mo or .fmu",
     ),
+    option(
+        "--port", choices=("force",),
+        help="write an element between two bodies in place of the record's motion: inputs height "
+        "[m] and velocity [m/s] of the piston over the cell, output force [N]",
+    ),
+    option(
+        "--mass", type=quantity_reader("kg"), metavar="M",
+        help="of the piston that was recorded, for a port of a record's model [kg]",
+    ),
+    option(
+        "--gravity", type=quantity_reader("m/s^2"), metavar="G", help="there [m/s^2] (9.8)",
+    ),
+    option("--fmi", type=int, default=2, help="version of FMI of an .fmu, 2 or 3 (2)"),
     OUTPUT,
     examples="""\
 examples:
   %(prog)s out/model.json -o damper.c
   %(prog)s out/model.json -o damper_model.m      # MATLAB and Octave
-  %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...""",
+  %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...
+  %(prog)s out/model.json -o bed.fmu --port force --mass '7.5 kg' --fmi 3
+  %(prog)s damper -o Bed.mo --port force         # from the scene alone""",
 )  # fmt: skip
 def export_model(options: Any) -> None:
     """Write a saved model as code."""
     from reduced_models.models.model import load_model
 
-    what = load_model(options.model).export(options.out)
+    if _names_scene(options.model):
+        what = _export_scene(options)
+    else:
+        if options.port is None:
+            refuse_options(options, "a model without --port", "mass", "gravity")
+        given = pick_options(options, "mass", "gravity")
+        given = {name: value for name, value in given.items() if value is not None}
+        model = load_model(options.model)
+        what = model.export(options.out, port=options.port, fmi=options.fmi, **given)
     print_result({"file": options.out, "what": what}, f"{what}: {options.out}", options.json)
+
+
+def _names_scene(name: str) -> bool:
+    from granular.scene.loading import scene_names
+
+    return name in scene_names() or Path(name).suffix == ".toml"
+
+
+def _export_scene(options: Any) -> str:
+    """Write the bed of a scene as an element."""
+    from granular.scene.loading import load_scene
+    from reduced_models.machines import export_bed
+
+    if options.port is None:
+        raise InputError(f"{quote(options.model)} is a scene; add --port force, or give a model")
+    refuse_options(options, "a scene, which has its own", "mass", "gravity")
+    return export_bed(load_scene(options.model), options.out, fmi=options.fmi)

@@ -233,6 +233,24 @@ def jacobian_function(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
     """Return the derivatives of rates as a function of real symbols; see `compile_jacobian`."""
+    # The derivative of a sign is an impulse.
+    names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
+    function = algebra.compile_function(arguments, real_derivatives(rates, by), names)
+
+    def matrix(*values: float) -> np.ndarray:
+        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
+        with np.errstate(all="ignore"):
+            slopes = np.array(function(*map(np.float64, values))).reshape(len(rates), len(by))
+        # The derivative of a power of a negative number holds its logarithm.
+        if np.iscomplexobj(slopes) or np.isnan(slopes).any():
+            return np.full(slopes.shape, math.nan)
+        return slopes.astype(np.float64)
+
+    return matrix
+
+
+def real_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
+    """Return derivatives of each rate by each real symbol, a rate after the other."""
     import sympy
 
     def step(inner: sympy.Expr) -> sympy.Expr:
@@ -247,19 +265,4 @@ def jacobian_function(
             )
             for rate in rates
         ]
-    # The derivative of a sign is an impulse.
-    names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
-    function = algebra.compile_function(
-        arguments, [rate.diff(item) for rate in rates for item in by], names
-    )
-
-    def matrix(*values: float) -> np.ndarray:
-        # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
-        with np.errstate(all="ignore"):
-            slopes = np.array(function(*map(np.float64, values))).reshape(len(rates), len(by))
-        # The derivative of a power of a negative number holds its logarithm.
-        if np.iscomplexobj(slopes) or np.isnan(slopes).any():
-            return np.full(slopes.shape, math.nan)
-        return slopes.astype(np.float64)
-
-    return matrix
+    return [rate.diff(item) for rate in rates for item in by]

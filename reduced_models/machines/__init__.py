@@ -2,6 +2,12 @@
 
 from reduced_models.machines.comparison import compare_response
 from reduced_models.machines.design import design_for
+from reduced_models.machines.port import export_bed
 from reduced_models.machines.response import predicted_response
 
-__all__ = ["compare_response", "design_for", "predicted_response"]
+__all__ = [
+    "compare_response",
+    "design_for",
+    "export_bed",
+    "predicted_response",
+]

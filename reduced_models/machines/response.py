@@ -43,6 +43,8 @@ RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
 10 % of the simulated one; beyond it is 20 % off (`python docs/pictures.py machine-law`)."""
 STEPS_A_PERIOD = 64
+ORDER = 0.5
+"""Order of the bed at the start, the hidden state q of its law."""
 SETTLING, MEASURED = 14.0, 0.4
 """How long a sine acts [s], and the last part of it that counts for the amplitude."""
 
@@ -100,24 +102,36 @@ class CoupledSystem(NamedTuple):
         InputError
             If the scene has another host, or no bed whose law is known.
         """
-        host, piston = scene.effects.host, scene.piston
+        host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1:
             raise InputError(
                 f"the scene {quote(scene.name)} has no host of one body that carries the cell; "
                 "the law is coupled to such a one"
             )
+        (body,) = host.bodies
+        return cls.of_bed(scene)._replace(
+            host=body.mass, stiffness=body.stiffness, damping=body.damping
+        )
+
+    @classmethod
+    def of_bed(cls, scene: Scene) -> CoupledSystem:
+        """Equation of a scene's bed, on a host that nothing moves.
+
+        Raises
+        ------
+        InputError
+            If the law of the scene's bed is not known.
+        """
         still = scene.replace(**{"effects.host": "none"})
-        parameters = bed_parameters(still)
+        parameters, piston, gravity = bed_parameters(still), scene.piston, scene.effects.gravity
         assert piston is not None
         assert piston.mass is not None
-        gravity = scene.effects.gravity
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
-        (body,) = host.bodies
         grains, faces = scene.grains, scene.grains.face_ratios()[scene.grains.assignment()]
         return cls(
-            host=body.mass,
-            stiffness=body.stiffness,
-            damping=body.damping,
+            host=math.inf,
+            stiffness=0.0,
+            damping=0.0,
             piston=piston.mass,
             bed=float(grains.masses().sum()),
             moving=accelerated_mass(still, parameters),
@@ -194,7 +208,7 @@ def squared_amplitudes(
     """
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
-    state[2], state[5] = law.rest, 0.5
+    state[2], state[5] = law.rest, ORDER
     slopes, sums = np.zeros((4, 6)), np.zeros(4)
     for n in range(steps):
         t = n * h

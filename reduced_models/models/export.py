@@ -18,7 +18,14 @@ from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from granular.shared.messages import quote, sanitize
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.fmu import write_fmu
+from reduced_models.models.fmu import VERSIONS, write_fmu
+from reduced_models.models.ports import (
+    ForcePort,
+    port_c_sources,
+    port_matlab_source,
+    port_modelica_source,
+    port_python_source,
+)
 from reduced_models.models.source_code import c_source, matlab_source, modelica_source
 
 _TEMPLATE = '''"""The law {name}, fitted: {equation}
@@ -150,17 +157,22 @@ _WORDS = {
 }  # fmt: skip
 
 Source = Callable[[FittedLaw, str], str]
-SOURCES: dict[str, tuple[str, Source]] = {
-    ".py": ("a Python module that needs NumPy alone", lambda model, _: numpy_source(model)),
-    ".c": ("C99", lambda model, _: c_source(model)),
-    ".m": ("a function for MATLAB and Octave", matlab_source),
-    ".mo": ("a Modelica model", modelica_source),
-}
-"""Language of each ending, and its writer, from a model and the file's name."""
+PortSource = Callable[[ForcePort, str], str]
+SOURCES: dict[str, tuple[str, Source, PortSource]] = {
+    ".py": ("a Python module that needs NumPy alone", lambda model, _: numpy_source(model),
+            lambda port, _: port_python_source(port)),
+    ".c": ("C99", lambda model, _: c_source(model),
+           lambda port, name: f'#include "{name}.h"\n{port_c_sources(port, name)[1]}'),
+    ".m": ("a function for MATLAB and Octave", matlab_source, port_matlab_source),
+    ".mo": ("a Modelica model", modelica_source, port_modelica_source),
+}  # fmt: skip
+"""Language of each ending, and its writers, of a model and of a port, and the file's name."""
 
 
-def write_code(model: FittedLaw, path: Path) -> str:
-    """Write a model as code; says in words what was written.
+def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
+    """Write a model, or its force as an element, as code; says in words what was written.
+
+    Of an element in C the header is written next to the source.
 
     Raises
     ------
@@ -168,17 +180,26 @@ def write_code(model: FittedLaw, path: Path) -> str:
         If the ending is none of those known, the file's name cannot be that of a function, or it
         cannot be written.
     """
+    if fmi not in VERSIONS:
+        raise InputError(f"fmi = {fmi}; give {' or '.join(map(str, VERSIONS))}")
     if path.suffix == ".fmu":
-        write_fmu(model, path)
-        return "an FMU (FMI 2.0, co-simulation)"
+        write_fmu(model, path, fmi)
+        return f"an FMU (FMI {fmi}.0, co-simulation and model exchange)"
     if path.suffix not in SOURCES:
         known = ", ".join([*SOURCES, ".fmu"])
         raise InputError(f"{sanitize(path)} ends in {quote(path.suffix)}; give one of {known}")
-    named = path.suffix in (".m", ".mo")
+    port = isinstance(model, ForcePort)
+    named = path.suffix in (".m", ".mo") or (port and path.suffix == ".c")
     if named and (_NAME.fullmatch(path.stem) is None or path.stem in _WORDS):
         raise InputError(
             f"{quote(path.name)} cannot be a function's name; give letters, digits and underscores"
         )
-    what, source = SOURCES[path.suffix]
-    write_text(path, source(model, path.stem))
+    what, source, port_source = SOURCES[path.suffix]
+    if not isinstance(model, ForcePort):
+        write_text(path, source(model, path.stem))
+        return what
+    write_text(path, port_source(model, path.stem))
+    if path.suffix == ".c":
+        write_text(path.with_suffix(".h"), port_c_sources(model, path.stem)[0])
+        return f"{what} with its header"
     return what

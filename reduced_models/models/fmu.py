@@ -1,7 +1,7 @@
-"""A model as a functional mock-up unit (FMI 2.0, co-simulation), for Simulink, Dymola, FMPy, ...
+"""A model as a functional mock-up unit (FMI 2.0 or 3.0), for Simulink, Dymola, FMPy, ...
 
-Compiled where it is written, by the C compiler that is there; its source is inside, so that it can
-be compiled for another system.
+For co-simulation and for model exchange; compiled where it is written, by the C compiler that is
+there. Its source is inside, so that it can be compiled for another system.
 """
 
 from __future__ import annotations
@@ -15,45 +15,183 @@ import sys
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from granular.shared.errors import InputError
 from granular.shared.files import replace_when_written
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.source_code import ExportParts, c_source, export_parts
+from reduced_models.models.ports import (
+    ForcePort,
+    c_locals,
+    port_c_sources,
+    port_jacobian,
+    port_parts,
+)
+from reduced_models.models.source_code import c_expression, c_numbers, c_source, export_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 NAME = "damper_model"
+VERSIONS = (2, 3)
+"""Versions of FMI that are written."""
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 _STEPS = 10 * 512  # of the default experiment
 _SECONDS = 120.0  # for a compiler
-_INPUTS, _PARAMETERS = 1000, 2000  # value references, as in fmu_functions.c
+_INPUTS, _PARAMETERS, _RATES, _OUTPUTS, _TIME = 1000, 2000, 3000, 4000, 5000
+"""Value references, as in fmu_instance.c."""
+_UNITS = {"m": 'm="1"', "m/s": 'm="1" s="-1"', "kg": 'kg="1"', "N": 'kg="1" m="1" s="-2"'}
+_BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{NAME}">
+    <SourceFileSet language="C99"><SourceFile name="{NAME}.c"/></SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
 
 
-def write_fmu(model: FittedLaw, path: str | Path) -> None:
-    """Write a model as an FMU.
+class Variable(NamedTuple):
+    """A number of an FMU: value reference, role, value at the start and the state that it is of."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    start: float | None
+    state: int | None = None
+    unit: str = ""
+
+
+class Contents(NamedTuple):
+    """Contents of an FMU, whatever its version: source, variables, step [s], and comments."""
+
+    source: str
+    variables: tuple[Variable, ...]
+    step: float
+    about: str
+    directional: bool
+
+
+def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) -> None:
+    """Write a model as an FMU of FMI 2.0 or 3.0.
 
     Raises
     ------
     InputError
         If there is no C compiler, or the file cannot be written.
     """
-    parts = export_parts(model)
-    plain = c_source(model)
-    guid = hashlib.sha256(plain.encode()).hexdigest()[:32]
-    wrapper = (Path(__file__).parent / "fmu_functions.c").read_text(encoding="utf-8")
-    source = f'{plain}\n#define MODEL_GUID "{guid}"\n\n{wrapper}'
-    folder, ending, library = _compile_library(source)
+    contents = _port_contents(model) if isinstance(model, ForcePort) else _free_contents(model)
+    guid = hashlib.sha256(contents.source.encode()).hexdigest()[:32]
+    here = Path(__file__).parent
+    wrappers = [(here / name).read_text("utf-8") for name in ("fmu_instance.c", f"fmi{version}.c")]
+    source = "\n".join([contents.source, f'#define MODEL_GUID "{guid}"', *wrappers])
+    folder, ending, library = _compile_library(source, version)
+    describe = _description_2 if version == 2 else _description_3
     with (
         replace_when_written(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
     ):
-        file.writestr("modelDescription.xml", _model_description(model, parts, guid))
+        file.writestr("modelDescription.xml", describe(contents, guid))
         file.writestr(f"sources/{NAME}.c", source)
+        if version == 3:
+            file.writestr("sources/buildDescription.xml", _BUILD)
         file.writestr(f"binaries/{folder}/{NAME}{ending}", library)
 
 
-def _compile_library(source: str) -> tuple[str, str, bytes]:
+def _free_contents(model: FittedLaw) -> Contents:
+    """Free motion of a record: states that are outputs too."""
+    parts = export_parts(model)
+    glue = f"""
+#define MODEL_START model_initial
+#define MODEL_JACOBIAN 0
+enum {{ MODEL_OUTPUTS = 0 }};
+static const double model_start_inputs[] = {{ {c_numbers([0.0] * len(parts.inputs))} }};
+#define model_outputs(parameters, state, inputs, outputs) ((void)outputs)
+#define model_jacobian(parameters, state, inputs, rows) ((void)rows)
+"""
+    names = (model.coordinate, "velocity", *parts.hidden)
+    units = (model.unit, f"{model.unit}/s", *("" for _ in parts.hidden))
+    variables = _variables(
+        [(name, value, unit, "output")
+         for name, value, unit in zip(names, parts.initial, units, strict=True)],
+        [(name, 0.0, "") for name in parts.inputs],
+        [(name, value, "") for name, value in zip(parts.parameters, parts.values, strict=True)],
+        (),
+    )  # fmt: skip
+    return Contents(
+        c_source(model) + glue, variables, parts.step, " ".join(parts.comments[:3]), False
+    )
+
+
+def _port_contents(port: ForcePort) -> Contents:
+    """Element with a force: hidden states inside, height and velocity from outside."""
+    parts, slopes = port_parts(port), port_jacobian(port_parts(port))
+    rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
+    start = [rest, 0.0, *(0.0 for _ in parts.law.inputs)]
+    rows = "".join(
+        f"    rows[{k}] = {c_expression(slope)};\n"
+        for k, slope in enumerate(slope for row in slopes or () for slope in row)
+    )
+    glue = f"""
+#define MODEL_START model_start
+#define MODEL_JACOBIAN {int(slopes is not None)}
+enum {{ MODEL_OUTPUTS = 1 }};
+static const double model_start_inputs[] = {{ {c_numbers(start)} }};
+
+static void model_outputs(const double *parameters, const double *states, const double *inputs,
+                          double *outputs)
+{{ outputs[0] = model_force(parameters, states, inputs); }}
+
+static void model_jacobian(const double *parameters, const double *states, const double *inputs,
+                           double *rows)
+{{
+{c_locals(parts)}    (void)rows;
+{rows}}}
+"""
+    variables = _variables(
+        [(name, value, "", "local") for name, value in zip(parts.states, parts.start, strict=True)],
+        list(zip(parts.inputs, start, ("m", "m/s", *("" for _ in parts.law.inputs)), strict=True)),
+        list(zip(parts.parameters, parts.values, parts.units, strict=True)),
+        (("force", "N"),),
+    )
+    source = "".join(port_c_sources(port, "model")) + glue
+    about = " ".join(parts.comments)
+    return Contents(source, variables, parts.law.step, about, slopes is not None)
+
+
+def _variables(
+    states: Sequence[tuple[str, float, str, str]],
+    inputs: Sequence[tuple[str, float, str]],
+    parameters: Sequence[tuple[str, float, str]],
+    outputs: Sequence[tuple[str, str]],
+) -> tuple[Variable, ...]:
+    """Variables, each with its start and unit; of states with their causality."""
+    result = [
+        Variable(name, k, causality, "continuous", start, unit=unit)
+        for k, (name, start, unit, causality) in enumerate(states)
+    ]
+    result += [
+        Variable(f"der({name})", _RATES + k, "local", "continuous", None, k)
+        for k, (name, *_) in enumerate(states)
+    ]
+    result += [
+        Variable(name, _INPUTS + k, "input", "continuous", start, unit=unit)
+        for k, (name, start, unit) in enumerate(inputs)
+    ]
+    result += [
+        Variable(name, _PARAMETERS + k, "parameter", "tunable", start, unit=unit)
+        for k, (name, start, unit) in enumerate(parameters)
+    ]
+    result += [
+        Variable(name, _OUTPUTS + k, "output", "continuous", None, unit=unit)
+        for k, (name, unit) in enumerate(outputs)
+    ]
+    return tuple(result)
+
+
+def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
     """Folder of the system in an FMU, the ending of a library there, and the library."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))),
                     None)  # fmt: skip
@@ -64,6 +202,8 @@ def _compile_library(source: str) -> tuple[str, str, bytes]:
         )
     system, ending = _SYSTEMS[sys.platform]
     bits = "64" if platform.architecture()[0] == "64bit" else "32"
+    machine = {"arm64": "aarch64", "AMD64": "x86_64"}.get(platform.machine(), platform.machine())
+    folder = f"{system}{bits}" if version == 2 else f"{machine}-{system}"
     with tempfile.TemporaryDirectory() as here:
         path, library = Path(here) / f"{NAME}.c", Path(here) / f"{NAME}{ending}"
         path.write_text(source, encoding="utf-8")
@@ -74,45 +214,119 @@ def _compile_library(source: str) -> tuple[str, str, bytes]:
         )
         if done.returncode:
             raise InputError(f"{compiler} cannot compile the model: {done.stderr.strip()[:300]}")
-        return f"{system}{bits}", ending, library.read_bytes()
+        return folder, ending, library.read_bytes()
 
 
-def _model_description(model: FittedLaw, parts: ExportParts, guid: str) -> str:
-    """modelDescription.xml."""
-    names = (model.coordinate, "velocity", *parts.hidden)
-    variables = [
-        _variable(name, k, "output", "continuous", value, ' initial="exact"')
-        for k, (name, value) in enumerate(zip(names, parts.initial, strict=True))
-    ]
-    variables += [
-        _variable(name, _INPUTS + k, "input", "continuous", 0.0)
-        for k, name in enumerate(parts.inputs)
-    ]
-    variables += [
-        _variable(name, _PARAMETERS + k, "parameter", "fixed", value)
-        for k, (name, value) in enumerate(zip(parts.parameters, parts.values, strict=True))
-    ]
-    outputs = "".join(f'<Unknown index="{k + 1}"/>' for k in range(len(names)))
-    about = quoteattr(" ".join(parts.comments[:3]))
+def _description_2(contents: Contents, guid: str) -> str:
+    """modelDescription.xml of FMI 2.0."""
+    directional = str(contents.directional).lower()
+    kinds = "".join(
+        f"""  <{kind} modelIdentifier="{NAME}" canGetAndSetFMUstate="true"
+      providesDirectionalDerivative="{directional}"{more}>
+    <SourceFiles><File name="{NAME}.c"/></SourceFiles>
+  </{kind}>
+"""
+        for kind, more in (
+            ("ModelExchange", ""),
+            ("CoSimulation", ' canHandleVariableCommunicationStepSize="true"'),
+        )
+    )
+    positions = {variable.reference: k + 1 for k, variable in enumerate(contents.variables)}
+
+    def line(variable: Variable) -> str:
+        inner = _number_attributes(variable)
+        if variable.state is not None:
+            inner += f' derivative="{positions[variable.state]}"'
+        initial = _initial(variable, ("input", "parameter"))
+        return (
+            f'    <ScalarVariable name="{variable.name}" valueReference="{variable.reference}" '
+            f'causality="{variable.causality}" variability="{variable.variability}"{initial}>'
+            f"<Real{inner}/></ScalarVariable>\n"
+        )
+
+    def group(tag: str, which: Sequence[Variable]) -> str:
+        items = "".join(f'<Unknown index="{positions[variable.reference]}"/>' for variable in which)
+        return f"    <{tag}>{items}</{tag}>\n" if items else ""
+
+    outputs, rates, unknown = _structure(contents)
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{NAME}" guid="{guid}" description={about}
-    generationTool="granular-damper {__version__}" variableNamingConvention="flat">
-  <CoSimulation modelIdentifier="{NAME}" canHandleVariableCommunicationStepSize="true"
-      canGetAndSetFMUstate="true"/>
-  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * parts.step!r}"/>
+<fmiModelDescription fmiVersion="2.0" modelName="{NAME}" guid="{guid}"
+    description={quoteattr(contents.about)}
+    generationTool="granular-damper {__version__}" variableNamingConvention="structured">
+{kinds}{_units()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
   <ModelVariables>
-{"".join(variables)}  </ModelVariables>
+{"".join(map(line, contents.variables))}  </ModelVariables>
   <ModelStructure>
-    <Outputs>{outputs}</Outputs>
+{group("Outputs", outputs)}{group("Derivatives", rates)}{group("InitialUnknowns", unknown)}\
   </ModelStructure>
 </fmiModelDescription>
 """
 
 
-def _variable(
-    name: str, reference: int, causality: str, variability: str, start: float, more: str = ""
-) -> str:
-    return (
-        f'    <ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
-        f'variability="{variability}"{more}><Real start="{start!r}"/></ScalarVariable>\n'
+def _description_3(contents: Contents, guid: str) -> str:
+    """modelDescription.xml of FMI 3.0."""
+    directional = str(contents.directional).lower()
+    kinds = "".join(
+        f"""  <{kind} modelIdentifier="{NAME}" canGetAndSetFMUState="true"
+      providesDirectionalDerivatives="{directional}"{more}/>
+"""
+        for kind, more in (
+            ("ModelExchange", ""),
+            ("CoSimulation", ' canHandleVariableCommunicationStepSize="true"'),
+        )
     )
+
+    def line(variable: Variable) -> str:
+        more = _number_attributes(variable) + _initial(variable, ("input",))
+        if variable.state is not None:
+            more += f' derivative="{variable.state}"'
+        return (
+            f'    <Float64 name="{variable.name}" valueReference="{variable.reference}" '
+            f'causality="{variable.causality}" variability="{variable.variability}"{more}/>\n'
+        )
+
+    groups = zip(("Output", "ContinuousStateDerivative", "InitialUnknown"), _structure(contents),
+                 strict=True)  # fmt: skip
+    structure = "".join(
+        f'    <{tag} valueReference="{variable.reference}"/>\n'
+        for tag, which in groups
+        for variable in which
+    )
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="{NAME}" instantiationToken="{guid}"
+    description={quoteattr(contents.about)}
+    generationTool="granular-damper {__version__}" variableNamingConvention="structured">
+{kinds}{_units()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
+  <ModelVariables>
+    <Float64 name="time" valueReference="{_TIME}" causality="independent" variability="continuous"/>
+{"".join(map(line, contents.variables))}  </ModelVariables>
+  <ModelStructure>
+{structure}  </ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def _units() -> str:
+    lines = "".join(
+        f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items()
+    )
+    return f"  <UnitDefinitions>\n{lines}  </UnitDefinitions>\n"
+
+
+def _number_attributes(variable: Variable) -> str:
+    unit = f' unit="{variable.unit}"' if variable.unit in _UNITS else ""
+    return unit + ("" if variable.start is None else f' start="{variable.start!r}"')
+
+
+def _initial(variable: Variable, implied: tuple[str, ...]) -> str:
+    """Attribute ``initial``, which some causalities imply."""
+    if variable.causality in implied:
+        return ""
+    return f' initial="{"calculated" if variable.start is None else "exact"}"'
+
+
+def _structure(contents: Contents) -> tuple[list[Variable], list[Variable], list[Variable]]:
+    """Return outputs, rates of the states, and what is known only behind the start."""
+    outputs = [item for item in contents.variables if item.causality == "output"]
+    rates = [item for item in contents.variables if item.state is not None]
+    return outputs, rates, [item for item in [*outputs, *rates] if item.start is None]

@@ -6,18 +6,19 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.files import write_json
-from granular.shared.messages import sanitize
+from granular.shared.messages import quote, sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.models import export, prediction, response
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
+from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.quality import Direction, Quality
 from reduced_models.models.schema import (
     FORMAT,
@@ -322,16 +323,31 @@ class ReducedModel(FittedLaw):
         """Python source of a stand-alone module of the model, which needs NumPy alone."""
         return export.numpy_source(self)
 
-    def export(self, path: str | Path) -> str:
+    def export(
+        self,
+        path: str | Path,
+        *,
+        port: Literal["force"] | None = None,
+        mass: float | None = None,
+        gravity: float = GRAVITY,
+        fmi: int = 2,
+    ) -> str:
         """Write the model as code, in the language that a file's ending names; says what it is.
 
         ``.py`` (NumPy alone), ``.c`` (C99), ``.m`` (MATLAB and Octave), ``.mo`` (Modelica),
-        ``.fmu`` (FMI 2.0, co-simulation, compiled by the C compiler that is there).
+        ``.fmu`` (co-simulation and model exchange, compiled by the C compiler that is there).
 
         Parameters
         ----------
         path : str or Path
             File to write; its ending names the language.
+        port : str, optional
+            ``"force"``: in place of the record's motion, an element with the inputs height [m] and
+            velocity [m/s] of the piston over the cell, and the output force [N].
+        mass, gravity : float, optional
+            Of the piston that was recorded [kg], and [m/s^2]: a port needs the mass.
+        fmi : int
+            Version of FMI of an ``.fmu``, 2 or 3.
 
         Returns
         -------
@@ -341,9 +357,12 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            If the ending is another one, or the file cannot be written.
+            If the ending is another one, the file cannot be written, or a port has no mass.
         """
-        return export.write_code(self, Path(path))
+        if port not in (None, "force"):
+            raise InputError(f"port = {quote(port)}; give 'force'")
+        element = self if port is None else force_port(self, mass, gravity)
+        return export.write_code(element, Path(path), fmi)
 
     @property
     def text(self) -> str:

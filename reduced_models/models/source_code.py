@@ -69,8 +69,7 @@ def export_parts(model: FittedLaw) -> ExportParts:
     }
 
     def plain(expression: sympy.Expr) -> sympy.Expr:
-        result = expression.xreplace(symbols)
-        return result.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
+        return without_steps(expression.xreplace(symbols))
 
     (_, parameters), (_, hidden), (_, inputs) = groups
     period = 1.0 if model.at_rest is None else model.at_rest.period
@@ -99,6 +98,13 @@ def export_parts(model: FittedLaw) -> ExportParts:
         step=period / (STEPS * law.resolution),
         comments=tuple(map(comment_text, words)),
     )
+
+
+def without_steps(expression: sympy.Expr) -> sympy.Expr:
+    """Expression with signs in place of steps, which languages do not have."""
+    import sympy
+
+    return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
 def safe_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
@@ -197,31 +203,35 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 def c_source(model: FittedLaw) -> str:
     """C99 source of a model: rates, a step, and `model_simulate`."""
-    from sympy.printing.c import C99CodePrinter
-
     parts = export_parts(model)
-    printer = C99CodePrinter({"user_functions": {"max": "fmax", "min": "fmin"}})
-
-    def array(numbers: tuple[float, ...]) -> str:
-        return ", ".join(map(repr, numbers)) or "0.0"
-
-    rates = [
-        f"    rates[{2 + k}] = {printer.doprint(rate)};\n" for k, rate in enumerate(parts.rates)
-    ]
+    rates = [f"    rates[{2 + k}] = {c_expression(rate)};\n" for k, rate in enumerate(parts.rates)]
     return _C.format(
         comments="\n".join(f"/* {words} */" for words in parts.comments),
         states=2 + len(parts.hidden),
         inputs=len(parts.inputs),
         count=len(parts.parameters),
-        parameters=array(parts.values),
-        initial=array(parts.initial),
+        parameters=c_numbers(parts.values),
+        initial=c_numbers(parts.initial),
         step=repr(parts.step),
         shift=repr(float(model.map.shift)),
         scale=repr(float(model.map.scale)),
         locals="".join(_local_variable_lines(parts)),
-        acceleration=printer.doprint(parts.acceleration),
+        acceleration=c_expression(parts.acceleration),
         hidden="".join(rates),
     )
+
+
+def c_expression(expression: sympy.Expr) -> str:
+    """Expression in C99."""
+    from sympy.printing.c import C99CodePrinter
+
+    printer = C99CodePrinter({"user_functions": {"max": "fmax", "min": "fmin"}})
+    return str(printer.doprint(expression))
+
+
+def c_numbers(numbers: Sequence[float]) -> str:
+    """Numbers of an array in C, which has at least one."""
+    return ", ".join(map(repr, numbers)) or "0.0"
 
 
 def _local_variable_lines(parts: ExportParts) -> list[str]:
@@ -278,10 +288,7 @@ end
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
     """MATLAB and Octave source of a function of that name, which its file must have too."""
-    from sympy.printing.octave import OctaveCodePrinter
-
     parts = export_parts(model)
-    printer = OctaveCodePrinter({"user_functions": {"max": "max", "min": "min"}})
     lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values,
                                                             strict=True)]  # fmt: skip
     lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
@@ -295,9 +302,17 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
         shift=repr(float(model.map.shift)),
         scale=repr(float(model.map.scale)),
         locals="".join(f"  {line}\n" for line in lines),
-        acceleration=printer.doprint(parts.acceleration),
-        hidden="".join(f"; {printer.doprint(rate)}" for rate in parts.rates),
+        acceleration=matlab_expression(parts.acceleration),
+        hidden="".join(f"; {matlab_expression(rate)}" for rate in parts.rates),
     )
+
+
+def matlab_expression(expression: sympy.Expr) -> str:
+    """Expression in MATLAB and Octave."""
+    from sympy.printing.octave import OctaveCodePrinter
+
+    printer = OctaveCodePrinter({"user_functions": {"max": "max", "min": "min"}})
+    return str(printer.doprint(expression))
 
 
 _MODELICA = """\
@@ -327,7 +342,7 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
         title=comment_text(model.law.name).replace('"', "'"),
         comments="\n".join(f"  // {words}" for words in parts.comments),
         parameters="\n".join(
-            f'  parameter Real {safe}(unit = "{_modelica_unit(model.unit_of(own))}") = {value!r};'
+            f'  parameter Real {safe}(unit = "{modelica_unit(model.unit_of(own))}") = {value!r};'
             for own, safe, value in names
         ),
         unit=model.unit,
@@ -340,15 +355,15 @@ def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
             f"  Real {name}(start = {value!r}, fixed = true);\n"
             for name, value in zip(parts.hidden, parts.initial[2:], strict=True)
         ),
-        acceleration=_modelica_expression(parts.acceleration),
+        acceleration=modelica_expression(parts.acceleration),
         rates="".join(
-            f"  der({name}) = {_modelica_expression(rate)};\n"
+            f"  der({name}) = {modelica_expression(rate)};\n"
             for name, rate in zip(parts.hidden, parts.rates, strict=True)
         ),
     )
 
 
-def _modelica_expression(expression: sympy.Expr) -> str:
+def modelica_expression(expression: sympy.Expr) -> str:
     """Expression in Modelica: powers by ^, and pi and e as numbers."""
     import sympy
 
@@ -356,13 +371,13 @@ def _modelica_expression(expression: sympy.Expr) -> str:
     return str(sympy.sstr(result)).replace("**", "^").replace("Abs(", "abs(")
 
 
-def _modelica_unit(unit: str) -> str:
+def modelica_unit(unit: str) -> str:
     """Return the unit as Modelica writes it; nothing where it is a user's own word."""
     plain = unit.replace("^", "").replace("(m s2)", "(m.s2)").replace("(m2 s2)", "(m2.s2)")
     return plain if plain in _UNITS else ""
 
 
 _UNITS = {
-    "1", "m", "rad", "s", "1/s", "rad/s", "1/s2", "m/s2", "rad/s2", "1/m", "1/rad", "1/(m.s2)",
-    "1/(m2.s2)",
+    "1", "kg", "N", "m", "rad", "s", "1/s", "rad/s", "1/s2", "m/s2", "rad/s2", "1/m", "1/rad",
+    "1/(m.s2)", "1/(m2.s2)",
 }  # fmt: skip

@@ -1,0 +1,394 @@
+"""A fitted law as an element between two bodies: height and velocity in, the force of the bed out.
+
+A law tells the acceleration of a piston of the mass M on a cell at rest, so the bed pushes it with
+
+    force = mass scale z'' + load,
+
+where z'' is what the law says of the height and the velocity of the piston over the cell, mass is
+what the law's accelerations belong to, and load is the weight that the bed carries at rest. The
+hidden states of the law are the element's own; the masses stay with the bodies on both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from granular.shared.errors import InputError
+from reduced_models.laws.equation import real_derivatives
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.models.fitted_law import FittedLaw
+from reduced_models.models.source_code import (
+    ExportParts,
+    c_expression,
+    c_numbers,
+    comment_text,
+    export_parts,
+    matlab_expression,
+    modelica_expression,
+    modelica_unit,
+    without_steps,
+)
+
+if TYPE_CHECKING:
+    import sympy
+
+GRAVITY = 9.8
+"""[m/s^2], that of the packaged scenes, where nothing else is given."""
+_PYTHON = '''\
+"""The bed as an element: its force on a piston, by height and velocity over the cell.
+
+{comments}
+"""
+
+import numpy
+
+PARAMETERS = {parameters}
+START = {start}  # hidden states
+
+
+def _values(height, velocity, states, inputs, parameters):
+    """Force [N] and rates of the hidden states."""
+{locals}    return {force}, numpy.array([{rates}], dtype=float)
+
+
+def force(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
+    """Force of the bed on the piston [N], upwards; the cell is pushed down as much."""
+    return _values(height, velocity, states, inputs, parameters)[0]
+
+
+def rates(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
+    """Time derivatives of the hidden states."""
+    return _values(height, velocity, states, inputs, parameters)[1]
+'''
+_HEADER = """\
+#ifndef {guard}_H
+#define {guard}_H
+{comments}
+/* States: {states}. Inputs: {inputs}. Parameters: {names}. */
+
+enum {{ {guard}_STATES = {n_states}, {guard}_INPUTS = {n_inputs},
+       {guard}_PARAMETERS = {n_parameters} }};
+
+extern const double {name}_parameters[];    /* as fitted */
+extern const double {name}_start[];         /* hidden states at the start */
+extern const double {name}_longest_step;    /* of {name}_advance [s] */
+
+/* Force of the bed on the piston [N], upwards; the cell is pushed down as much. */
+double {name}_force(const double *parameters, const double *states, const double *inputs);
+
+/* Time derivatives of the hidden states. */
+void {name}_rates(const double *parameters, const double *states, const double *inputs,
+                double *rates);
+
+/* Hidden states after some time [s] with the inputs held. */
+void {name}_advance(const double *parameters, double *states, const double *inputs, double time);
+#endif
+"""
+_BODY = """\
+
+#include <math.h>
+
+#ifndef M_PI
+#define M_PI 3.14159265358979323846
+#endif
+#ifndef M_E
+#define M_E 2.71828182845904523536
+#endif
+
+const double {name}_parameters[] = {{ {parameters} }};
+const double {name}_start[] = {{ {start} }};
+const double {name}_longest_step = {step};
+
+double {name}_force(const double *parameters, const double *states, const double *inputs)
+{{
+{locals}    return {force};
+}}
+
+void {name}_rates(const double *parameters, const double *states, const double *inputs,
+                double *rates)
+{{
+{locals}    (void)rates;
+{rates}}}
+
+void {name}_advance(const double *parameters, double *states, const double *inputs, double time)
+{{
+    const int steps = time > 0.0 ? (int)ceil(time / {name}_longest_step) : 0;
+    const double step = steps ? time / steps : 0.0;
+    double slopes[4][{guard}_STATES + 1], middle[{guard}_STATES + 1];
+    for (int n = 0; n < steps; n++) {{  /* Runge and Kutta's method of fourth order */
+        for (int stage = 0; stage < 4; stage++) {{
+            const double part = stage == 0 ? 0.0 : stage == 3 ? step : 0.5 * step;
+            for (int k = 0; k < {guard}_STATES; k++)
+                middle[k] = states[k] + (stage ? part * slopes[stage - 1][k] : 0.0);
+            {name}_rates(parameters, middle, inputs, slopes[stage]);
+        }}
+        for (int k = 0; k < {guard}_STATES; k++)
+            states[k] += step / 6.0 * (slopes[0][k] + 2.0 * slopes[1][k] + 2.0 * slopes[2][k]
+                                       + slopes[3][k]);
+    }}
+}}
+"""
+_MATLAB = """\
+function [force, rates] = {name}(height, velocity, states, inputs, parameters)
+{comments}
+% force = {name}(height, velocity)  of the bed on the piston [N], upwards; the hidden states at rest
+% [force, rates] = {name}(height, velocity, states, inputs, parameters)  and the states' rates
+% states: {states}; start at [{start}]. parameters: {names}
+  if nargin < 3 || isempty(states), states = [{start}]; end
+  if nargin < 4, inputs = []; end
+  if nargin < 5, parameters = [{parameters}]; end
+{locals}  force = {force};
+  rates = [{rates}];
+end
+"""
+_MODELICA = """\
+model {name} "The bed of a damper between the cell (flange_a) and the piston (flange_b)"
+  extends Modelica.Mechanics.Translational.Interfaces.PartialCompliantWithRelativeStates;
+{comments}
+{parameters}
+{inputs}{hidden}  output Real force(unit = "N") "of the bed on the piston, along s_rel";
+protected
+  Real z = {z};
+  Real z_first = {z_first};
+equation
+  force = {force};
+  f = -force;
+{rates}end {name};
+"""
+
+
+class ForcePort(NamedTuple):
+    """A fitted law as an element with a force.
+
+    Attributes
+    ----------
+    model : FittedLaw
+    mass : float
+        Mass that the law's accelerations belong to [kg].
+    load : float
+        Weight that the bed carries at rest [N].
+    """
+
+    model: FittedLaw
+    mass: float
+    load: float
+
+
+class PortParts(NamedTuple):
+    """A port with names that code in any language can have.
+
+    Attributes
+    ----------
+    law : ExportParts
+    inputs, states, parameters : tuple of str
+    values, start : tuple of float
+        Those of the parameters, and of the hidden states at the start.
+    units : tuple of str
+        Units of the parameters.
+    z, z_first : Expr
+        By height and velocity.
+    outputs : tuple of Expr
+        The force, and the rates of the hidden states, by z and z_first.
+    comments : tuple of str
+    """
+
+    law: ExportParts
+    inputs: tuple[str, ...]
+    states: tuple[str, ...]
+    parameters: tuple[str, ...]
+    values: tuple[float, ...]
+    start: tuple[float, ...]
+    units: tuple[str, ...]
+    z: sympy.Expr
+    z_first: sympy.Expr
+    outputs: tuple[sympy.Expr, ...]
+    comments: tuple[str, ...]
+
+
+def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
+    """Return a law of a record as an element.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law fitted to the free motion of a piston.
+    mass : float or None
+        Mass of that piston [kg].
+    gravity : float
+        [m/s^2]
+
+    Raises
+    ------
+    InputError
+        If the mass is not given, or the law is one of an angle.
+    """
+    if model.angle:
+        raise InputError("the law is one of an angle; a force between two bodies needs a height")
+    if mass is None or not mass > 0.0:
+        raise InputError(
+            "the law of a record tells accelerations, not forces; give the mass of the piston that "
+            "was recorded, --mass '7.5 kg'"
+        )
+    return ForcePort(model, mass, mass * gravity)
+
+
+def port_parts(port: ForcePort) -> PortParts:
+    """Parts of a port's export."""
+    import sympy
+
+    model, law = port.model, export_parts(port.model)
+    numbers = [(name, value, model.unit_of(own)) for name, value, own in
+               zip(law.parameters, law.values, model.law.parameters, strict=True)]  # fmt: skip
+    mass, load, height, velocity, shift, scale = sympy.symbols(
+        "mass load height velocity shift scale"
+    )
+    z, z_first, force = height, velocity, mass * law.acceleration + load
+    if model.map != HeightMap():
+        numbers += [("shift", float(model.map.shift), "m"), ("scale", float(model.map.scale), "m")]
+        z, z_first = (height - shift) / scale, velocity / scale
+        force = mass * scale * law.acceleration + load
+    numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
+    words = (
+        *law.comments[:3],
+        comment_text("force = mass z'' + load, of the bed on the piston: the masses of piston and "
+                     "cell are those of the bodies on both sides."),
+    )  # fmt: skip
+    return PortParts(
+        law, ("height", "velocity", *law.inputs), law.hidden, tuple(name for name, *_ in numbers),
+        tuple(float(value) for _, value, _ in numbers), law.initial[2:],
+        tuple(unit for *_, unit in numbers), z, z_first, (force, *law.rates), words,
+    )  # fmt: skip
+
+
+def port_jacobian(parts: PortParts) -> list[list[sympy.Expr]] | None:
+    """Return derivatives of rates, then force, by states, then inputs, or None."""
+    import sympy
+
+    real = {symbol: sympy.Symbol(symbol.name, real=True)
+            for output in parts.outputs for symbol in output.free_symbols}  # fmt: skip
+    force, *rates = (output.xreplace(real) for output in parts.outputs)
+    z, z_first, scale = sympy.Symbol("z"), sympy.Symbol("z_first"), sympy.Symbol("scale")
+    by = [sympy.Symbol(name) for name in (*parts.states, z.name, z_first.name, *parts.law.inputs)]
+    slopes = real_derivatives([*rates, force], [real.get(symbol, symbol) for symbol in by])
+    factors = {z: 1 / scale, z_first: 1 / scale} if "scale" in parts.parameters else {}
+    plain = {symbol: own for own, symbol in real.items()}
+    flat = [
+        without_steps(slope.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)).xreplace(plain)
+        * factors.get(by[k % len(by)], 1)
+        for k, slope in enumerate(slopes)
+    ]
+    if any(slope.has(sympy.Derivative, sympy.Subs) for slope in flat):
+        return None
+    return [flat[k : k + len(by)] for k in range(0, len(flat), len(by))]
+
+
+def _array_locals(groups: Mapping[str, Sequence[str]], line: str, first: int = 0) -> str:
+    """Lines that name each number of some arrays, which count from ``first``."""
+    return "".join(
+        line.format(name=name, array=array, index=first + k)
+        for array, names in groups.items()
+        for k, name in enumerate(names)
+    )
+
+
+def c_locals(parts: PortParts) -> str:
+    """Lines of C that name what the expressions name."""
+    groups = {"inputs": parts.inputs, "parameters": parts.parameters, "states": parts.states}
+    named = _array_locals(groups, "    const double {name} = {array}[{index}];\n")
+    used = ("z", "z_first", *parts.inputs, *parts.parameters, *parts.states)
+    silent = " ".join(f"(void){name};" for name in used)
+    return (
+        f"{named}    const double z = {c_expression(parts.z)}, "
+        f"z_first = {c_expression(parts.z_first)};\n    (void)states; {silent}\n"
+    )
+
+
+def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
+    """Header and source in C99 of a bed by that name, which goes before all that they declare."""
+    parts = port_parts(port)
+    force, *rates = parts.outputs
+    words = {
+        "name": name, "guard": name.upper(), "step": repr(parts.law.step),
+        "comments": "\n".join(f"/* {line} */" for line in parts.comments),
+        "states": ", ".join(parts.states) or "none",
+        "inputs": ", ".join(["height [m]", "velocity [m/s]", *parts.law.inputs]),
+        "names": ", ".join(_with_units(parts)),
+        "n_states": len(parts.states), "n_inputs": len(parts.inputs),
+        "n_parameters": len(parts.parameters), "parameters": c_numbers(parts.values),
+        "start": c_numbers(parts.start), "locals": c_locals(parts), "force": c_expression(force),
+        "rates": "".join(f"    rates[{k}] = {c_expression(rate)};\n" for k, rate in
+                         enumerate(rates)),
+    }  # fmt: skip
+    return _HEADER.format(**words), _BODY.format(**words)
+
+
+def _with_units(parts: PortParts) -> list[str]:
+    return [
+        f"{name} [{comment_text(unit) or '?'}]"
+        for name, unit in zip(parts.parameters, parts.units, strict=True)
+    ]
+
+
+def port_matlab_source(port: ForcePort, name: str) -> str:
+    """MATLAB and Octave source of a function of that name, as a block of Simulink takes it."""
+    parts = port_parts(port)
+    force, *rates = map(matlab_expression, parts.outputs)
+    groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
+    return _MATLAB.format(
+        name=name, comments="\n".join(f"% {line}" for line in parts.comments),
+        states=", ".join(parts.states) or "none", start="; ".join(map(repr, parts.start)),
+        names=", ".join(_with_units(parts)), parameters="; ".join(map(repr, parts.values)),
+        locals=_array_locals(groups, "  {name} = {array}({index});\n", 1)
+        + f"  z = {matlab_expression(parts.z)}; z_first = {matlab_expression(parts.z_first)};\n",
+        force=force, rates="; ".join(rates),
+    )  # fmt: skip
+
+
+def port_python_source(port: ForcePort) -> str:
+    """Python source of a module with the force and the rates, which needs NumPy alone."""
+    from sympy.printing.numpy import NumPyPrinter
+
+    parts = port_parts(port)
+    doprint = NumPyPrinter({"fully_qualified_modules": True}).doprint
+    force, *rates = map(doprint, parts.outputs)
+    lines = [f"    {name} = inputs[{k}]\n" for k, name in enumerate(parts.law.inputs)]
+    lines += [f'    {name} = parameters["{name}"]\n' for name in parts.parameters]
+    lines += [f"    {name} = states[{k}]\n" for k, name in enumerate(parts.states)]
+    lines += [f"    z, z_first = {doprint(parts.z)}, {doprint(parts.z_first)}\n"]
+    return _PYTHON.format(
+        comments="\n".join(line.replace('"', "'") for line in parts.comments),
+        parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
+        start=repr(parts.start), locals="".join(lines), force=force, rates=", ".join(rates),
+    )  # fmt: skip
+
+
+def port_modelica_source(port: ForcePort, name: str) -> str:
+    """Modelica text of a model of that name, between the flanges of cell and piston."""
+    import sympy
+
+    parts = port_parts(port)
+    flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"),
+              sympy.Symbol("velocity"): sympy.Symbol("v_rel")}  # fmt: skip
+    z, z_first, force, *rates = (
+        modelica_expression(expression.xreplace(flange))
+        for expression in (parts.z, parts.z_first, *parts.outputs)
+    )
+    rows = zip(parts.parameters, parts.values, parts.units, strict=True)
+    return _MODELICA.format(
+        name=name, comments="\n".join(f"  // {line}" for line in parts.comments),
+        parameters="\n".join(
+            f'  parameter Real {symbol}(unit = "{modelica_unit(unit)}") = {value!r};'
+            for symbol, value, unit in rows
+        ),
+        inputs="".join(f"  input Real {symbol};\n" for symbol in parts.law.inputs),
+        hidden="".join(
+            f"  Real {symbol}(start = {value!r}, fixed = true);\n"
+            for symbol, value in zip(parts.states, parts.start, strict=True)
+        ),
+        z=z, z_first=z_first, force=force,
+        rates="".join(
+            f"  der({symbol}) = {rate};\n"
+            for symbol, rate in zip(parts.states, rates, strict=True)
+        ),
+    )  # fmt: skip

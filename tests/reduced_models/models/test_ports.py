@@ -1,0 +1,265 @@
+"""The bed as an element between two bodies: the same force in every language, and in a machine."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import load_scene
+from granular.shared.errors import InputError
+from reduced_models.laws.height_map import HeightMap
+from reduced_models.machines import export_bed
+from reduced_models.machines.port import bed_port, mass_matrix
+from reduced_models.machines.response import CoupledSystem, fill_rates
+from reduced_models.models.export import write_code
+from reduced_models.models.ports import (
+    ForcePort,
+    force_port,
+    port_jacobian,
+    port_modelica_source,
+    port_parts,
+)
+from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="there is no FMPy")
+MASS = 7.5
+
+
+def port_of(name: str) -> ForcePort:
+    """A port of a law with numbers."""
+    return force_port(with_step(model_of(name)), MASS)
+
+
+def imported(path: Path) -> ModuleType:
+    """A module that was written."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+MAIN = """\
+#include <stdio.h>
+#include "bed.h"
+enum { N = 2 + BED_STATES };
+static void rates(const double *s, double *r)
+{   /* a piston of mass[0] on a cell at rest; the element's last two parameters are mass and load */
+    const double *p = bed_parameters, mass = p[BED_PARAMETERS - 2], load = p[BED_PARAMETERS - 1];
+    r[0] = s[1];
+    r[1] = (bed_force(bed_parameters, s + 2, s) - load) / mass;
+    bed_rates(bed_parameters, s + 2, s, r + 2);
+}
+int main(void)
+{
+    double s[N] = {START}, r[4][N], m[N];
+    for (int k = 2; k < N; k++) s[k] = bed_start[k - 2];
+    for (int n = 0; n <= 100; n++) {
+        printf("%.17g\\n", s[0]);
+        for (int i = 0; i < 100; i++) {
+            const double h = 0.02 / 100, w[4] = {0.0, 0.5 * h, 0.5 * h, h};
+            for (int stage = 0; stage < 4; stage++) {
+                for (int k = 0; k < N; k++) m[k] = stage ? s[k] + w[stage] * r[stage - 1][k] : s[k];
+                rates(m, r[stage]);
+            }
+            for (int k = 0; k < N; k++)
+                s[k] += h / 6 * (r[0][k] + 2 * r[1][k] + 2 * r[2][k] + r[3][k]);
+        }
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", LAWS)
+def test_a_piston_on_the_element_in_c_moves_as_the_record(name: str, tmp_path: Path) -> None:
+    port = port_of(name)
+    assert len(MAIN.splitlines()) <= 30
+    write_code(port, tmp_path / "bed.c")
+    start = ", ".join(map(repr, port.model.initial))
+    (tmp_path / "main.c").write_text(MAIN.replace("START", start), "utf-8")
+    done = subprocess.run(
+        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "main.c", "bed.c", "-o", "main",
+         "-lm"], check=False, capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    heights = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    assert close(np.array(heights.split(), dtype=float), with_step(model_of(name)))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_force_in_python_is_that_of_the_law(name: str, tmp_path: Path) -> None:
+    port = port_of(name)
+    write_code(port, tmp_path / "bed.py")
+    bed, model = imported(tmp_path / "bed.py"), port.model
+    motion = model.simulate(TIMES[:3], z0=0.06, v0=-0.05)
+    step = TIMES[1] / 200.0
+    fine = model.simulate(np.array([0.0, step, 2.0 * step]), z0=0.06, v0=-0.05)
+    assert motion.velocity is not None
+    assert fine.velocity is not None
+    acceleration = (-3.0 * fine.velocity[0] + 4.0 * fine.velocity[1] - fine.velocity[2]) / (
+        2 * step
+    )
+    force = bed.force(0.06, -0.05, states=[0.0] * len(port_parts(port).states))
+    assert force == pytest.approx(MASS * (acceleration + 9.8), rel=1e-4)
+    heavier = {**bed.PARAMETERS, "mass": 2.0 * MASS, "load": 0.0}
+    assert bed.force(0.06, -0.05, parameters=heavier) == pytest.approx(2 * (force - MASS * 9.8))
+
+
+def test_derivatives_are_those_of_the_force() -> None:
+    port = bed_port(load_scene("damper"))
+    parts, rows = port_parts(port), port_jacobian(port_parts(port))
+    assert rows is not None
+    values = {"height": 0.058, "velocity": -0.03, "h_w": 0.02, "h_q": 0.4,
+              **dict(zip(parts.parameters, parts.values, strict=True))}  # fmt: skip
+
+    def at(expression: Any, changed: dict[str, float]) -> float:
+        numbers = values | changed
+        numbers |= {"z": numbers["height"], "z_first": numbers["velocity"]}
+        return float(expression.subs({s: numbers[s.name] for s in expression.free_symbols}))
+
+    force, *rates = parts.outputs
+    for row, expression in zip(rows, [*rates, force], strict=True):
+        for slope, name in zip(row, [*parts.states, *parts.inputs], strict=True):
+            step = 1e-6 * values[name]
+            high, low = (at(expression, {name: values[name] + d}) for d in (step, -step))
+            assert at(slope, {}) == pytest.approx((high - low) / (2 * step), rel=1e-5, abs=1e-7)
+
+
+def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> np.ndarray:
+    """Displacement of the host over 20 s: the bed is an FMU, the masses and the spring are here."""
+    inverse, height, velocity, output = np.linalg.inv(mass_matrix(system)), 1000, 1001, 4000
+    states = len(fmu.states)
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        fmu.set([height, velocity], y[2:4])
+        fmu.set_states(y[4:])
+        host = force * math.sin(omega * t) - system.stiffness * y[0] - system.damping * y[1]
+        load = system.piston * system.gravity
+        accelerations = inverse @ np.array([host, fmu.get([output])[0] - load])
+        return np.array([y[1], accelerations[0], y[3], accelerations[1], *fmu.rates()])
+
+    step = math.tau / omega / 64
+    y = np.array([0.0, 0.0, system.rest, 0.0, *fmu.states])
+    result = [0.0]
+    assert states == len(y) - 4
+    for n in range(int(20.0 / step)):
+        t = n * step
+        k1 = rates(t, y)
+        k2 = rates(t + step / 2, y + step / 2 * k1)
+        k3 = rates(t + step / 2, y + step / 2 * k2)
+        k4 = rates(t + step, y + step * k3)
+        y = y + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        result.append(y[0])
+    return np.array(result)
+
+
+class Exchange:
+    """An FMU for model exchange, of FMI 2 or 3, by FMPy."""
+
+    def __init__(self, path: Path, version: int) -> None:
+        import fmpy
+
+        description = fmpy.read_model_description(str(path))
+        self.fmu = fmpy.instantiate_fmu(fmpy.extract(str(path)), description, "ModelExchange")
+        self.get = self.fmu.getReal if version == 2 else self.fmu.getFloat64
+        self.write = self.fmu.setReal if version == 2 else self.fmu.setFloat64
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.count = description.numberOfContinuousStates
+        names = range(self.count)
+        self.states = self.get(list(names))
+
+    def set(self, which: list[int], values: np.ndarray) -> None:
+        self.write(which, list(values))
+
+    def set_states(self, values: np.ndarray) -> None:
+        self.write(list(range(self.count)), list(values))
+
+    def rates(self) -> list[float]:
+        return list(self.get([3000 + k for k in range(self.count)]))
+
+
+def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
+    """The same by the toolkit's equation, with its steps."""
+    step, state = math.tau / omega / 64, np.zeros(6)
+    state[2], state[5] = system.rest, 0.5
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        result = np.zeros(6)
+        fill_rates(system, force * math.sin(omega * t), y, result)
+        return result
+
+    heights = [0.0]
+    for n in range(int(20.0 / step)):
+        t = n * step
+        k1 = rates(t, state)
+        k2 = rates(t + step / 2, state + step / 2 * k1)
+        k3 = rates(t + step / 2, state + step / 2 * k2)
+        k4 = rates(t + step, state + step * k3)
+        state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        heights.append(state[0])
+    return np.array(heights)
+
+
+@needs_gcc
+@needs_fmpy
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_machine_on_an_fmu_swings_as_by_the_toolkit(version: int, tmp_path: Path) -> None:
+    from fmpy.validation import validate_fmu
+
+    scene, path = load_scene("machine"), tmp_path / "bed.fmu"
+    export_bed(scene, path, fmi=version)
+    assert validate_fmu(str(path)) == []
+    system, omega = CoupledSystem.of(scene), math.tau * 2.85
+    machine = two_bodies(Exchange(path, version), system, 10.0, omega)
+    ours = own_motion(system, 10.0, omega)
+    assert np.abs(machine - ours).max() < 1e-4 * np.abs(ours).max()
+
+
+@needs_gcc
+@needs_fmpy
+@pytest.mark.parametrize("version", [2, 3])
+def test_parameters_are_tunable_and_derivatives_are_given(version: int, tmp_path: Path) -> None:
+    port, path = bed_port(load_scene("damper")), tmp_path / "bed.fmu"
+    write_code(port, path, version)
+    bed = Exchange(path, version)
+    names = port_parts(port).parameters
+    bed.set([1000, 1001], np.array([port.model.initial[0], 0.0]))
+    assert bed.get([4000])[0] == pytest.approx(port.load, rel=1e-9)
+    bed.set([2000 + names.index("mass")], np.array([2.0 * port.mass]))
+    bed.set([2000 + names.index("load")], np.array([1.0]))
+    assert bed.get([4000])[0] == pytest.approx(1.0, rel=1e-6)
+    slope = bed.fmu.getDirectionalDerivative([4000], [1000], [1.0])[0]
+    assert slope == pytest.approx(-2.0 * 2.5 * port.load / port.model.initial[0], rel=1e-9)
+
+
+def test_modelica_text_is_an_element_between_flanges() -> None:
+    model = model_of("van-der-pol-like")
+    text = port_modelica_source(force_port(with_step(model), MASS), "Bed")
+    assert "extends Modelica.Mechanics.Translational.Interfaces.PartialCompliant" in text
+    code = re.sub(r'//.*|"[^"\n]*"', "", text)
+    known = {"model", "Bed", "extends", "Modelica", "Mechanics", "Translational", "Interfaces",
+             "PartialCompliantWithRelativeStates", "parameter", "output", "Real", "unit",
+             "protected", "equation", "end", "f", "s_rel", "v_rel"}  # fmt: skip
+    declared = set(re.findall(r"Real (\w+)", code))
+    assert set(re.findall(r"[A-Za-z_]\w*", code)) <= known | declared
+    assert "**" not in code
+
+
+def test_a_port_needs_a_mass() -> None:
+    with pytest.raises(InputError, match="give the mass of the piston"):
+        force_port(model_of("linear"), None)
+    assert force_port(model_of("linear"), MASS).model.map == HeightMap()
