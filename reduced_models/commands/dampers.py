@@ -246,6 +246,11 @@ def _print_where_interrupted(out: str | None) -> Iterator[None]:
         metavar="H",
         help="of the start [m]; the scene's without",
     ),
+    option(
+        "--law-only",
+        action="store_true",
+        help="do not simulate the fall where the law was compared with nothing",
+    ),
     OUTPUT,
     examples="""\
 examples:
@@ -253,8 +258,16 @@ examples:
   %(prog)s damper --set piston.mass=10 --set 'effects.drag.coefficient=0.2 kg/s'""",
 )
 def fall(options: Any) -> None:
-    """Tell what a fall does, from the scene alone."""
+    """Tell what a fall does, from the scene alone, and simulate it where that is uncertain."""
     from reduced_models.falls.whole_fall import whole_fall
 
-    predicted = whole_fall(scene_from_options(options), options.height)
-    print_result(predicted._asdict(), str(predicted), options.json)
+    predicted = whole_fall(
+        scene_from_options(options),
+        options.height,
+        simulate=False if options.law_only else None,
+        progress=not options.quiet,
+    )
+    figures = predicted._asdict()
+    if predicted.simulated is not None:
+        figures["simulated"] = predicted.simulated._asdict()
+    print_result(figures, str(predicted), options.json)

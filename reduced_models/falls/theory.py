@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -76,6 +77,10 @@ LATEST = 0.9
 _SHAPED = {"dipole", "walls", "gravity", "drag"}
 
 
+class OutsideRangeWarning(UserWarning):
+    """A law is used where nothing was measured."""
+
+
 @dataclasses.dataclass(frozen=True)
 class PredictedLaw(FittedLaw):
     """A law whose numbers follow from a scene; `FittedLaw` tells of attributes and methods."""
@@ -110,7 +115,13 @@ def predict(scene: Scene) -> PredictedLaw:
     Raises
     ------
     InputError
-        As `bed_parameters`.
+        If the scene has no heavy piston over dipoles that drag alone damps.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        With too few grains for what was measured, or more drag over the piston's mass than was
+        compared with falls: the law is what is expected there.
 
     Examples
     --------
@@ -123,13 +134,13 @@ def predict(scene: Scene) -> PredictedLaw:
     piston = scene.piston
     friction = 0.0 if piston is None else piston.friction
     if piston is not None and piston.mass is not None and friction:
-        values = bed_parameters(scene.replace(**{"piston.friction": 0.0}))
+        values = bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse=False)
         values["friction"] = friction / accelerated_mass(scene, values)
         # A piston that sticks has no small swing.
         return PredictedLaw(
             values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING
         )
-    values = bed_parameters(scene)
+    values = bed_parameters(scene, refuse=False)
     assert piston is not None
     swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
@@ -147,14 +158,15 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
-def bed_parameters(scene: Scene) -> dict[str, float]:
+def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
     """Parameters of ``elastoplastic-bed`` for a scene.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps, too few grains for
-        what was measured, or more drag over the piston's mass than was compared with falls.
+        If the scene has no heavy piston over dipoles that drag alone damps; and with ``refuse`` if
+        it has too few grains for what was measured, or more drag over the piston's mass than was
+        compared with falls, where there is a warning without.
     """
     piston, grains = scene.piston, scene.grains
     present = {name for name in _SHAPED if getattr(scene.effects, name) is not None}
@@ -169,11 +181,6 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
         raise InputError(
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles, "
             "walls, gravity and drag: fit it to a fall instead"
-        )
-    if grains.count < FEWEST:
-        raise InputError(
-            f"{grains.count} grains; what is known of the law holds from {FEWEST} on: fit it to a "
-            "fall instead"
         )
     from granular.schema.scales import Scales
 
@@ -190,13 +197,12 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
     resistance = grains.count * float(np.array(grains.fractions()) @ grains.face_ratios()) * drag
     inertia = grains.count * mass * scales.mass / 3.0
     late = _lateness_number(resistance, weight, rest, gravity)
-    if late > LATEST:
-        raise InputError(
-            f"the bed of {quote(scene.name)} follows its piston too late (drag of all grains over "
-            f"the piston's weight: {late / LATEST:.3g} times the limit, that of 1 kg/s with 7.5 kg "
-            "on 368 grains); give less effects.drag.coefficient or more piston.mass, or fit the "
-            "law to a fall instead"
-        )
+    outside = _outside_text(scene, late)
+    if outside and refuse:
+        raise InputError(f"{outside}, or fit the law to a fall instead")
+    if outside:
+        words = f"{outside}; what the law says there was compared with nothing: simulate the scene"
+        warnings.warn(words, OutsideRangeWarning, stacklevel=3)
     moved = piston.mass + inertia - _missing_mass(resistance, weight, rest, gravity)
     return {
         "lam": max((resistance / 3.0 + piston.drag) / (2.0 * moved), 1e-6),  # it has none below
@@ -206,6 +212,22 @@ def bed_parameters(scene: Scene) -> dict[str, float]:
         "modulus": MODULUS,
         "strength": STRENGTH,
     }
+
+
+def _outside_text(scene: Scene, late: float) -> str:
+    """Why the law was not compared with such a fall; empty where it was."""
+    if scene.grains.count < FEWEST:
+        return (
+            f"{scene.grains.count} grains; what is known of the law holds from {FEWEST} on: give "
+            "more grains.count"
+        )
+    if late > LATEST:
+        return (
+            f"the bed of {quote(scene.name)} follows its piston too late (drag of all grains over "
+            f"the piston's weight: {late / LATEST:.3g} times the limit, that of 1 kg/s with 7.5 kg "
+            "on 368 grains); give less effects.drag.coefficient or more piston.mass"
+        )
+    return ""
 
 
 def _missing_mass(resistance: float, weight: float, rest: float, gravity: float) -> float:

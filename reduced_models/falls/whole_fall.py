@@ -10,12 +10,18 @@ grains lose beyond that, as they rearrange.
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import LAW, accelerated_mass, bed_parameters
+from reduced_models.falls.theory import (
+    LAW,
+    OutsideRangeWarning,
+    accelerated_mass,
+    bed_parameters,
+)
 from reduced_models.laws.equation import compile_rates
 
 if TYPE_CHECKING:
@@ -47,6 +53,8 @@ class WholeFall(NamedTuple):
         Energy that the drag of grains takes that follow the piston affinely [J].
     excess_loss : float
         Energy lost beyond that, by grains that rearrange [J].
+    simulated : WholeFall or None
+        The same of a simulation, where one was run.
     """
 
     height: float
@@ -56,6 +64,7 @@ class WholeFall(NamedTuple):
     deepest: float
     affine_loss: float
     excess_loss: float
+    simulated: WholeFall | None = None
 
     @property
     def excess(self) -> float:
@@ -68,17 +77,25 @@ class WholeFall(NamedTuple):
             if math.isfinite(self.settling_time)
             else "does not settle in the time that is followed"
         )
-        return (
+        text = (
             f"falls from {1e3 * self.height:.4g} mm to rest at {1e3 * self.rest:.4g} mm, and "
             f"{settled}\n"
             f"deepest at {1e3 * self.deepest:.4g} mm, greatest force {self.greatest_force:.4g} N\n"
             f"lost to drag: {self.affine_loss:.4g} J as of affine motion, and "
             f"{self.excess_loss:.4g} J as grains rearrange"
         )
+        simulated = self.simulated
+        return text if simulated is None else f"by the law: {text}\nsimulated: {simulated}"
 
 
-def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
-    """Return figures of a fall by the law of `predict`: nothing is run, and nothing fitted.
+def whole_fall(
+    scene: Scene,
+    height: float | None = None,
+    *,
+    simulate: bool | None = None,
+    progress: bool = True,
+) -> WholeFall:
+    """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.
 
     Parameters
     ----------
@@ -86,6 +103,10 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
         Scene of a bed below a falling piston.
     height : float, optional
         Of the start [m]; that of the scene's piston if not given.
+    simulate : bool, optional
+        Simulate the fall always, or never; only where `predict` warns if not given.
+    progress : bool
+        Show a progress bar of the simulation, with the time that is left.
 
     Returns
     -------
@@ -96,8 +117,25 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
     ------
     InputError
         As `predict`; or if the height is not above the level of rest.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        As `predict`.
     """
-    values = bed_parameters(scene)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        values = bed_parameters(scene, refuse=False)
+    for warning in caught:
+        warnings.warn(warning.message, stacklevel=2)
+    outside = any(warning.category is OutsideRangeWarning for warning in caught)
+    result = _fall_by_law(scene, values, height)
+    if not (outside if simulate is None else simulate):
+        return result
+    return result._replace(simulated=_simulated_fall(scene, result.height, progress))
+
+
+def _fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> WholeFall:
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -108,19 +146,55 @@ def whole_fall(scene: Scene, height: float | None = None) -> WholeFall:
             f"the fall begins at {start:g} m, not above the level of rest, {values['rest']:g} m; "
             "give a greater height"
         )
-    duration = DURATION * (scene.grains.count / 368) ** 0.25
-    times = np.linspace(0.0, duration, SAMPLES)
+    times = np.linspace(0.0, _followed_time(scene), SAMPLES)
     z, v, w, affine, excess = _solve_fall(values, start, times)
     moved = accelerated_mass(scene, values)
     numbers = [values[name] for name in LAW.parameters]
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)
     rest = values["rest"]
-    outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (start - rest))
-    last = int(outside[-1]) + 1
     return WholeFall(
-        start, rest, float(times[last]) if last < len(times) else math.inf, float(force.max()),
+        start, rest, _settling_time(times, z, rest), float(force.max()),
         float(z.min()), moved * float(affine[-1]), moved * float(excess[-1]),
+    )  # fmt: skip
+
+
+def _followed_time(scene: Scene) -> float:
+    return DURATION * (scene.grains.count / 368) ** 0.25
+
+
+def _settling_time(times: np.ndarray, z: np.ndarray, rest: float) -> float:
+    outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (z[0] - rest))
+    last = int(outside[-1]) + 1
+    return float(times[last]) if last < len(times) else math.inf
+
+
+def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
+    """Figures of the same fall in a simulation, which takes its last tenth for rest."""
+    from granular import simulate
+
+    diameter = scene.grains.species[0].diameter
+    run = simulate(
+        scene.replace(**{
+            "piston.height": start, "arrangement.height": start - diameter, "output.record": None,
+            "protocol": [{"kind": "free", "name": "drop", "duration": _followed_time(scene)}],
+        }),
+        dt="auto*2", progress=progress,
+    )  # fmt: skip
+    motion = run.piston()
+    assert motion.velocity is not None
+    assert motion.force is not None
+    assert scene.piston is not None
+    drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
+    faces = scene.grains.face_ratios()[scene.grains.assignment()]
+    affine = (drag * float(faces.sum()) / 3.0 + scene.piston.drag) * float(
+        np.trapezoid(motion.velocity**2, motion.time)
+    )
+    lost = float(run.dataset["drag_loss"].values[-1]) if "drag_loss" in run.dataset else 0.0
+    rest = float(motion.height[-len(motion.height) // 10 :].mean())
+    return WholeFall(
+        start, rest, _settling_time(motion.time, motion.height, rest), float(motion.force.max()),
+        float(motion.height.min()), affine, lost - affine,
     )  # fmt: skip
 
 

@@ -13,7 +13,8 @@ from granular.response.response import Response
 from granular.shared.errors import InputError
 from granular.shared.html import Page, format_number
 from granular.shared.tables import align_columns
-from reduced_models.machines.response import OutsideRangeWarning, predicted_response
+from reduced_models.falls.theory import OutsideRangeWarning
+from reduced_models.machines.response import predicted_response
 
 POINTS = 201
 """Frequencies at which the law is solved for each force."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import time
+import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +15,17 @@ import numpy as np
 from granular.effects.excitation import Excitation
 from granular.effects.host import Host
 from granular.response.linear_system import hanging_mass_stiffness, linear_response, tuned_mass
+from granular.response.response import DURATION, Response, frequency_response
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import FEWEST
-from reduced_models.machines.response import RANGE, CoupledSystem, solve_response
+from reduced_models.falls.theory import FEWEST, OutsideRangeWarning
+from reduced_models.machines.response import (
+    RANGE,
+    CoupledSystem,
+    PredictedResponse,
+    solve_response,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,6 +40,9 @@ _FRACTIONS = (0.6, 0.8, 1.0)
 _COUNTS = (276, 368, 460, 552, 736)
 _FILLED = 0.55
 """Most of the cell's area below the piston at rest that grains may take."""
+POINTS, NEAR, MARGIN = 7, 0.8, 0.03
+"""Frequencies of a simulated peak: where the law has more than this fraction of its own, and so far
+beyond, relative."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,37 +53,102 @@ class DamperDesign:
     ----------
     scene : Scene
         To be simulated.
-    peak, alone, ideal : float
-        Greatest displacement of the host [m] by the law, without a damper, and with Den Hartog's
-        tuned mass of the same weight.
+    law : PredictedResponse
+        Response by the law.
+    alone, ideal : float
+        Greatest displacement of the host [m] without a damper, and with Den Hartog's tuned mass of
+        the same weight.
     stroke : float
-        Of the piston over the cell at the peak [m].
+        Of the piston over the cell at the peak by the law [m].
     mass : float
         Of piston and grains [kg].
-    helps : bool
-        Whether the peak is less than 0.9 of that without a damper, at a stroke that the law was
-        held against.
-    verdict : str
+    outside : str
+        Why the law is not to be trusted; empty where it is.
+    simulated : Response or None
+        Response of the scene near the peak by the law, where it was simulated.
+    seconds : float
+        That the simulation took.
     """
 
     scene: Scene
-    peak: float
+    law: PredictedResponse
     alone: float
     ideal: float
     stroke: float
     mass: float
-    helps: bool
-    verdict: str
+    outside: str
+    simulated: Response | None = None
+    seconds: float = 0.0
+
+    @property
+    def peak(self) -> float:
+        """Greatest displacement of the host by the law [m]."""
+        return self.law.peak
+
+    @property
+    def simulated_peak(self) -> float | None:
+        """Greatest displacement of the host in the simulation [m]; None where there is none."""
+        return None if self.simulated is None else self.simulated.peak
+
+    @property
+    def reduction(self) -> float:
+        """Fraction of the peak without a damper that is taken away: simulated, else by the law."""
+        simulated = self.simulated_peak
+        return 1.0 - (self.peak if simulated is None else simulated) / self.alone
+
+    @property
+    def helps(self) -> bool:
+        """Return true where it takes away a tenth of the peak or more."""
+        return self.reduction > 1.0 - HELPS
+
+    @property
+    def verdict(self) -> str:
+        """The damper and its figures in words."""
+        drag, piston = self.scene.effects.drag, self.scene.piston
+        assert piston is not None
+        what = (
+            f"{self.scene.grains.count} grains, a piston of {piston.mass:.3g} kg and a drag of "
+            f"{0.0 if drag is None else drag.coefficient:.2g} kg/s"
+        )
+        figures = f"{1e3 * self.peak:.3g} mm at the peak by the law, "
+        if self.simulated is not None:
+            known = self.simulated.dataset.frequency.values
+            figures += (
+                f"{1e3 * self.simulated.peak:.3g} mm simulated at {len(known)} frequencies from "
+                f"{known.min():.3g} to {known.max():.3g} Hz (in {self.seconds:.0f} s), "
+            )
+        figures += (
+            f"{1e3 * self.alone:.3g} mm without, {1e3 * self.ideal:.3g} mm with an ideal tuned "
+            "mass of the same weight"
+        )
+        if self.outside:
+            figures += f"; {self.outside}"
+            if self.simulated is None:
+                figures += ": simulate it"
+        if not self.helps:
+            return f"no: the best bed, {what}, leaves most of the vibration: {figures}"
+        return f"{what}, take away {100.0 * self.reduction:.3g} % of the peak: {figures}"
 
     def __str__(self) -> str:
         return self.verdict
 
 
-def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDesign:
+def design_for(
+    host: Host,
+    excitation: Excitation,
+    *,
+    limit: float,
+    simulate: bool | None = None,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> DamperDesign:
     """Damper of the packaged kind of at most so much mass that makes the peak least.
 
-    Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are searched. The
-    law has no memory of how a real bed scatters from start to start: simulate the scene.
+    Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are searched by
+    the law. The law has no memory of how a real bed scatters from start to start; where the piston
+    swings outside of `RANGE`, in which the law was compared with simulations, the damper is
+    simulated at 7 frequencies about its peak, which a warning announces.
 
     Parameters
     ----------
@@ -81,6 +158,14 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
         A sine of a force; its frequency may be any.
     limit : float
         Greatest mass of piston and grains [kg].
+    simulate : bool, optional
+        Simulate the damper always, or never; only outside of the law's range if not given.
+    out : str or Path, optional
+        Directory that keeps the simulations; the same call goes on from there.
+    workers : int, optional
+        Processes.
+    progress : bool
+        Show a progress bar, with the time that is left.
 
     Returns
     -------
@@ -91,6 +176,13 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     ------
     InputError
         If the host is another, the force is none, or the limit leaves no mass for a piston.
+    GranularError
+        If a simulation failed.
+
+    Warns
+    -----
+    OutsideRangeWarning
+        Where the law is outside of its range: what it expects, and what is simulated.
     """
     if len(host.bodies) != 1 or host.bodies[0].stiffness <= 0.0:
         raise InputError("a damper is designed for a host of one body on a spring; give such a one")
@@ -118,12 +210,47 @@ def design_for(host: Host, excitation: Excitation, *, limit: float) -> DamperDes
     tuned = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))
     ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
     stroke = float(response.stroke[int(response.displacement.argmax())])
-    diameters = stroke / best.grains.species[0].diameter
-    helps = response.peak < HELPS * alone and diameters >= RANGE[0]
-    return DamperDesign(
-        best, response.peak, alone, ideal, stroke, mass, helps,
-        _verdict_text(best, response.peak, alone, ideal, diameters),
+    outside = _outside_text(stroke / best.grains.species[0].diameter)
+    proposal = DamperDesign(best, response, alone, ideal, stroke, mass, outside)
+    wanted = bool(outside) if simulate is None else simulate
+    if outside:
+        _warn_outside(proposal, wanted)
+    if not wanted:
+        return proposal
+    started = time.perf_counter()
+    simulated = frequency_response(
+        best, _frequencies_near_peak(response), dt="auto*4", out=out, workers=workers,
+        progress=progress,
     )  # fmt: skip
+    seconds = time.perf_counter() - started
+    return dataclasses.replace(proposal, simulated=simulated, seconds=seconds)
+
+
+def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
+    """Frequencies that hold the peak [Hz], where law and simulation differ a little in it."""
+    near = response.frequencies[response.displacement > NEAR * response.peak]
+    low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
+    return [float(frequency) for frequency in np.linspace(low, high, POINTS)]
+
+
+def _outside_text(stroke: float) -> str:
+    if RANGE[0] <= stroke <= RANGE[1]:
+        return ""
+    beyond = "less" if stroke < RANGE[0] else "more"
+    return (
+        f"the piston swings {stroke:.2g} D by the law, {beyond} than the {RANGE[0]:g} to "
+        f"{RANGE[1]:g} D in which it was compared with simulations"
+    )
+
+
+def _warn_outside(proposal: DamperDesign, wanted: bool) -> None:
+    words = f"{proposal.outside}; it expects {1e3 * proposal.peak:.3g} mm at the peak"
+    if wanted:
+        words += (
+            f"; simulating {POINTS} frequencies of {DURATION:g} s with "
+            f"{proposal.scene.grains.count} grains: simulate=False leaves that out"
+        )
+    warnings.warn(words, OutsideRangeWarning, stacklevel=3)
 
 
 def _candidate_dampers(host: Host, excitation: Excitation, limit: float) -> Iterator[Scene]:
@@ -149,24 +276,3 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float) -> Iter
             filled = count * math.pi / 4.0 * diameter**2 / (law.rest * scene.cell.width)
             if law.rest < height and filled < _FILLED:
                 yield scene
-
-
-def _verdict_text(scene: Scene, peak: float, alone: float, ideal: float, stroke: float) -> str:
-    drag = scene.effects.drag
-    assert scene.piston is not None
-    what = (
-        f"{scene.grains.count} grains, a piston of {scene.piston.mass:.3g} kg and a drag of "
-        f"{0.0 if drag is None else drag.coefficient:.2g} kg/s"
-    )
-    figures = (
-        f"{1e3 * peak:.3g} mm at the peak, {1e3 * alone:.3g} mm without, {1e3 * ideal:.3g} mm with "
-        f"an ideal tuned mass of the same weight; the piston swings {stroke:.2g} D"
-    )
-    if not peak < HELPS * alone:
-        still = stroke < RANGE[0]
-        how = "hardly moves, and damps little" if still else "leaves most of the vibration"
-        return f"no: the best bed, {what}, {how}: {figures}"
-    if RANGE[0] <= stroke <= RANGE[1]:
-        return f"{what}: {figures}"
-    beyond = "less" if stroke < RANGE[0] else "more"
-    return f"{what}: {figures}, {beyond} than the law was held against: simulate it"

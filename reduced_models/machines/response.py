@@ -29,7 +29,12 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.theory import POWER, accelerated_mass, bed_parameters
+from reduced_models.falls.theory import (
+    POWER,
+    OutsideRangeWarning,
+    accelerated_mass,
+    bed_parameters,
+)
 from reduced_models.laws.annealing_bed import (
     HARDENING,
     MODULUS,
@@ -47,10 +52,6 @@ ORDER = 0.5
 """Order of the bed at the start, the hidden state q of its law."""
 SETTLING, MEASURED = 14.0, 0.4
 """How long a sine acts [s], and the last part of it that counts for the amplitude."""
-
-
-class OutsideRangeWarning(UserWarning):
-    """A law is used where nothing was measured."""
 
 
 class SmallSwing(NamedTuple):

@@ -13,7 +13,14 @@ from granular import damper, load_scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
-from reduced_models.falls.theory import POWER, PRESSURE, WEIGHT, PredictedLaw, bed_parameters
+from reduced_models.falls.theory import (
+    POWER,
+    PRESSURE,
+    WEIGHT,
+    OutsideRangeWarning,
+    PredictedLaw,
+    bed_parameters,
+)
 from reduced_models.laws.equation import compile_rates
 
 
@@ -84,7 +91,7 @@ def test_small_swing_and_motion_follow() -> None:
 def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
     """The source's own damper is beyond it."""
     assert bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
-    with pytest.raises(InputError, match=r"'damper-source' .* 1\.23 times the limit"):
+    with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))
 
 
@@ -121,12 +128,30 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
           "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}]}, "nothing falls"),
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
+    ],
+)  # fmt: skip
+def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        predict(damper().replace(**changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
         ({"grains.count": 92}, "92 grains"),
         ({"effects.drag.coefficient": 1.2}, "follows its piston too late"),
         ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),
         ({"piston.mass": 0.5}, "more piston.mass"),
     ],
 )  # fmt: skip
-def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
+def test_what_was_compared_with_nothing_is_told_with_a_warning(
+    changes: dict[str, Any], said: str
+) -> None:
+    scene = damper().replace(**changes)
     with pytest.raises(InputError, match=said):
-        predict(damper().replace(**changes))
+        bed_parameters(scene)
+    with pytest.warns(OutsideRangeWarning, match=said):
+        law = predict(scene)
+    height = law.simulate(np.linspace(0.0, 0.5, 51)).height
+    assert np.isfinite(height).all()
+    assert (height[-1] - height[0]) * (law.parameters["rest"] - height[0]) > 0.0

@@ -11,6 +11,7 @@ from granular import damper, simulate
 from granular.shared.errors import InputError
 from reduced_models import predict
 from reduced_models.__main__ import main
+from reduced_models.falls.theory import OutsideRangeWarning
 from reduced_models.falls.whole_fall import whole_fall
 
 HEIGHT = 0.12
@@ -69,3 +70,20 @@ def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     main(["fall", "damper", "--height", "120 mm", "--json"])
     said = json.loads(capsys.readouterr().out)
     assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())
+
+
+def test_a_fall_that_was_compared_with_nothing_is_simulated(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    small = damper(count=92)
+    with pytest.warns(OutsideRangeWarning, match="92 grains"):
+        found = whole_fall(small, progress=False)
+    assert found.simulated is not None
+    assert found.simulated.rest == pytest.approx(found.rest, rel=0.1)
+    assert found.simulated.affine_loss == pytest.approx(found.affine_loss, rel=0.3)
+    assert found.simulated.excess_loss > 0.0
+    assert "by the law: falls" in str(found)
+    assert "simulated: falls" in str(found)
+    with pytest.warns(OutsideRangeWarning):
+        main(["fall", "damper", "--set", "grains.count=92", "--law-only", "--json"])
+    assert json.loads(capsys.readouterr().out)["simulated"] is None
