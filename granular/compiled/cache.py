@@ -28,7 +28,12 @@ from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
 from granular.compiled.linking import rebuild_kernel
-from granular.compiled.source import PACKAGE, digest_of_bytes, digest_of_syntax, read_kernel_files
+from granular.compiled.source import (
+    PACKAGE,
+    digest_of_bytes,
+    digest_of_syntax,
+    read_compiled_sources,
+)
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 from granular.shared.locks import lock_file
 
@@ -58,7 +63,7 @@ def digest_of_sources() -> str:
 
 def _load_or_compute_syntax_digest() -> str:
     """Digest of the sources' syntax, kept with theirs: parsing takes a quarter of a second."""
-    files, folder = read_kernel_files(), kernel_cache_folder()
+    files, folder = read_compiled_sources(), kernel_cache_folder()
     if folder is None:
         return digest_of_syntax(files)
     known, label = folder / "source", digest_of_bytes(files)

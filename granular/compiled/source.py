@@ -14,9 +14,9 @@ FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", 
 _DECORATORS = {"compiled", "entry", "intrinsic"}
 
 
-def read_kernel_files() -> dict[str, bytes]:
-    """Content of every file in the rooms, by its place in the package."""
-    paths = sorted(path for workspace in FOLDERS for path in (PACKAGE / workspace).rglob("*.py"))
+def read_compiled_sources() -> dict[str, bytes]:
+    """Content of every file in `FOLDERS`, by its path in the package."""
+    paths = sorted(path for folder in FOLDERS for path in (PACKAGE / folder).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 

@@ -73,7 +73,7 @@ import numba
 
 from granular.compiled.dispatch import OPTIONS
 from granular.effects.custom_check import check_compiling, check_functions, check_wall_functions
-from granular.effects.custom_definition import (
+from granular.effects.custom_functions import (
     DEFINITIONS,
     FUNCTIONS,
     WALL_FUNCTIONS,

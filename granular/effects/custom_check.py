@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from granular.effects.custom_definition import Definition, Grain, user_code_error
+from granular.effects.custom_functions import Definition, Grain, user_code_error
 from granular.effects.effect import EffectContext
 from granular.shared.errors import InputError
 from granular.shared.messages import one_line

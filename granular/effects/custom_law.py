@@ -11,7 +11,7 @@ from numba.extending import overload
 
 from granular.compiled import Array, compiled
 from granular.compiled.dispatch import OPTIONS
-from granular.effects.custom_definition import DEFINITIONS, Definition, Grain
+from granular.effects.custom_functions import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom_definition import Grain, Kind
+from granular.effects.custom_functions import Grain, Kind
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from granular.effects.custom import effect
-from granular.effects.custom_definition import Grain
+from granular.effects.custom_functions import Grain
 from granular.schema.sections import quantity
 
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from granular.effects.custom_check import check_functions
-from granular.effects.custom_definition import Grain, Kind
+from granular.effects.custom_functions import Grain, Kind
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.force import Force

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom_definition import Kind as OwnKind
+from granular.effects.custom_functions import Kind as OwnKind
 from granular.effects.custom_law import CustomWallLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force

@@ -60,7 +60,7 @@ def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> No
 
 
 @compiled(inline=True)
-def _kick_undamped_piston(
+def _kick_against_resistance(
     resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State,
     opening: bool,
 ) -> None:  # fmt: skip
@@ -170,7 +170,7 @@ def kick_piston(
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
-        _kick_undamped_piston(
+        _kick_against_resistance(
             constants.resistance, force, dt, constants.piston_mass, state, opening
         )
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])

@@ -83,6 +83,11 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     float
         Order parameter from 0 to 1.
 
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
+
     Examples
     --------
     >>> import numpy as np

@@ -209,6 +209,8 @@ def grain_stresses(
 ) -> np.ndarray:
     """`grain_virials` over the area of the Voronoi cell: the stress tensor of each grain.
 
+    The virial stress in two dimensions.
+
     Parameters
     ----------
     scene : Scene
@@ -216,7 +218,7 @@ def grain_stresses(
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     piston_height : float, optional
-        Height of the piston [m]; none if not given.
+        Height of the piston [m]; the scene's where not given.
     cells : VoronoiCells, optional
         Voronoi cells of these positions, where they are known already.
 
@@ -224,6 +226,11 @@ def grain_stresses(
     -------
     float (n, 2, 2)
         [N/m], positive for compression; NaN for grains without an interior Voronoi cell.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape than the scene's grains.
     """
     cells = voronoi_cells(scene.cell.inside(positions)) if cells is None else cells
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
@@ -300,7 +307,8 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
 def force_modes(frame: Frame) -> DipTest:
     """Test the compressive forces of a frame, of all species together, for more than one mode.
 
-    Grains and errors as of `force_distribution`.
+    The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985), over the grains that have an
+    interior Voronoi cell.
 
     Parameters
     ----------
@@ -311,6 +319,11 @@ def force_modes(frame: Frame) -> DipTest:
     -------
     DipTest
         Dip of the distribution and its probability under one mode.
+
+    Raises
+    ------
+    InputError
+        If fewer than four grains have an interior cell.
     """
     return dip_test(_interior_compressive_forces(frame))
 

@@ -121,15 +121,17 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
     Parameters
     ----------
-    density, strength : float
-        As of `crystal_moduli`.
+    density : float
+        Grains an area [1/m^2].
+    strength : float
+        C of the energy C/r^3 of a pair [J m^3]; see `dipole_strength`.
     temperature : float
         K_B T [J].
 
     Returns
     -------
     float
-        Gamma, without unit.
+        Gamma, without unit, as in Zahn et al., Phys. Rev. Lett. 90, 155506 (2003).
 
     Raises
     ------

@@ -193,6 +193,9 @@ def areal_strain(strain: np.ndarray) -> np.ndarray:
 def plastic_distortion(frames: np.ndarray) -> Slip:
     """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
 
+    A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area
+    A by b_i (z x d)_j/A, z being the normal (Orowan, Proc. Phys. Soc. 52, 8, 1940).
+
     Parameters
     ----------
     frames : float64 (f, n, 2)

@@ -150,7 +150,7 @@ def translational_correlation(
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
     vector : float (2,), optional
-        As of `translational_order`.
+        Reciprocal lattice vector G [1/m]; that of `lattice_vector` if not given.
 
     Returns
     -------
@@ -160,7 +160,8 @@ def translational_correlation(
     Raises
     ------
     InputError
-        If the edges do not increase, or no grain has an interior cell.
+        If positions or vector have another shape, the edges are negative or do not increase, the
+        grains span no area, or none of them has an interior cell.
     """
     points = present_positions(positions)
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)

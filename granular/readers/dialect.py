@@ -44,7 +44,7 @@ class Dialect(NamedTuple):
 
 def detect_dialect(lines: Sequence[Line], decimal: str | None, least: int = 2) -> Dialect | None:
     """Return the dialect in which most lines are rows of at least so many numbers, or None."""
-    sample = [lines[k].text for k in _sample_lines(lines)]
+    sample = [lines[k].text for k in _indices_to_inspect(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
     for separator in SEPARATORS:
         for mark in (".", ",") if decimal is None else (decimal,):
@@ -54,7 +54,7 @@ def detect_dialect(lines: Sequence[Line], decimal: str | None, least: int = 2) -
     return None if best is None else best[1]
 
 
-def _sample_lines(lines: Sequence[Line]) -> list[int]:
+def _indices_to_inspect(lines: Sequence[Line]) -> list[int]:
     """Return the indices of the lines to inspect; fewer if lines are very long."""
     middle = len(lines) // 2
     numbers = (number for k in range(_LOOKED_AT) for number in (k, middle + k, len(lines) - 1 - k))
@@ -110,7 +110,7 @@ def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None
     No integer begins with a zero, as decimals may; and decimals are as many in each line, or
     end with none.
     """
-    rows = [lines[k].text.strip().split(",") for k in _sample_lines(lines)]
+    rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows
              for k in range(0, len(row), 2)]  # fmt: skip
     if decimal == "." or form.width < 4 or not all(pairs):

@@ -169,7 +169,8 @@ def bidisperse(
     speed : float
         Speed of the piston [m/s].
     relaxation : float
-        Time that the bed relaxes before and after, in units of de Paula's T.
+        Time that the bed relaxes before and after, in units of T, the duration of the
+        compression.
     seed : int
         Seed of the random start.
 

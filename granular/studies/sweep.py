@@ -173,7 +173,7 @@ def sweep(
     settings = {"dt": dt, "t_end": t_end, "method": method}
     every = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else _directory(Path(out))
-    done = _finished_cases(every, directory)
+    done = _stored_outcomes(every, directory)
     reused = len(done)
     waiting = [case for case in every if case.key not in done]
     with (
@@ -191,7 +191,7 @@ def _directory(path: Path) -> Path:
     return path.absolute()
 
 
-def _finished_cases(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
+def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, Outcome]:
     if directory is None:
         return {}
     cache = outcomes_in(directory)

@@ -159,7 +159,7 @@ def discover(
         search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)
     with stage_reporter("discover", wanted=progress) as now:
         if target == "height":
-            from reduced_models.discovery.height import height_equations
+            from reduced_models.discovery.formula_of_time import height_equations
 
             now("symbolic regression of z(t)")
             assert search is not None

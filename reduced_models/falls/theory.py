@@ -100,6 +100,10 @@ class PredictedLaw(FittedLaw):
 def predict(scene: Scene) -> PredictedLaw:
     """Law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
 
+    The law is ``elastoplastic-bed``: the pressure of a triangular lattice of dipoles, which goes as
+    the height to the power -2.5, and a shear stress that yields; its derivation is "The laws,
+    derived" in the documentation.
+
     Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
     Parameters
@@ -298,7 +302,8 @@ LOSS_ERROR = 0.13
 def shaking_range(scene: Scene) -> ShakingRange:
     """Range in which ``annealing-bed`` may stand in for the bed of a scene.
 
-    Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured.
+    Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured. The bounds
+    are those of simulated responses of the packaged damper, of 368 grains: see `ShakingRange`.
 
     Parameters
     ----------
@@ -308,12 +313,14 @@ def shaking_range(scene: Scene) -> ShakingRange:
     Returns
     -------
     ShakingRange
-        Bounds of frequency [Hz] and amplitude [m].
+        Bounds of frequency [Hz] and amplitude [m], and the relative errors of response and loss
+        within them.
 
     Raises
     ------
     InputError
-        As `reduced_models.predict`: where nothing is known of the law of a bed.
+        If the scene has no heavy piston over dipoles that drag alone damps, too few grains, or
+        more drag over the piston's mass than was compared with falls.
     """
     bed_parameters(scene)  # refuses what is not known
     grains = scene.grains

@@ -139,7 +139,7 @@ class SceneChecks:
         step = scene_with_other_step(run)
         other = self._begin([step.check])
         fall = first_fall(run) if falls else None
-        drops = self._begin([] if fall is None else fall_checks(run, fall))
+        drops = self._begin([] if fall is None else drops_to_run(run, fall))
         fits = [] if fall is None else fit_drops(fall, FALL_LAWS, self._scene, STARTS)
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.finish([case for _, case in order], TITLE, progress)
@@ -348,7 +348,7 @@ def _rest_of_fall(run: Trajectory) -> float:
     return run.stage(run.scene.protocol[0].name).height
 
 
-def fall_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
+def drops_to_run(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
     """Run the fall alone, from other heights that the grains fit under."""
     scene = run.scene
     assert scene.piston is not None

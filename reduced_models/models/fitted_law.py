@@ -350,7 +350,23 @@ class FittedLaw:
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: np.ndarray) -> np.ndarray:
-        """Heights (n,) [m] at increasing times (n,) [s] that start where the record did."""
+        """Heights of the motion that starts where the record did.
+
+        Parameters
+        ----------
+        t : float64 (n,)
+            Increasing times [s].
+
+        Returns
+        -------
+        float64 (n,)
+            Heights [m], or angles [rad] of a law of angles.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two times, they do not increase, or the motion diverges.
+        """
         return self.simulate(t).height
 
 

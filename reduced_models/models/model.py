@@ -372,6 +372,8 @@ class ReducedModel(FittedLaw):
     def outside(self, motion: PistonRecord) -> str:
         """Warn in words of a motion that leaves the range of the fit; empty where none does.
 
+        Heights alone are judged, and may leave the range by a twentieth of it.
+
         Parameters
         ----------
         motion : PistonRecord
@@ -487,7 +489,12 @@ class ReducedModel(FittedLaw):
         Parameters
         ----------
         path : str or Path
-            JSON file to write.
+            JSON file to write; one that exists is replaced.
+
+        Raises
+        ------
+        InputError
+            If the directory does not exist, or the file cannot be written.
         """
         write_json(Path(path), self.to_plain())
 

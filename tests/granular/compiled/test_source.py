@@ -11,10 +11,10 @@ from granular.compiled.source import (
     PACKAGE,
     digest_of_bytes,
     digest_of_syntax,
-    read_kernel_files,
+    read_compiled_sources,
 )
 
-FILES = read_kernel_files()
+FILES = read_compiled_sources()
 
 
 def edited(name: str, old: str, new: str) -> dict[str, bytes]:

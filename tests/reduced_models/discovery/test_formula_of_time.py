@@ -8,8 +8,8 @@ import sympy
 from scipy.special import ellipj
 
 from reduced_models import HeightMap
-from reduced_models.discovery import height, julia
-from reduced_models.discovery.height import elliptic_variants
+from reduced_models.discovery import formula_of_time, julia
+from reduced_models.discovery.formula_of_time import elliptic_variants
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.structures import Search
 
@@ -31,7 +31,7 @@ def found_in(
     """What is chosen where a search proposes these, at 1 % noise."""
     monkeypatch.setattr(julia, "pysr_expressions", lambda *_, **__: proposed)
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
-    return height.height_equations(TIME, z + noise, Search("pysr", seed=seed), HeightMap())
+    return formula_of_time.height_equations(TIME, z + noise, Search("pysr", seed=seed), HeightMap())
 
 
 def numbers(found: Discovery) -> list[float]:
