@@ -10,6 +10,8 @@ import numpy as np
 
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
+from granular.pairs.close_discs import closest_over_contact
+from granular.pairs.disc_tables import CLOSEST
 from granular.schema.scales import Scales
 from granular.shared.errors import (
     EnergyError,
@@ -61,6 +63,15 @@ def misplaced_grain_error(
             "the bed has spread beyond the mesh of its far field",
             step=step, time=time, remedy="sum the pairs directly ('pairs.method = \"direct\"')",
         )  # fmt: skip
+    if constants.acting.discs is not None and state.close is not None:
+        ratio, grain = closest_over_contact(constants.acting.discs, state.close, state.x, state.y)
+        if ratio < CLOSEST:
+            return OutsideError(
+                f"two discs are at {ratio:.3g} of the distance at which they touch, "
+                f"{CLOSEST:g} is the limit",
+                step=step, time=time, grain=int(state.label[grain]), value=ratio,
+                remedy="give them a contact that is stiff enough ('effects.contact.modulus')",
+            )  # fmt: skip
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 

@@ -52,6 +52,8 @@ def _find_far_forces_of_bed(
         None,
         far.load,
         constants.acting.weight,
+        constants.acting.series,
+        constants.acting.shift,
     )
     if mesh is not None:
         crowded = find_far_forces(mesh, far, threaded, grains, arrays, state.stripes.order)

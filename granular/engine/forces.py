@@ -6,12 +6,19 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_of_hooks
 from granular.compiled.reference import by_reference
 from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
-from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
+from granular.kernel_data.constants import (
+    Constants,
+    divide_by_mass,
+    relative_moments,
+    stiffness_bound,
+)
 from granular.kernel_data.state import Bed, Measurement, State
+from granular.pairs.close_discs import CloseDiscs, add_close_discs
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.disc_tables import Discs
 from granular.pairs.pair_arrays import PairArrays, clear_sums, if_given
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings, list_sum
@@ -36,7 +43,8 @@ def _magnetic_forces(
 @compiled(inline=True)
 def _pair_forces(
     dipole: bool | None, bed: Bed, stiffness: Array | None, extremes: Array | None
-) -> None:
+) -> int:
+    """Compute the magnetic forces; the number of pairs that are where none can be."""
     state, constants = bed.state, bed.constants
     weight = constants.acting.weight
     arrays = PairArrays(
@@ -49,11 +57,23 @@ def _pair_forces(
         extremes,
         if_given(weight, state.load),
         weight,
+        constants.acting.series,
+        constants.acting.shift,
     )
     if dipole is None:
         clear_sums(arrays)
     else:
         _magnetic_forces(constants.acting.cut, constants.acting.listing, bed, arrays)
+    return _close_forces(constants.acting.discs, state.close, constants.grains, arrays)
+
+
+@compiled(inline=True)
+def _close_forces(
+    discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: PairArrays
+) -> int:
+    if discs is None or close is None:
+        return 0
+    return add_close_discs(discs, close, grains, arrays)
 
 
 _add_forces = sum_of_hooks("add_forces", "bed time")
@@ -71,8 +91,8 @@ def compute_forces(bed: Bed, time: float) -> int:
     """
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(acting.dipole, bed, None, None)
-    crowded = refresh_far_field(state.far_forces, bed, time)
+    crowded = _pair_forces(acting.dipole, bed, None, None)
+    crowded += refresh_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
 
@@ -82,8 +102,8 @@ def compute_forces_and_sums(bed: Bed, time: float, measurement: Measurement) -> 
     """`compute_forces`, with the sums that `potential_energies` needs, in the same pass."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
-    _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.extremes)
-    crowded = compute_far_field(state.far_forces, bed, time)
+    crowded = _pair_forces(acting.dipole, bed, measurement.stiffness, measurement.extremes)
+    crowded += compute_far_field(state.far_forces, bed, time)
     add_far_field(state.far_forces, state, constants.grains, time)
     return crowded + _add_forces(acting.laws, state.workspaces, bed, time)
 
@@ -119,8 +139,9 @@ def potential_energies(bed: Bed, time: float, measurement: Measurement, energies
     """
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
+    bound = 6.0 * stiffness_bound(constants.acting.discs)
     for i in range(constants.grains):
-        stiffness[i] *= 6.0
+        stiffness[i] *= bound
     divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)

@@ -9,6 +9,7 @@ import numpy as np
 from granular.kernel_data.constants import EffectLaws
 from granular.kernel_data.state import LOSSES, Measurement, StageSlopes, State
 from granular.methods import Method
+from granular.pairs.close_discs import close_discs_workspace
 from granular.pairs.direct import padded_coordinates, part_buffers
 from granular.pairs.far_field import FarForces, far_forces_workspace
 from granular.pairs.stripes import Stripes, stripes_workspace
@@ -50,6 +51,9 @@ def new_state(
         if acting.listing is None
         else verlet_list_workspace(x.size, acting.listing.radius),
         far_forces=_new_far_forces(x.size, acting),
+        close=None
+        if acting.discs is None
+        else close_discs_workspace(x.size, acting.discs.reach, acting.periods),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
@@ -68,7 +72,11 @@ def _new_stripes(size: int, acting: EffectLaws) -> Stripes | None:
         return None
     cut = acting.cut
     return stripes_workspace(
-        size, moments=cut.moments, loaded=acting.weight is not None, periods=cut.periods
+        size,
+        moments=cut.moments,
+        loaded=acting.weight is not None,
+        shifted=acting.shift is not None,
+        periods=cut.periods,
     )
 
 

@@ -16,6 +16,8 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     """
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight]
+    if acting.discs is not None:
+        result += [acting.discs.shift, acting.discs.species]
     result += [values for law in acting.laws for values in law]
     return [values for values in result if isinstance(values, np.ndarray)]
 

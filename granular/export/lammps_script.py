@@ -142,6 +142,11 @@ def check_scene(scene: Scene) -> None:
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
                 f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
             )
+    if scene.grains.magnets != "dipoles":
+        raise InputError(
+            f"grains.magnets = {scene.grains.magnets!r} cannot be exported to LAMMPS, whose tables "
+            "are those of dipoles; set it to 'dipoles' or run the scene here"
+        )
     if scene.pair_method == "verlet-list":
         raise InputError(
             "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
+from granular.pairs.disc_tables import STIFFNESS, Discs
 from granular.pairs.far_field import FarField
 from granular.pairs.pair_arrays import value_or_one
 from granular.pairs.stripes import CutOff
@@ -36,6 +37,10 @@ class EffectLaws(NamedTuple):
         Far field beyond the radius where pairs end smoothly.
     nearest : float64 (3,) or None
         Of the direct sum in a periodic cell: its sides, and the radius where pairs end [D].
+    discs : Discs or None
+        Law of discs, which stands for that of dipoles.
+    series, shift : float64 arrays or None
+        Of ``discs``.
     """
 
     laws: tuple[Any, ...]
@@ -47,6 +52,16 @@ class EffectLaws(NamedTuple):
     listing: VerletSettings | None
     far: FarField | None
     nearest: Array | None
+    discs: Discs | None = None
+    series: Array | None = None
+    shift: Array | None = None
+
+    @property
+    def periods(self) -> tuple[float, float] | None:
+        """Sides of a periodic cell [D]."""
+        if self.nearest is not None:
+            return float(self.nearest[0]), float(self.nearest[1])
+        return None if self.cut is None else self.cut.periods
 
 
 class PistonResistance(NamedTuple):
@@ -115,6 +130,12 @@ class Constants(NamedTuple):
 def relative_moments(constants: Constants) -> Array | None:
     """Magnetic moment of each grain over that of the first species; None where all are alike."""
     return _values_or_default(constants.moments, constants.masses)
+
+
+@compiled(inline=True)
+def stiffness_bound(discs: Discs | None) -> float:
+    """Stiffness of a pair over 3 / rho^5, at most; 1 for dipoles."""
+    return 1.0 if discs is None else discs.series[STIFFNESS]
 
 
 @compiled(inline=True)

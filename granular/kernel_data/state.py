@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.kernel_data.constants import Constants
+from granular.pairs.close_discs import CloseDiscs
 from granular.pairs.far_field import FarForces
 from granular.pairs.stripes import Stripes
 from granular.pairs.verlet_list import VerletList
@@ -64,6 +65,8 @@ class State(NamedTuple):
         De Paula's list of pairs.
     far_forces : FarForces or None
         The far field, and its forces.
+    close : CloseDiscs or None
+        List of close pairs of discs.
     rooms : tuple
         Scratch of each law, or None; arrays of it are zero behind the grains.
     host : HostWorkspace or None
@@ -93,6 +96,7 @@ class State(NamedTuple):
     stripes: Stripes | None
     verlet_list: VerletList | None
     far_forces: FarForces | None
+    close: CloseDiscs | None
     workspaces: tuple[Any, ...]
     host: Any
     scratch: np.ndarray

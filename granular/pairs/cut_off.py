@@ -19,9 +19,15 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sweep import sweep_runs
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.pair_arrays import PairArrays, if_given, set_forces_to_nan, with_extremes
+from granular.pairs.pair_arrays import (
+    PairArrays,
+    if_given,
+    set_forces_to_nan,
+    sum_scale,
+    with_extremes,
+)
 from granular.pairs.plain_sums import plain_cut_sum
-from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, WIDTH, Code, constant
 from granular.pairs.stripe_lists import refresh_lists
 from granular.pairs.stripes import Stripes
 
@@ -113,6 +119,8 @@ def _sweep_part(
         asked.extremes,
         if_given(asked.load, stripes.load),
         stripes.weight,
+        asked.series,
+        stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
     sweep_runs(sums, stripes.runs, part, first, stop, radius, smooth, stripes.shifts)
@@ -149,10 +157,11 @@ def _copy_sum_to_grains(
 
 @compiled
 def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
-    _copy_sums_to_grains(asked.fx, stripes.fx, STRENGTH * SCALE, stripes, part)
-    _copy_sums_to_grains(asked.fy, stripes.fy, STRENGTH * SCALE, stripes, part)
-    _copy_sums_to_grains(asked.stiffness, stripes.stiffness, SCALE, stripes, part)
-    _copy_sums_to_grains(asked.load, stripes.load, SCALE, stripes, part)
+    scale = sum_scale(asked.series)
+    _copy_sums_to_grains(asked.fx, stripes.fx, STRENGTH * scale, stripes, part)
+    _copy_sums_to_grains(asked.fy, stripes.fy, STRENGTH * scale, stripes, part)
+    _copy_sums_to_grains(asked.stiffness, stripes.stiffness, scale, stripes, part)
+    _copy_sums_to_grains(asked.load, stripes.load, scale, stripes, part)
 
 
 @compiled
@@ -219,9 +228,10 @@ def _sum_extremes(
         measured = with_extremes(arrays, parts)
         _sum_all(threaded, stripes, measured, radius, smooth)
         extremes[:] = 0.0
+        scale = sum_scale(arrays.series)
         for part in range(len(parts)):
-            extremes[0] += SCALE * parts[part, 0]
-            extremes[1] = max(extremes[1], SCALE * parts[part, 1])
+            extremes[0] += scale * parts[part, 0]
+            extremes[1] = max(extremes[1], scale * parts[part, 1])
 
 
 @compiled

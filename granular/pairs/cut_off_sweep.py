@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from granular.pairs.dipole import CUBE, FIFTH
+from granular.pairs.dipole import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH
 from granular.pairs.interact import (
     Arrays,
     Cut,
@@ -19,10 +19,11 @@ from granular.pairs.interact import (
     add_lanes,
     broadcast_grain,
     load_eight_grains,
+    make_cut,
     pair_contributions,
     present_arrays,
 )
-from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant
+from granular.pairs.simd import INDEX, WIDTH, Code, constant
 
 ROWS = 2
 """Rows swept together, neighbours in a stripe."""
@@ -56,8 +57,9 @@ def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) ->
     for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
         pairs = pair_contributions(
-            code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut
-        )
+            code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut, None,
+            sweep.arrays.series,
+        )  # fmt: skip
         for total, value in zip(sums, present_arrays(pairs[0]), strict=True):
             code.raise_by(total, value)
         reactions = add_lanes(code, reactions, present_arrays(pairs[1]))
@@ -101,29 +103,36 @@ def _sweep_group(
 
 
 def _scale_coefficients(
-    code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value
+    code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
-    """Coefficients in r^2 from those in (r/r_c)^2, in every lane: times ``power``, over `SCALE`."""
+    """Coefficients in r^2 from those in (r/r_c)^2, in each lane: times ``power`` over ``scale``."""
     b, out = code.builder, []
     for number in numbers:
-        out.append(code.splat(b.fmul(ir.Constant(power.type, number / SCALE), power)))
+        out.append(code.splat(b.fmul(ir.Constant(power.type, number / scale), power)))
         power = b.fdiv(power, square)
     return out
 
 
-def _make_cut(code: Code, radius: ir.Value, *, smooth: bool) -> Cut:
-    b = code.builder
+def _make_cut(code: Code, arrays: Arrays, radius: ir.Value, *, smooth: bool) -> Cut:
+    b, far, scale = code.builder, arrays.far, arrays.scale
     square = b.fmul(radius, radius)
     cube = b.fdiv(ir.Constant(radius.type, 1.0), b.fmul(square, radius))
-    rest = b.fmul(ir.Constant(radius.type, 1.0 / SCALE), cube)
-    far = None
+    rest = b.fmul(ir.Constant(radius.type, 1.0 / scale), cube)
+    part = None
     if smooth:
         fifth = b.fdiv(cube, square)
-        far = SmoothSplit(
-            _scale_coefficients(code, FIFTH, fifth, square),
-            _scale_coefficients(code, CUBE, cube, square),
+        part = SmoothSplit(
+            _scale_coefficients(code, FIFTH, fifth, square, scale),
+            _scale_coefficients(code, CUBE, cube, square, scale),
         )
-    return Cut(code.splat(square), code.splat(rest), far)
+        if far is not None:
+            fifth = b.fmul(far, fifth)
+            more = (
+                _scale_coefficients(code, SEVENTH, b.fdiv(fifth, square), square, scale),
+                _scale_coefficients(code, FIFTH_ENERGY, fifth, square, scale),
+            )
+            part = SmoothSplit(*(add_lanes(code, *both) for both in zip(part, more, strict=True)))
+    return make_cut(code, square, rest, part, far)
 
 
 @intrinsic
@@ -158,7 +167,7 @@ def sweep_runs(
         arrays = Arrays(code, signature.args[0], values[0], part)
         listed = code.data(signature.args[1], values[1])
         ends = not isinstance(signature.args[6], types.NoneType)
-        cut = _make_cut(code, radius, smooth=ends)
+        cut = _make_cut(code, arrays, radius, smooth=ends)
         away = code.data(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):

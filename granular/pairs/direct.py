@@ -13,9 +13,15 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
-from granular.pairs.pair_arrays import PairArrays, clear_array, clear_sums, if_given, scale_array
+from granular.pairs.pair_arrays import (
+    PairArrays,
+    clear_array,
+    clear_sums,
+    if_given,
+    scale_array,
+    sum_scale,
+)
 from granular.pairs.plain_sums import plain_direct_sum
-from granular.pairs.simd import SCALE
 
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
@@ -66,6 +72,8 @@ def _sweep_part(arrays: PairArrays, nearest: Array | None, buffer: Array, part: 
         if_given(arrays.extremes, buffer[4]),
         if_given(arrays.load, buffer[3]),
         arrays.weight,
+        arrays.series,
+        arrays.shift,
     )
     _sweep(sums, nearest, part, PARTS)
 
@@ -118,11 +126,12 @@ def _direct_sum(
         _add_parts(buffers, 3, arrays.load)
         clear_array(arrays.extremes)
         _join_extremes(buffers, arrays.extremes)
-    scale_array(arrays.fx, STRENGTH * SCALE)
-    scale_array(arrays.fy, STRENGTH * SCALE)
-    scale_array(arrays.stiffness, SCALE)
-    scale_array(arrays.load, SCALE)
-    scale_array(arrays.extremes, SCALE)
+    scale = sum_scale(arrays.series)
+    scale_array(arrays.fx, STRENGTH * scale)
+    scale_array(arrays.fy, STRENGTH * scale)
+    scale_array(arrays.stiffness, scale)
+    scale_array(arrays.load, scale)
+    scale_array(arrays.extremes, scale)
 
 
 direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum

@@ -23,10 +23,11 @@ from granular.pairs.interact import (
     add_lanes,
     broadcast_grain,
     load_eight_grains,
+    make_cut,
     pair_contributions,
     present_arrays,
 )
-from granular.pairs.simd import INDEX, SCALE, WIDTH, Code, constant, has_avx512, pad_to_vectors
+from granular.pairs.simd import INDEX, WIDTH, Code, constant, has_avx512, pad_to_vectors
 
 __all__ = ["WIDTH", "lane_sum", "pad_to_vectors", "sweep_block", "sweep_rows"]
 
@@ -43,7 +44,7 @@ class _Ends(NamedTuple):
     images: PeriodicImages | None
 
 
-def _make_ends(code: Code, kind: Any, nearest: Any) -> _Ends:
+def _make_ends(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _Ends:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _Ends(None, None)
@@ -51,9 +52,9 @@ def _make_ends(code: Code, kind: Any, nearest: Any) -> _Ends:
     pointer = code.data(kind, nearest)
     width, height, radius = (code.scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
     square = b.fmul(radius, radius)
-    rest = b.fdiv(ir.Constant(square.type, 1.0 / SCALE), b.fmul(square, radius))
+    rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
-    cut = Cut(code.splat(square), code.splat(rest))
+    cut = make_cut(code, square, rest, None, arrays.far)
     return _Ends(cut, PeriodicImages(*(code.splat(side) for side in sides)))
 
 
@@ -73,7 +74,7 @@ def _sweep(
         reactions = [code.load(pointer, j) for pointer in pointers]
         for grain, sums in zip(grains, totals, strict=True):
             own, other = pair_contributions(
-                code, grain, partners, arrays.sums, extremes, None, *ends
+                code, grain, partners, arrays.sums, extremes, None, *ends, arrays.series
             )
             for total, value in zip(sums, present_arrays(own), strict=True):
                 code.raise_by(total, value)
@@ -96,7 +97,9 @@ def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> No
         partners = Grains(*(None if grain is None else code.turned(grain, by) for grain in grains))
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
-        own, other = pair_contributions(code, grains, partners, arrays.sums, extremes, lanes, *ends)
+        own, other = pair_contributions(
+            code, grains, partners, arrays.sums, extremes, lanes, *ends, arrays.series
+        )
         totals = add_lanes(code, totals, present_arrays(own))
         back = [code.turned(value, WIDTH - by) for value in present_arrays(other)]
         totals = add_lanes(code, totals, back)
@@ -124,7 +127,7 @@ def sweep_rows(
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[0], values[0])
         first, start, stop, nearest = values[1:]
-        ends = _make_ends(code, signature.args[4], nearest)
+        ends = _make_ends(code, arrays, signature.args[4], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
@@ -147,8 +150,9 @@ def sweep_block(
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        ends = _make_ends(code, signature.args[2], values[2])
-        _sweep_among(code, Arrays(code, signature.args[0], values[0]), ends, values[1])
+        arrays = Arrays(code, signature.args[0], values[0])
+        ends = _make_ends(code, arrays, signature.args[2], values[2])
+        _sweep_among(code, arrays, ends, values[1])
         return context.get_dummy_value()
 
     return signature, generate

@@ -97,6 +97,8 @@ def find_far_direct(
         near,
         workspace.load,
         arrays.weight,
+        arrays.series,
+        arrays.shift,
     )
     cut_sum(stripes, radius, True, threaded, grains, close)
     _subtract(arrays.fx, forces[0], grains)

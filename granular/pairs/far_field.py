@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import CUBE, ENERGY
+from granular.pairs.dipole import CUBE, ENERGY, FIFTH_ENERGY
 from granular.pairs.far_direct import DirectWorkspace, direct_workspace
 from granular.pairs.mesh import PARTS, Mesh, choose_windows, mesh_workspace
 from granular.pairs.mesh_grains import interpolate_potential, spread_grains
@@ -67,6 +67,8 @@ class FarField(NamedTuple):
         while they slide every so many steps. None: for every force.
     periodic : bool
         True where the mesh goes round a periodic cell of that size.
+    fifth : float
+        Factor of r^-5 beside r^-3 in the far part, of discs.
     """
 
     radius: float
@@ -74,6 +76,7 @@ class FarField(NamedTuple):
     every: int | None
     rubbing: int | None = None
     periodic: bool = False
+    fifth: float = 0.0
 
 
 class FarForces(NamedTuple):
@@ -85,6 +88,8 @@ class FarForces(NamedTuple):
     direct : DirectWorkspace or None
         Instead of the mesh where all pairs are summed.
     radius : float
+    own : float
+        Far part of the potential of a grain of moment 1 at its own position.
     fx, fy : float64 (m,)
     held : float64 (2, m) or None
         A force that stays as it is and acts all the time, where the far field acts in impulses:
@@ -110,6 +115,7 @@ class FarForces(NamedTuple):
     mesh: Mesh | None
     direct: DirectWorkspace | None
     radius: float
+    own: float
     fx: np.ndarray
     fy: np.ndarray
     held: np.ndarray | None
@@ -127,13 +133,15 @@ def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForc
     """Workspace for that many grains (padded)."""
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
-        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing)
+        mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.fifth)
     elif field.size is not None:
-        mesh = mesh_workspace(*field.size, field.radius, spacing, size)
+        mesh = mesh_workspace(*field.size, field.radius, spacing, size, field.fifth)
     return FarForces(
         mesh=mesh,
         direct=direct_workspace(size, loaded=loaded) if mesh is None else None,
         radius=field.radius,
+        own=CUBE[0] / (field.radius * field.radius * field.radius)
+        + FIFTH_ENERGY[0] * field.fifth / field.radius**5,
         fx=np.zeros(size),
         fy=np.zeros(size),
         held=None if field.every is None else np.zeros((2, size)),
@@ -296,7 +304,7 @@ def find_far_forces(
         arrays.moments,
         arrays.weight,
         order,
-        CUBE[0] / (far.radius * far.radius * far.radius),
+        far.own,
         arrays.fx,
         arrays.fy,
         arrays.load,

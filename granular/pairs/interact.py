@@ -1,8 +1,10 @@
 """Pairs of grains, eight at a time: what each adds to the sums of both grains.
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
-r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the factor
-`granular.pairs.simd.SCALE`, and the forces also 3/4.
+r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
+factor `granular.pairs.simd.SCALE` (of discs `DISC_SCALE`), and the forces also 3/4. Of discs
+(`granular.pairs.disc_tables`)
+s = rho^-5, and it enters the force as s + (8/3) c s^2, the energy as rho^2 (s + c s^2).
 """
 
 from __future__ import annotations
@@ -11,7 +13,17 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.simd import INDEX, Code, constant, inverse_fifth, lane_mask
+from granular.pairs.disc_tables import COMMON, ENERGY_TERM, FAR, FORCE
+from granular.pairs.simd import (
+    DISC_SCALE,
+    INDEX,
+    SCALE,
+    Code,
+    constant,
+    inverse_fifth,
+    lane_mask,
+    short_inverse_fifth,
+)
 
 _AWAY = 1e100
 """Square of a displacement [D^2] that no two grains are apart."""
@@ -24,6 +36,28 @@ class Sums(NamedTuple):
     fy: Any
     stiffness: Any
     load: Any
+
+
+class Series(NamedTuple):
+    """The law of all pairs of discs, in every lane: b of alike discs, and the factors of s^2."""
+
+    common: Any
+    force: Any
+    energy: Any
+
+
+def _series(code: Code, pointer: Any) -> Series | None:
+    if pointer is None:
+        return None
+    b, numbers = code.builder, []
+    for entry, factor in (
+        (COMMON, 1.0),
+        (FORCE, DISC_SCALE),
+        (ENERGY_TERM, DISC_SCALE),
+    ):
+        number = code.scalar(pointer, ir.Constant(INDEX, entry))
+        numbers.append(code.splat(b.fmul(ir.Constant(number.type, factor), number)))
+    return Series(*numbers)
 
 
 class Arrays:
@@ -40,6 +74,9 @@ class Arrays:
         self.x, self.y = pointers[:2]
         self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
+        self.series, self.shift = _series(code, pointers[9]), pointers[10]
+        self.scale = SCALE if self.series is None else DISC_SCALE
+        self.far = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FAR))
 
 
 class Grains(NamedTuple):
@@ -49,6 +86,7 @@ class Grains(NamedTuple):
     y: Any
     moments: Any
     weight: Any
+    shift: Any
 
 
 def present_arrays(values: Sums) -> list[Any]:
@@ -56,33 +94,55 @@ def present_arrays(values: Sums) -> list[Any]:
 
 
 def load_eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
-    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
+    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return Grains(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
 
 
 def broadcast_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
-    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight)
+    pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
     return Grains(
         *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
     )
 
 
 class SmoothSplit(NamedTuple):
-    """Coefficients in r^2 of the far parts of r^-5 and r^-3, over `SCALE`, in every lane."""
+    """Coefficients in r^2 of the far parts of r^-5 and r^-3, over the scale, in every lane."""
 
     fifth: list[Any]
     cube: list[Any]
 
 
 class Cut(NamedTuple):
-    """Cut-off of the pairs, in every lane: its square, and r^-3 there over `SCALE`.
+    """Cut-off of the pairs, in every lane: its square, and r^-3 there over the scale.
 
-    With ``smooth`` the law ends there smoothly: its far part is taken off.
+    With ``smooth`` the law ends there smoothly: its far part is taken off. Of discs, ``rest`` holds
+    coefficients in b of what is left of their energy there.
     """
 
     square: Any
     cube: Any
     smooth: SmoothSplit | None = None
+    rest: list[Any] | None = None
+
+
+def make_cut(
+    code: Code, square: ir.Value, rest: ir.Value, smooth: SmoothSplit | None, far: ir.Value | None
+) -> Cut:
+    """Return the cut-off from its square and r^-3 there over the scale.
+
+    ``far`` is the factor of r^-5 in the far part of discs; None for dipoles.
+    """
+    b = code.builder
+    cut = Cut(code.splat(square), code.splat(rest), smooth)
+    if far is None:
+        return cut
+    # (r^2 - b)^(-3/2) = r^-3 (1 + (3/2) b/r^2 + (15/8) b^2/r^4 + ...), less the far part.
+    first = b.fdiv(rest, square)
+    second = b.fdiv(first, square)
+    begin = rest if smooth is None else b.fneg(b.fmul(far, first))
+    factors = [begin, b.fmul(ir.Constant(square.type, 1.5), first)]
+    factors.append(b.fmul(ir.Constant(square.type, 1.875), second))
+    return cut._replace(rest=[code.splat(factor) for factor in factors])
 
 
 class PeriodicImages(NamedTuple):
@@ -141,11 +201,15 @@ def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
 
 def _energy(
     code: Code, r2: ir.Value, s: ir.Value, strength: ir.Value, pair: ir.Value | None,
-    cut: Cut | None, cube: ir.Value | None,
+    cut: Cut | None, cube: ir.Value | None, shift: ir.Value | None,
 ) -> ir.Value:  # fmt: skip
     """Energy of pairs; where they end at a distance, it is zero there."""
     b = code.builder
     if cube is not None:
+        if shift is not None and cut is not None and cut.rest is not None:
+            inside = b.fcmp_unordered("!=", s, constant(0.0))
+            rest = _polynomial(code, cut.rest, shift)
+            cube = b.select(inside, b.fsub(cube, rest), constant(0.0))
         return cube if pair is None else b.fmul(cube, pair)
     energy = b.fmul(r2, strength)
     if cut is None:
@@ -155,9 +219,24 @@ def _energy(
     return b.select(inside, b.fsub(energy, rest), constant(0.0))
 
 
+def _masked_fifth(
+    code: Code, argument: ir.Value, r2: ir.Value, lanes: list[bool] | None, cut: Cut | None,
+    series: Series | None,
+) -> ir.Value:  # fmt: skip
+    """Return ``argument``^(-5/2), and 0 where a pair does not count."""
+    b, zero = code.builder, constant(0.0)
+    s = inverse_fifth(code, argument) if series is None else short_inverse_fifth(code, argument)
+    if lanes is not None:
+        s = b.select(lane_mask(lanes), s, zero)
+    if cut is not None:
+        s = b.select(b.fcmp_ordered("<", r2, cut.square), s, zero)
+    return s
+
+
 def pair_contributions(
     code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
     lanes: list[bool] | None = None, cut: Cut | None = None, images: PeriodicImages | None = None,
+    series: Series | None = None,
 ) -> tuple[Sums, Sums]:  # fmt: skip
     """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
 
@@ -169,26 +248,31 @@ def pair_contributions(
     if images is not None:
         dx, dy = images.nearest(code, dx, dy)
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
-    s = inverse_fifth(code, r2)
-    if lanes is not None:
-        s = b.select(lane_mask(lanes), s, zero)
-    if cut is not None:
-        s = b.select(b.fcmp_ordered("<", r2, cut.square), s, zero)
-    near, cube = s, None
+    # Of dipoles, all of these are the same; of discs, s stands for rho^-5.
+    argument, shift = r2, None
+    if series is not None:
+        shift = series.common if first.shift is None else b.fadd(first.shift, second.shift)
+        argument = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
+    s = _masked_fifth(code, argument, r2, lanes, cut, series)
+    slope = energy = near = s
+    if series is not None:
+        slope = near = b.fmul(s, code.fused_multiply_add(s, series.force, constant(1.0)))
+        energy = code.fused_multiply_add(b.fmul(s, series.energy), s, s)
+    cube = None
     if cut is not None and cut.smooth is not None:
         # Not zero, and so inside, also where two grains are at one place and s is no number.
         inside = b.fcmp_unordered("!=", s, zero)
         fifth = _polynomial(code, cut.smooth.fifth, r2)
-        near = b.select(inside, b.fsub(s, fifth), zero)
-        if extremes.pointer is not None or wanted.load is not None:
-            rest = _polynomial(code, cut.smooth.cube, r2)
-            cube = b.select(inside, b.fsub(b.fmul(r2, s), rest), zero)
+        near = b.select(inside, b.fsub(slope, fifth), zero)
+    if extremes.pointer is not None or wanted.load is not None:
+        cube = _near_cube(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if extremes.pointer is not None:
-        extremes.meet(s, _energy(code, r2, s, strength, pair, cut, cube))
+        closest = s if series is None else _masked_fifth(code, r2, r2, lanes, cut, series)
+        extremes.meet(closest, _energy(code, r2, s, strength, pair, cut, cube, shift))
     # Products and sums apart: action and reaction are equal to the last bit, and processors with
     # units for sums of their own are faster.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
@@ -203,6 +287,21 @@ def pair_contributions(
             cube = b.fmul(r2, s)
         own[3], other[3] = b.fmul(cube, second.weight), b.fmul(cube, first.weight)
     return Sums(*own), Sums(*other)
+
+
+def _near_cube(
+    code: Code, r2: ir.Value, argument: ir.Value, energy: ir.Value, shift: ir.Value | None,
+    cut: Cut | None,
+) -> ir.Value | None:  # fmt: skip
+    """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""
+    b, zero = code.builder, constant(0.0)
+    smooth = None if cut is None else cut.smooth
+    if shift is None and smooth is None:
+        return None
+    cube = b.fmul(argument, energy)
+    if smooth is not None:
+        cube = b.fsub(cube, _polynomial(code, smooth.cube, r2))
+    return cube if cut is None else b.select(b.fcmp_unordered("!=", energy, zero), cube, zero)
 
 
 def add_lanes(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:

@@ -9,6 +9,7 @@ doi:10.1016/0021-9991(90)90002-I; Hardy et al. 2015, doi:10.1021/ct5009075): it 
 bands far(r; r_c) - far(r; 2 r_c), far(r; 2 r_c) - far(r; 4 r_c), ..., and a last rest. Each band
 ends at a distance and is smooth on a scale twice that of the one before, so it lives on a mesh
 twice as coarse. The law is a power, so all bands are one table, scaled by 1/8 from level to level.
+Discs add a second power, r^-5, whose factor falls by 1/4 from band to band as well.
 
 Grains reach the mesh through cubic B-splines. So that these interpolate the far part between the
 points of the mesh (Hardy et al. 2016, doi:10.1063/1.4943868), the table is what the far part leaves
@@ -64,10 +65,21 @@ class Table(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Tables of the bands, and of the rest."""
+    """Tables of the bands, one for each level, and of the rest."""
 
-    band: Table
+    bands: list[Table]
     rest: Table
+
+    def joined_bands(self) -> Table:
+        """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
+        most = max(len(band.along) for band in self.bands)
+        return Table(
+            *(np.array([_padded(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
+        )
+
+
+def _padded(table: Samples, groups: int) -> Samples:
+    return np.pad(table, ((0, groups - len(table)), (0, 0), (0, 0)))
 
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
@@ -121,17 +133,32 @@ def _factor_table(table: Samples) -> Table:
 
 
 @functools.cache
-def mesh_tables(radius: float, spacing: float) -> Tables:
-    """Tables of the band and of the rest, for a split radius and a finest spacing [D]."""
+def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) -> Tables:
+    """Tables of the bands and of the rest, for a split radius and a finest spacing [D].
+
+    ``fifth`` is the factor of r^-5 in the far part.
+    """
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
     square = n[:, None] ** 2 + n[None, :] ** 2
-    rest = far_cube(square, radius)
-    band = rest - far_cube(square, 2.0 * radius)
-    return Tables(
-        _factor_table(_extract_middle(band, reach)), _factor_table(_extract_middle(rest, most))
-    )
+    bands = [
+        far_cube(square, radius, factor) - far_cube(square, 2.0 * radius, factor)
+        for factor in level_factors(fifth, levels)
+    ]
+    rest = far_cube(square, radius, 0.25 ** (levels - 1) * fifth)
+    made = [_factor_table(_extract_middle(band, reach)) for band in bands]
+    return Tables(repeated(made, levels), _factor_table(_extract_middle(rest, most)))
+
+
+def level_factors(fifth: float, levels: int) -> list[float]:
+    """Factor of r^-5 at each level, in units of its spacing; one of dipoles, as all are alike."""
+    return [0.25**level * fifth for level in range(levels if fifth else 1)]
+
+
+def repeated(bands: list[Table], levels: int) -> list[Table]:
+    """Tables of all levels, where there is one for them."""
+    return bands if len(bands) == levels else bands * levels
 
 
 LEFT, LOW, ACROSS, UP = range(4)
@@ -151,7 +178,8 @@ class Mesh(NamedTuple):
     ----------
     spacing : float
         Spacing of the finest level [D].
-    band_along, band_across, rest_along, rest_across : float64 (groups, reach, TERMS)
+    band_along, band_across : float64 (levels, groups, reach, TERMS)
+    rest_along, rest_across : float64 (groups, reach, TERMS)
         See `granular.pairs.mesh`. One by one, since Numba's threads take no nested tuples.
     source, potential : float64 (p,)
         Each level's lines, with zeros on both sides of every one; behind all of them a line of
@@ -192,10 +220,13 @@ class Mesh(NamedTuple):
     around: np.ndarray | None
 
 
-def mesh_workspace(width: float, height: float, radius: float, spacing: float, grains: int) -> Mesh:
-    """Workspace for that many grains in a cell of that size [D]."""
-    tables = mesh_tables(radius, spacing)
+def mesh_workspace(
+    width: float, height: float, radius: float, spacing: float, grains: int, fifth: float = 0.0
+) -> Mesh:
+    """Workspace for that many grains in a cell of that size [D]; ``fifth`` as of `mesh_tables`."""
     levels = mesh_level_count(max(width, height), radius, spacing)
+    tables = mesh_tables(radius, spacing, levels, fifth)
+    bands = tables.joined_bands()
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     begins, strides, most = [0], [], 0
@@ -209,8 +240,8 @@ def mesh_workspace(width: float, height: float, radius: float, spacing: float, g
     parts = PARTS if grains >= PARTED_FROM else 1
     return Mesh(
         spacing=spacing,
-        band_along=tables.band.along,
-        band_across=tables.band.across,
+        band_along=bands.along,
+        band_across=bands.across,
         rest_along=tables.rest.along,
         rest_across=tables.rest.across,
         source=np.zeros(begins[-1] + max(strides)),

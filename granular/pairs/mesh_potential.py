@@ -123,7 +123,7 @@ def _index_of_first_point(around: Array | None, mesh: Mesh, level: int) -> int:
 @compiled
 def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
     at, up = _index_of_first_point(mesh.around, mesh, level) + column, mesh.windows[level, UP]
-    along, across = mesh.band_along, mesh.band_across
+    along, across = mesh.band_along[level], mesh.band_across[level]
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
     convolve(
@@ -140,7 +140,7 @@ def _column_count(mesh: Mesh, level: int) -> int:
 @compiled(inline=True)
 def _column_cost(mesh: Mesh, level: int) -> int:
     """Cost of eight columns of a level: the last has more groups of terms, and a longer reach."""
-    table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along
+    table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along[0]
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
 

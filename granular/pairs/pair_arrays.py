@@ -10,6 +10,7 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
+from granular.pairs.simd import DISC_SCALE, SCALE
 
 
 class PairArrays(NamedTuple):
@@ -30,6 +31,10 @@ class PairArrays(NamedTuple):
         the parts of a sum take a row for each part.
     load, weight : float64 (m,) or None
         ``load`` is overwritten by sum_j weight_j / r^3.
+    series : float64 (5,) or None
+        Law of all pairs of discs, which stands for 1/r^3 and its slope; None for dipoles.
+    shift : float64 (m,) or None
+        Of unlike discs; see `granular.pairs.disc_tables.Discs`.
     """
 
     x: np.ndarray
@@ -41,6 +46,8 @@ class PairArrays(NamedTuple):
     extremes: np.ndarray | None = None
     load: np.ndarray | None = None
     weight: np.ndarray | None = None
+    series: np.ndarray | None = None
+    shift: np.ndarray | None = None
 
 
 @compiled(inline=True)
@@ -56,6 +63,8 @@ def with_extremes(arrays: PairArrays, extremes: Array) -> PairArrays:
         extremes,
         arrays.load,
         arrays.weight,
+        arrays.series,
+        arrays.shift,
     )
 
 
@@ -91,6 +100,12 @@ def scale_array(values: Array | None, factor: float) -> None:
 def value_or_one(values: Array | None, i: int) -> float:
     """Value of one grain; 1 where all grains are alike."""
     return 1.0 if values is None else values[i]
+
+
+@compiled(inline=True)
+def sum_scale(series: Array | None) -> float:
+    """Return the factor that sums lack before they are scaled."""
+    return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)

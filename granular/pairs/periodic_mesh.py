@@ -29,7 +29,17 @@ from numpy.typing import NDArray
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
-from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables
+from granular.pairs.mesh import (
+    ACROSS,
+    PARTS,
+    REACH,
+    UP,
+    Mesh,
+    Table,
+    Tables,
+    level_factors,
+    repeated,
+)
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.pairs.spline_stencil import put_spline, spline_sums
 
@@ -45,6 +55,9 @@ _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
 """Of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
 12 a are taken, and leave less than 1e-15."""
 
+_CELLS = 6.0
+"""Over the longer side: images this far away are summed of r^-5, which falls faster than waves."""
+
 _NOTHING, _DIGITS = 1e-5, 13
 """Products below this part of the first one are left out, which keeps eight of them: the others
 change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
@@ -59,8 +72,10 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
     return [(across * 2**k, up * 2**k) for k in reversed(range(levels))]
 
 
-def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: float) -> Samples:
-    """Sum of the far part of r^-3, split at a radius, over a point's images, at some distances."""
+def image_sum(
+    dx: Samples, dy: Samples, width: float, height: float, radius: float, fifth: float = 0.0
+) -> Samples:
+    """Sum of the far part of r^-3 + ``fifth`` r^-5, split at a radius, over a point's images."""
     from scipy.special import erfc, gammainc, gammaincc
 
     sharp = _SHARPNESS / math.sqrt(width * height)
@@ -86,7 +101,20 @@ def image_sum(dx: Samples, dy: Samples, width: float, height: float, radius: flo
                 fraction = 2.0 * sharp * math.exp(-((k / (2.0 * sharp)) ** 2))
                 fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
                 series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
-    return total + 2.0 * math.sqrt(math.pi) / (width * height) * series
+    total += 2.0 * math.sqrt(math.pi) / (width * height) * series
+    return total + _fifth_sum(dx, dy, (width, height), radius, fifth) if fifth else total
+
+
+def _fifth_sum(
+    dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float
+) -> Samples:
+    """Sum over images of the far part of ``fifth`` r^-5; farther ones are the same everywhere."""
+    total = np.zeros(np.broadcast(dx, dy).shape)
+    for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
+        for row in _image_numbers(max(radius, _CELLS * max(sides)), sides[1]):
+            square = (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
+            total += far_cube(square, radius, fifth) - far_cube(square, radius)
+    return total
 
 
 def _image_numbers(reach: float, side: float) -> range:
@@ -121,21 +149,23 @@ def _factor_table(table: Samples, reach: int) -> Table:
     return Table(along, across)
 
 
-def _band_table(radius: float, spacings: tuple[float, float]) -> Samples:
+def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> Samples:
     """Quarter of the band's table, up and across."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
-    samples = far_cube(square, radius) - far_cube(square, 2.0 * radius)
+    samples = far_cube(square, radius, fifth) - far_cube(square, 2.0 * radius, fifth)
     table = np.fft.fftshift(_divide_by_splines(np.fft.ifftshift(samples)))
     middle = len(n) // 2
     return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
 
 
-def _rest_table(width: float, height: float, radius: float, across: int, up: int) -> Samples:
+def _rest_table(
+    width: float, height: float, radius: float, across: int, up: int, fifth: float
+) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
-    table = _divide_by_splines(image_sum(dx, dy, width, height, radius))
+    table = _divide_by_splines(image_sum(dx, dy, width, height, radius, fifth))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
     if up % 2 == 0:
         quarter[-1] *= 0.5
@@ -145,15 +175,22 @@ def _rest_table(width: float, height: float, radius: float, across: int, up: int
 
 
 @functools.cache
-def image_tables(width: float, height: float, radius: float, spacing: float) -> Tables:
-    """Tables of the band and of the rest, for a periodic cell and a split radius [D]."""
+def image_tables(
+    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
+) -> Tables:
+    """Tables of the bands and of the rest, for a periodic cell and a split radius [D].
+
+    ``fifth`` is the factor of r^-5 in the far part.
+    """
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
-    band = _band_table(radius, (width / fine[0], height / fine[1]))
-    rest = _rest_table(width, height, radius * scale, *coarse) * scale**3
-    reach = max(*band.shape, *rest.shape)
-    return Tables(_factor_table(band, reach), _factor_table(rest, reach))
+    spacings = (width / fine[0], height / fine[1])
+    bands = [_band_table(radius, spacings, factor) for factor in level_factors(fifth, len(points))]
+    rest = _rest_table(width, height, radius * scale, *coarse, fifth) * scale**3
+    reach = max(*bands[0].shape, *rest.shape)
+    made = [_factor_table(band, reach) for band in bands]
+    return Tables(repeated(made, len(points)), _factor_table(rest, reach))
 
 
 BELOW, ABOVE = 1, 2
@@ -289,9 +326,12 @@ def prolong_periodic(mesh: Mesh, level: int) -> None:
             potential[out + 1] += half * (row[at] + row[at + 1])
 
 
-def periodic_mesh_workspace(width: float, height: float, radius: float, spacing: float) -> Mesh:
+def periodic_mesh_workspace(
+    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
+) -> Mesh:
     """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
-    tables = image_tables(width, height, radius, spacing)
+    tables = image_tables(width, height, radius, spacing, fifth)
+    bands = tables.joined_bands()
     points = periodic_mesh_points(width, height, spacing)
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
@@ -302,8 +342,8 @@ def periodic_mesh_workspace(width: float, height: float, radius: float, spacing:
     most = points[0][1]
     return Mesh(
         spacing=spacing,
-        band_along=tables.band.along,
-        band_across=tables.band.across,
+        band_along=bands.along,
+        band_across=bands.across,
         rest_along=tables.rest.along,
         rest_across=tables.rest.across,
         source=np.zeros(begins[-1]),

@@ -5,14 +5,51 @@ Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from granular.compiled import Array
 from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
+from granular.pairs.disc_tables import COMMON, ENERGY_TERM, FAR, FORCE
 from granular.pairs.pair_arrays import PairArrays
 
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
+
+
+class _Law(NamedTuple):
+    """Stand-ins for 1/r^5 in the force and 1/r^3 in the energy of a pair, and the sum's 1/r^5."""
+
+    slope: float
+    cube: float
+    fifth: float
+
+
+def _law(arrays: PairArrays, i: int, j: int, r: float) -> _Law:
+    if arrays.series is None:
+        fifth = pair_force(r) / (STRENGTH * r)
+        return _Law(fifth, pair_energy(r) / ENERGY, fifth)
+    rho2 = r * r - _shift(arrays, i, j)
+    fifth = np.abs(rho2) ** -2.5
+    slope, cube = (1.0 + arrays.series[k] * fifth for k in (FORCE, ENERGY_TERM))
+    return _Law(slope * fifth, cube * rho2 * fifth, fifth)
+
+
+def _shift(arrays: PairArrays, i: int, j: int) -> float:
+    assert arrays.series is not None
+    return float(
+        arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j]
+    )
+
+
+def _rest(arrays: PairArrays, i: int, j: int, radius: float) -> float:
+    """Value that stands for 1/r^3 where pairs end."""
+    rest = pair_energy(radius) / ENERGY
+    if arrays.series is None:
+        return rest
+    b = _shift(arrays, i, j) / radius**2
+    return rest * (1.0 + b * (1.5 + 1.875 * b))
 
 
 def plain_direct_sum(
@@ -22,41 +59,23 @@ def plain_direct_sum(
     nearest: Array | None,
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
-    x, y, fx, fy, moments, stiffness, extremes, load, weight = arrays
-    for out in (fx, fy, stiffness, extremes, load):
-        if out is not None:
-            out[:] = 0.0
-    q = np.ones(x.size) if moments is None else moments
+    _clear(arrays)
     # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
     old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
-    for i in range(x.size):
-        for j in range(i + 1, x.size):
-            dx, dy = x[i] - x[j], y[i] - y[j]
+    for i in range(arrays.x.size):
+        for j in range(i + 1, arrays.x.size):
+            dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
             rest = 0.0
-            if nearest is not None and max(x[i], x[j]) < PADDING:
+            if nearest is not None and max(arrays.x[i], arrays.x[j]) < PADDING:
                 dx -= nearest[0] * np.rint(dx / nearest[0])
                 dy -= nearest[1] * np.rint(dy / nearest[1])
             r = np.sqrt(dx * dx + dy * dy)
             if nearest is not None:
-                rest = pair_energy(nearest[2]) / ENERGY
                 if r >= nearest[2]:
                     continue
-            ratio = q[i] * q[j] * pair_force(r) / r
-            fx[i] += ratio * dx
-            fy[i] += ratio * dy
-            fx[j] -= ratio * dx
-            fy[j] -= ratio * dy
-            fourth = pair_force(r) / STRENGTH
-            cube = pair_energy(r) / ENERGY
-            if stiffness is not None:
-                stiffness[i] += q[j] * fourth / r
-                stiffness[j] += q[i] * fourth / r
-            if extremes is not None:
-                extremes[0] += q[i] * q[j] * (cube - rest)
-                extremes[1] = max(extremes[1], fourth / r)
-            if load is not None and weight is not None:
-                load[i] += weight[j] * cube
-                load[j] += weight[i] * cube
+                rest = _rest(arrays, i, j, nearest[2])
+            law = _law(arrays, i, j, r)
+            _add_pair(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
     np.seterr(**old)
 
 
@@ -73,37 +92,50 @@ def plain_cut_sum(
     With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
     periodic cell, where each grain meets the nearest image of every other one.
     """
-    x, y, fx, fy, moments, stiffness, extremes, load, weight = arrays
-    for out in (fx, fy, stiffness, extremes, load):
-        if out is not None:
-            out[:] = 0.0
-    q = np.ones(x.size) if moments is None else moments
+    _clear(arrays)
     periods = getattr(stripes, "periods", None)
+    fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
     for i in range(grains):
         for j in range(i + 1, grains):
-            dx, dy = x[i] - x[j], y[i] - y[j]
+            dx, dy = arrays.x[i] - arrays.x[j], arrays.y[i] - arrays.y[j]
             if periods is not None:
                 dx -= periods[0] * np.rint(dx / periods[0])
                 dy -= periods[1] * np.rint(dy / periods[1])
             r = np.sqrt(dx * dx + dy * dy)
             if r < radius:
-                pairs = np.array([q[i] * q[j], q[j], q[i]])
-                far = 0.0 if smooth is None else float(far_fifth(np.array(r * r), radius))
-                ratio = pairs[0] * (pair_force(r) / r - STRENGTH * far)
-                for position, sign in ((i, 1.0), (j, -1.0)):
-                    fx[position] += sign * ratio * dx
-                    fy[position] += sign * ratio * dy
-                fifth = pair_force(r) / (STRENGTH * r)
-                cube = pair_energy(r) / ENERGY
-                rest = pair_energy(radius) / ENERGY
+                law, square = _law(arrays, i, j, r), np.array(r * r)
+                slope, cube, rest = law.slope, law.cube, _rest(arrays, i, j, radius)
                 if smooth is not None:
-                    cube, rest = cube - float(far_cube(np.array(r * r), radius)), 0.0
-                if stiffness is not None:
-                    stiffness[i] += pairs[1] * fifth
-                    stiffness[j] += pairs[2] * fifth
-                if extremes is not None:
-                    extremes[0] += pairs[0] * (cube - rest)
-                    extremes[1] = max(extremes[1], fifth)
-                if load is not None and weight is not None:
-                    load[i] += weight[j] * cube
-                    load[j] += weight[i] * cube
+                    slope -= float(far_fifth(square, radius, fifth))
+                    cube -= float(far_cube(square, radius, fifth))
+                    rest -= float(far_cube(np.array(radius**2), radius, fifth))
+                _add_pair(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
+
+
+def _clear(arrays: PairArrays) -> None:
+    for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.extremes, arrays.load):
+        if out is not None:
+            out[:] = 0.0
+
+
+def _add_pair(
+    arrays: PairArrays, pair: tuple[int, int], apart: tuple[float, float], fifth: float,
+    slope: float, cube: float, rest: float,
+) -> None:  # fmt: skip
+    """Add a pair to all sums, with what stands for 1/r^5 and 1/r^3; energies are less by a rest."""
+    i, j = pair
+    q = np.ones(arrays.x.size) if arrays.moments is None else arrays.moments
+    ratio = q[i] * q[j] * STRENGTH * slope
+    for position, sign in ((i, 1.0), (j, -1.0)):
+        arrays.fx[position] += sign * ratio * apart[0]
+        arrays.fy[position] += sign * ratio * apart[1]
+    if arrays.stiffness is not None:
+        arrays.stiffness[i] += q[j] * fifth
+        arrays.stiffness[j] += q[i] * fifth
+    if arrays.extremes is not None:
+        arrays.extremes[0] += q[i] * q[j] * (cube - rest)
+        r = np.hypot(*apart)
+        arrays.extremes[1] = max(arrays.extremes[1], pair_force(r) / (STRENGTH * r))
+    if arrays.load is not None and arrays.weight is not None:
+        arrays.load[i] += arrays.weight[j] * cube
+        arrays.load[j] += arrays.weight[i] * cube

@@ -127,17 +127,13 @@ def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
 
 
 @compiled
-def _sort_values(
-    stripes: Stripes, grains: int, moments: Array | None, weight: Array | None
+def _put_values(
+    values: Array | None, sorted_values: Array | None, stripes: Stripes, grains: int
 ) -> None:
-    if moments is not None and stripes.moments is not None:
-        stripes.moments[:] = 0.0
+    if values is not None and sorted_values is not None:
+        sorted_values[:] = 0.0
         for k in range(grains):
-            stripes.moments[stripes.slot[k]] = moments[stripes.order[k]]
-    if weight is not None and stripes.weight is not None:
-        stripes.weight[:] = 0.0
-        for k in range(grains):
-            stripes.weight[stripes.slot[k]] = weight[stripes.order[k]]
+            sorted_values[stripes.slot[k]] = values[stripes.order[k]]
 
 
 @compiled(inline=True)
@@ -153,11 +149,11 @@ def _list_runs_of_bed(shifts: Array | None, stripes: Stripes, grains: int, reach
 
 
 @compiled
-def _list_partners(
-    stripes: Stripes, grains: int, moments: Array | None, weight: Array | None, radius: float
-) -> None:
+def _list_partners(stripes: Stripes, grains: int, arrays: PairArrays, radius: float) -> None:
     number = _list_runs_of_bed(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
-    _sort_values(stripes, grains, moments, weight)
+    _put_values(arrays.moments, stripes.moments, stripes, grains)
+    _put_values(arrays.weight, stripes.weight, stripes, grains)
+    _put_values(arrays.shift, stripes.shift, stripes, grains)
     _distribute_rows(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
     stripes.memory[STRIPES] = number
@@ -218,7 +214,7 @@ def refresh_lists(stripes: Stripes, arrays: PairArrays, grains: int, radius: flo
         stripes.memory[BUILDS] += 1.0
         stripes.memory[LISTED] = 0.0
     if stripes.memory[LISTED] == 0.0:
-        _list_partners(stripes, grains, arrays.moments, arrays.weight, radius)
+        _list_partners(stripes, grains, arrays, radius)
     stripes.memory[CALLS] += 1.0
     return True
 

@@ -52,7 +52,7 @@ class Stripes(NamedTuple):
     ----------
     x, y : float64 (s,)
         In the order of stripes, with far points between them.
-    moments, weight : float64 (s,) or None
+    moments, weight, shift : float64 (s,) or None
     fx, fy, stiffness, load : float64 (parts, s), the last one or None
         Sums of each part, where it has any.
     rows, firsts : int64 (parts + 1,)
@@ -85,6 +85,7 @@ class Stripes(NamedTuple):
     y: np.ndarray
     moments: np.ndarray | None
     weight: np.ndarray | None
+    shift: np.ndarray | None
     fx: np.ndarray
     fy: np.ndarray
     stiffness: np.ndarray
@@ -110,7 +111,12 @@ def _most_stripes(size: int) -> int:
 
 
 def stripes_workspace(
-    size: int, *, moments: bool, loaded: bool, periods: tuple[float, float] | None = None
+    size: int,
+    *,
+    moments: bool,
+    loaded: bool,
+    shifted: bool = False,
+    periods: tuple[float, float] | None = None,
 ) -> Stripes:
     """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOff`."""
     around = periods is not None
@@ -123,6 +129,7 @@ def stripes_workspace(
         y=np.zeros(length),
         moments=np.zeros(length) if moments else None,
         weight=np.zeros(length) if loaded else None,
+        shift=np.zeros(length) if shifted else None,
         fx=np.zeros((parts, length)),
         fy=np.zeros((parts, length)),
         stiffness=np.zeros((parts, length)),

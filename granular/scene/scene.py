@@ -233,6 +233,11 @@ class Scene(Section):
         return walls is not None and not walls.has_gap and None not in walls.sides
 
     def _check_pairs(self) -> None:
+        if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
+            raise FieldError(
+                "de Paula's list knows dipoles alone; take 'direct', or grains.magnets = 'dipoles'",
+                "pairs", "method",
+            )  # fmt: skip
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:

@@ -15,8 +15,11 @@ from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
 from granular.pairs.direct import padded_values
+from granular.pairs.disc_tables import FAR, Discs, make_discs
+from granular.pairs.discs import Disc
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
 from granular.pairs.section import SPLIT_RADIUS
+from granular.pairs.simd import pad_to_vectors
 from granular.pairs.stripes import CutOff
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
@@ -107,7 +110,10 @@ def _acting_laws(
     weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
+    discs = None if dipole is None else _discs(scene, scales, species)
     far = _far_field(scene, scales, summed, method)
+    if far is not None and discs is not None:
+        far = far._replace(fifth=float(discs.series[FAR]))
     periods = _periodic_sides(scene, scales)
     workspace = None if periods is None else min(periods)
     radius = scene.pairs.radius(summed, scales.length, workspace) if far is None else far.radius
@@ -118,6 +124,8 @@ def _acting_laws(
     elif radius is not None:
         several = len(grains.species) > 1 or grains.spread > 0.0
         cut = CutOff(radius, several, None if far is None else True, periods)
+    if discs is not None:
+        _check_reach(discs, scales, radius, periods)
     laws = tuple(effect.law(setting) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
@@ -130,7 +138,35 @@ def _acting_laws(
         listing=scene.pairs.listing(scales.length) if summed == "verlet-list" else None,
         far=far,
         nearest=nearest,
+        discs=discs,
+        series=None if discs is None else discs.series,
+        shift=None if discs is None else discs.shift,
     )
+
+
+def _discs(scene: Scene, scales: Scales, species: np.ndarray) -> Discs | None:
+    """Law of the grains as discs; None where they are dipoles."""
+    grains = scene.grains
+    if grains.magnets == "dipoles":
+        return None
+    discs = [
+        Disc(0.5 * specy.diameter / scales.length, float(thickness) / scales.length)
+        for specy, thickness in zip(grains.species, grains.of_species("thickness"), strict=True)
+    ]
+    return make_discs(discs, species, pad_to_vectors(len(species)))
+
+
+def _check_reach(
+    discs: Discs, scales: Scales, radius: float | None, periods: tuple[float, float] | None
+) -> None:
+    """Raise `InputError` where pairs end before the law of discs is close to that of dipoles."""
+    most = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])
+    if most < discs.reach:
+        raise InputError(
+            f"grains.magnets = 'cylinders': pairs end at {most * scales.length:.4g} m, where these "
+            f"discs need {discs.reach * scales.length:.4g} m; take a longer pairs.cut_off, a "
+            "larger cell, or 'dipoles'"
+        )
 
 
 def _periodic_sides(scene: Scene, scales: Scales) -> tuple[float, float] | None:

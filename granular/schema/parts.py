@@ -61,6 +61,10 @@ class Grains(Section):
         for two species [D, 4.2.2]: every k-th grain is of the second one, k = floor(1/R) for its
         fraction R up to 1/2, or every k-th is of the first one, k = floor(1/(1 - R)), above. It
         makes other fractions than it is given (1/2 for every R in (1/3, 1/2]); see `shares`.
+    magnets : str
+        ``"dipoles"``: point dipoles, as de Paula's; or ``"cylinders"``: uniformly magnetised discs
+        of each species' diameter and thickness, mid-planes level, which repel nearby by more: twice
+        as much where discs half as thick as wide touch.
     """
 
     count: int = integer(most=10**8)
@@ -71,6 +75,7 @@ class Grains(Section):
     spread: float = quantity("1", default=0.0, least=0.0, most=0.3)
     seed: int = integer(default=1)
     mixing: str = choice("interspersed", "every-kth", default="interspersed")
+    magnets: str = choice("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
         total = sum(specy.share for specy in self.species)
@@ -85,8 +90,10 @@ class Grains(Section):
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as of `Section.to_plain`; a spread is written where there is one."""
+        """Plain data as of `Section.to_plain`; spread and discs are written where there are any."""
         plain = super().to_plain()
+        if self.magnets == "dipoles":
+            del plain["magnets"]
         if self.spread == 0.0:
             del plain["spread"], plain["seed"]
         return plain

@@ -147,7 +147,7 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
 def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
     """Spacings double from level to level; the last one's table reaches over all of the bed."""
     spacing = 0.75
-    reach = mesh.mesh_tables(RADIUS, spacing).band.along.shape[1] - 1
+    reach = mesh.mesh_tables(RADIUS, spacing, 1).bands[0].along.shape[1] - 1
     levels = mesh.mesh_level_count(extent, RADIUS, spacing)
     assert spacing * reach * 2.0 ** (levels - 1) >= extent
     assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent

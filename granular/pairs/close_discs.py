@@ -1,0 +1,418 @@
+"""Close pairs of discs: what their law has beyond that of all pairs, from a list and tables.
+
+The list holds the pairs within the reach of the tables and a skin, in the order of their grains.
+What a pair adds does not depend on when the list was made, and neither does the order of the sums:
+a run that goes on from a checkpoint has the bits of one that was not interrupted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.compiled import Array, compiled
+from granular.pairs.dipole import STRENGTH
+from granular.pairs.disc_tables import (
+    CONTACT,
+    END,
+    FORCE,
+    HEIGHT,
+    LEAST,
+    PER_PIECE,
+    SHIFT,
+    SINGULAR,
+    SMOOTH,
+    START,
+    STIFFNESS,
+    CloseTables,
+    Discs,
+)
+from granular.pairs.pair_arrays import PairArrays, add_at, value_or_one
+
+SKIN = 0.3
+"""Added to the reach of the list [D]: it is made anew once a grain has moved by half of it."""
+
+_PARTNERS = 24
+"""Room for pairs, per grain, at a reach of 2 D; a longer one needs more, as its square."""
+
+
+class CloseDiscs(NamedTuple):
+    """The list of close pairs, and what makes it.
+
+    Attributes
+    ----------
+    first, second : int32 (p,)
+        The pairs: the first grain is the lower one, and pairs are in order.
+    filled : int64 (1,)
+        How many there are.
+    built : float64 (2, m)
+        Positions at which the list was made [D].
+    grains : int64 (1,)
+        Number of grains then; -1 before.
+    cell, order : int64 (m,)
+    firsts : int64 (c,)
+        Cell of each grain, grains in the order of cells, and where each cell's begin.
+    periods : float64 (2,) or None
+        Sides of a periodic cell [D].
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    filled: np.ndarray
+    built: np.ndarray
+    grains: np.ndarray
+    cell: np.ndarray
+    order: np.ndarray
+    firsts: np.ndarray
+    periods: np.ndarray | None
+
+
+def close_discs_workspace(
+    size: int, reach: float, periods: tuple[float, float] | None
+) -> CloseDiscs:
+    """Workspace for that many grains (padded) and that reach of the tables [D]."""
+    capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
+    capacity = min(capacity, max(1, size * (size - 1) // 2))
+    return CloseDiscs(
+        first=np.zeros(capacity, dtype=np.int32),
+        second=np.zeros(capacity, dtype=np.int32),
+        filled=np.zeros(1, dtype=np.int64),
+        built=np.zeros((2, size)),
+        grains=np.full(1, -1, dtype=np.int64),
+        cell=np.zeros(size, dtype=np.int64),
+        order=np.zeros(size, dtype=np.int64),
+        firsts=np.zeros(2 * size + 16, dtype=np.int64),
+        periods=None if periods is None else np.array(periods),
+    )
+
+
+@compiled(inline=True)
+def _nearest(periods: Array | None, axis: int, displacement: float) -> float:
+    if periods is None:
+        return displacement
+    return displacement - periods[axis] * np.rint(displacement / periods[axis])
+
+
+@compiled(inline=True)
+def _home(periods: Array | None, axis: int, position: float) -> float:
+    if periods is None:
+        return position
+    return position - periods[axis] * np.floor(position / periods[axis])
+
+
+@compiled(inline=True)
+def _extent(periods: Array | None, axis: int, values: Array, grains: int) -> tuple[float, float]:
+    """Lowest position along an axis, and the extent from there on."""
+    if periods is not None:
+        return 0.0, periods[axis]
+    low, high = values[0], values[0]
+    for i in range(grains):
+        low, high = min(low, values[i]), max(high, values[i])
+    return low, high - low
+
+
+@compiled(inline=True)
+def _around(periods: Array | None, line: int, lines: int) -> int:
+    """Line of cells beside another one; -1 outside of a closed cell."""
+    if periods is not None:
+        return line % lines
+    return line if 0 <= line < lines else -1
+
+
+@compiled
+def _sort(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> tuple[int, int]:
+    """Sort grains into cells no smaller than the reach; return the columns and rows."""
+    periods, firsts = close.periods, close.firsts
+    left, width = _extent(periods, 0, x, grains)
+    low, height = _extent(periods, 1, y, grains)
+    most = math.floor(math.sqrt(firsts.size - 8.0))
+    columns = int(max(1.0, min(np.floor(width / reach), most)))
+    rows = int(max(1.0, min(np.floor(height / reach), (firsts.size - 2.0) // columns)))
+    # Two lines round a periodic cell are neighbours on both sides, and would be met twice.
+    columns, rows = 1 if columns < 3 else columns, 1 if rows < 3 else rows
+    wide, high = max(width / columns, reach), max(height / rows, reach)
+    firsts[: columns * rows + 1] = 0
+    for i in range(grains):
+        across = int((_home(periods, 0, x[i]) - left) / wide)
+        up = int((_home(periods, 1, y[i]) - low) / high)
+        close.cell[i] = min(up, rows - 1) * columns + min(across, columns - 1)
+        firsts[close.cell[i] + 1] += 1
+    for cell in range(columns * rows):
+        firsts[cell + 1] += firsts[cell]
+    for i in range(grains - 1, -1, -1):
+        firsts[close.cell[i] + 1] -= 1
+        close.order[firsts[close.cell[i] + 1]] = i
+    for cell in range(columns * rows):
+        firsts[cell] = firsts[cell + 1]
+    firsts[columns * rows] = grains
+    return columns, rows
+
+
+@compiled
+def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
+    """Fill the list; False where it has no room."""
+    columns, rows = _sort(close, x, y, grains, reach)
+    periods, second, last = close.periods, close.second, 0
+    for i in range(grains):
+        begin = last
+        column, row = close.cell[i] % columns, close.cell[i] // columns
+        for up in range(-1 if rows > 1 else 0, 2 if rows > 1 else 1):
+            for by in range(-1 if columns > 1 else 0, 2 if columns > 1 else 1):
+                line = _around(periods, row + up, rows)
+                across = _around(periods, column + by, columns)
+                if line < 0 or across < 0:
+                    continue
+                cell = line * columns + across
+                for k in range(close.firsts[cell], close.firsts[cell + 1]):
+                    j = close.order[k]
+                    dx = _nearest(periods, 0, x[i] - x[j])
+                    dy = _nearest(periods, 1, y[i] - y[j])
+                    if j > i and dx * dx + dy * dy < reach * reach:
+                        if last == second.size:
+                            return False
+                        # In their order: the sums do not depend on when the list was made.
+                        at = last
+                        while at > begin and second[at - 1] > j:
+                            second[at] = second[at - 1]
+                            at -= 1
+                        second[at] = j
+                        close.first[last] = i
+                        last += 1
+    close.filled[0] = last
+    return True
+
+
+@compiled
+def _refresh(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
+    """Make the list hold every pair within the reach; False where it cannot."""
+    moved, most = 0, 0.25 * SKIN * SKIN
+    for i in range(grains):
+        dx, dy = x[i] - close.built[0, i], y[i] - close.built[1, i]
+        moved += not dx * dx + dy * dy < most
+    if moved == 0 and close.grains[0] == grains:
+        return True
+    odd = 0
+    for i in range(grains):
+        odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
+        close.built[0, i], close.built[1, i] = x[i], y[i]
+    close.grains[0] = -1 if odd else grains
+    return odd == 0 and _list_partners(close, x, y, grains, reach + SKIN)
+
+
+@compiled(inline=True)
+def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
+    return 0 if species is None else species[i] * kinds + species[j]
+
+
+@compiled(inline=True)
+def _numbers(tables: CloseTables, row: int) -> tuple[float, float, float, float]:
+    """Entries of a pair of species that the forces take."""
+    pairs = tables.pairs
+    return pairs[row, START], pairs[row, PER_PIECE], pairs[row, SMOOTH], pairs[row, END]
+
+
+@compiled(inline=True)
+def _numbers_of(
+    species: Array | None, tables: CloseTables, row: int, alike: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """Those of a pair: where all grains are alike they stay in registers."""
+    return alike if species is None else _numbers(tables, row)
+
+
+@compiled(inline=True)
+def _piece_of(tables: CloseTables, start: float, per_piece: float, u: float) -> tuple[int, float]:
+    """Piece of a table at r^2 = u, and the fraction of it that is passed."""
+    passed, last = (u - start) * per_piece, tables.pieces.shape[1] - 1
+    piece = max(int(passed), 0) if passed < last else last
+    return piece, passed - piece
+
+
+@compiled(inline=True)
+def _piece_at(tables: CloseTables, row: int, u: float) -> tuple[int, float]:
+    return _piece_of(tables, tables.pairs[row, START], tables.pairs[row, PER_PIECE], u)
+
+
+@compiled(inline=True)
+def _cubic(tables: CloseTables, row: int, k: int, t: float) -> float:
+    """F/r that a piece adds, over the moments."""
+    p = tables.pieces
+    return p[row, k, 0] + t * p[row, k, 1] + t * t * (p[row, k, 2] + t * p[row, k, 3])
+
+
+@compiled(inline=True)
+def _energy(tables: CloseTables, row: int, u: float) -> float:
+    """Energy that they add."""
+    k, t = _piece_at(tables, row, u)
+    p = tables.pieces
+    passed = p[row, k, 1] / 2.0 + t * (p[row, k, 2] / 3.0 + t * p[row, k, 3] / 4.0)
+    passed = t * (p[row, k, 0] + t * passed) / tables.pairs[row, PER_PIECE]
+    return tables.energies[row, k] - 0.5 * passed
+
+
+@compiled(inline=True)
+def _slope(tables: CloseTables, row: int, u: float) -> float:
+    """d(F/r)/d(r^2) that they add."""
+    k, t = _piece_at(tables, row, u)
+    p = tables.pieces
+    slope = p[row, k, 1] + t * (2.0 * p[row, k, 2] + 3.0 * t * p[row, k, 3])
+    return tables.pairs[row, PER_PIECE] * slope
+
+
+@compiled
+def _singular(tables: CloseTables, row: int, u: float) -> tuple[float, float, float]:
+    """F/r, energy and d(F/r)/d(r^2) of the singular part; the root is that of x + iz."""
+    factor = tables.pairs[row, SINGULAR]
+    x, z = u - tables.pairs[row, CONTACT], tables.pairs[row, HEIGHT]
+    size = math.sqrt(x * x + z * z)
+    real, imaginary = math.sqrt(0.5 * (size + x)), math.sqrt(0.5 * (size - x))
+    energy = -0.2 * ((x * x - z * z) * real - 2.0 * x * z * imaginary)
+    return factor * (x * real - z * imaginary), factor * energy, factor * 1.5 * real
+
+
+@compiled
+def _stiffness(discs: Discs, row: int, u: float) -> float:
+    """Stiffness of a close pair less the bound that stands for it, over the moments."""
+    tables, force = discs.close, discs.series[FORCE]
+    rho2 = u - tables.pairs[row, SHIFT]
+    fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
+    ratio = STRENGTH * fifth * (1.0 + force * fifth) + _cubic(
+        tables, row, *_piece_at(tables, row, u)
+    )
+    slope = -2.5 * STRENGTH * fifth / rho2 * (1.0 + 2.0 * force * fifth) + _slope(tables, row, u)
+    if u < tables.pairs[row, SMOOTH]:
+        more, _, by_u = _singular(tables, row, u)
+        ratio, slope = ratio + more, slope + by_u
+    bound = 3.0 * discs.series[STIFFNESS] * fifth
+    return max(abs(ratio + 2.0 * u * slope), abs(ratio)) - bound
+
+
+@compiled
+def _energy_beyond(tables: CloseTables, row: int, u: float) -> float:
+    """Energy that a table adds, over the moments."""
+    singular = _singular(tables, row, u)[1] if u < tables.pairs[row, SMOOTH] else 0.0
+    return _energy(tables, row, u) + singular
+
+
+@compiled(inline=True)
+def _apart(periods: Array | None, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
+    """Displacement from one grain to another, or to its nearest image."""
+    return _nearest(periods, 0, x[i] - x[j]), _nearest(periods, 1, y[i] - y[j])
+
+
+def closest_over_contact(
+    discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.ndarray
+) -> tuple[float, int]:
+    """Least distance of two discs over that at which they touch, and the first of them."""
+    i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]
+    if not len(i):
+        return math.inf, -1
+    apart = np.array([x[i] - x[j], y[i] - y[j]])
+    if close.periods is not None:
+        apart -= close.periods[:, None] * np.rint(apart / close.periods[:, None])
+    row = 0 if discs.species is None else discs.species[i] * discs.kinds + discs.species[j]
+    ratio = np.hypot(*apart) / np.sqrt(discs.close.pairs[row, CONTACT])
+    return float(ratio.min()), int(i[ratio.argmin()])
+
+
+@compiled
+def _add_forces(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
+    """Add the forces of the pieces; return how many pairs have a singular part as well."""
+    x, y, tables, touching, p = arrays.x, arrays.y, discs.close, 0, 0
+    alike = _numbers(tables, 0)
+    while p < close.filled[0]:
+        # The grain's own sum stays in registers: a sum in memory waits for the one before it.
+        i, fx, fy = close.first[p], 0.0, 0.0
+        first = value_or_one(arrays.moments, i)
+        while p < close.filled[0] and close.first[p] == i:
+            j = close.second[p]
+            p += 1
+            dx, dy = _apart(close.periods, x, y, i, j)
+            u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+            start, per_piece, smooth, end = _numbers_of(discs.species, tables, row, alike)
+            if u < end:
+                touching += u < smooth
+                piece, t = _piece_of(tables, start, per_piece, u)
+                ratio = first * value_or_one(arrays.moments, j) * _cubic(tables, row, piece, t)
+                fx += ratio * dx
+                fy += ratio * dy
+                arrays.fx[j] -= ratio * dx
+                arrays.fy[j] -= ratio * dy
+        arrays.fx[i] += fx
+        arrays.fy[i] += fy
+    return touching
+
+
+@compiled(inline=True)
+def _push(arrays: PairArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
+    fx, fy = ratio * dx, ratio * dy
+    arrays.fx[i] += fx
+    arrays.fy[i] += fy
+    arrays.fx[j] -= fx
+    arrays.fy[j] -= fy
+
+
+# By itself: most beds have no such pair, and its roots take longer than all else.
+@compiled
+def _add_touching(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
+    """Add the forces of the singular parts; return how many pairs are too near."""
+    tables, crowded = discs.close, 0
+    for p in range(close.filled[0]):
+        i, j = close.first[p], close.second[p]
+        dx, dy = _apart(close.periods, arrays.x, arrays.y, i, j)
+        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+        if u < tables.pairs[row, SMOOTH]:
+            crowded += u < tables.pairs[row, LEAST]
+            both = value_or_one(arrays.moments, i) * value_or_one(arrays.moments, j)
+            _push(arrays, i, j, dx, dy, both * _singular(tables, row, u)[0])
+    return crowded
+
+
+@compiled
+def _add_sums(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> None:
+    """Add what is asked for besides forces."""
+    tables = discs.close
+    for p in range(close.filled[0]):
+        i, j = close.first[p], close.second[p]
+        dx, dy = _apart(close.periods, arrays.x, arrays.y, i, j)
+        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+        if u < tables.pairs[row, END]:
+            first, second = value_or_one(arrays.moments, i), value_or_one(arrays.moments, j)
+            # As 1/r^3 in the sums, and the stiffness as 1/r^5.
+            cube = 3.0 / STRENGTH * _energy_beyond(tables, row, u)
+            fifth = _stiffness(discs, row, u) / (3.0 * discs.series[STIFFNESS])
+            add_at(arrays.extremes, 0, first * second * cube)
+            add_at(arrays.load, i, value_or_one(arrays.weight, j) * cube)
+            add_at(arrays.load, j, value_or_one(arrays.weight, i) * cube)
+            add_at(arrays.stiffness, i, second * fifth)
+            add_at(arrays.stiffness, j, first * fifth)
+
+
+@compiled(inline=True)
+def _add_wanted(wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: PairArrays) -> bool:
+    if wanted is None:
+        return False
+    _add_sums(discs, close, arrays)
+    return True
+
+
+@compiled
+def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: PairArrays) -> int:
+    """Add to all sums what close pairs have beyond the law of all pairs.
+
+    Returns
+    -------
+    int
+        Pairs nearer than `CLOSEST` of the distance of contact; 1 where there are too many pairs.
+    """
+    if grains == 0:
+        return 0
+    if not _refresh(close, arrays.x, arrays.y, grains, discs.reach):
+        return 1
+    touching, crowded = _add_forces(discs, close, arrays), 0
+    if touching > 0:
+        crowded = _add_touching(discs, close, arrays)
+    if not _add_wanted(arrays.extremes, discs, close, arrays):
+        _add_wanted(arrays.load, discs, close, arrays)
+    return crowded

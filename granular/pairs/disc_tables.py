@@ -1,0 +1,295 @@
+"""Discs as kernels take them: a law that serves all pairs, and tables for the close ones.
+
+All pairs are summed by (natural units, moments aside, rho^2 = r^2 - b)
+
+    E = (1/4) (rho^-3 + c rho^-8),   F/r = (3/4) (rho^-5 + (8/3) c rho^-10),
+
+the dipoles' law at another distance with a term that takes nothing but two products, for rho^-5 is
+there. With b the far field is exact up to the second multipole, and c is what brings this law
+closest to that of `granular.pairs.discs` beyond a distance. Nearer pairs have the difference added,
+from a table of F/r in r^2 for each pair of species: cubic pieces, and the singular part at contact.
+Its energy is the integral of the same pieces. Below contact the force goes on with its value and
+slope.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.pairs.dipole import STRENGTH
+from granular.pairs.discs import (
+    Disc,
+    Samples,
+    contact_distance,
+    contact_singularity,
+    disc_energy_and_force,
+    disc_shift,
+    pair_shift,
+)
+from granular.shared.errors import InputError
+
+TOLERANCE, RELATIVE = 8e-7, 8e-6
+"""Error of the law beyond the tables: of energy and force at contact, or of these themselves."""
+
+CLOSEST = 0.98
+"""Distance over that of contact at which a run stops."""
+
+_PIECE = 0.016
+"""Width of a piece in r^2, over the square of the contact distance; errors are below 1e-7."""
+
+_SINGULAR_PIECES = 20
+"""Pieces, from contact on, that do without the singular part: up to 1.15 of the distance."""
+
+_WINDOW = 1.05
+"""Last part of a table, over where the law is good enough, in which it goes to zero."""
+
+_REACHES = np.arange(1.3, 8.01, 0.05)
+"""Ends of the tables that are tried, over the greatest contact distance."""
+
+_BEYOND = 40.0
+"""Greatest distance looked at, over that of contact."""
+
+COMMON, FORCE, ENERGY_TERM, FAR, STIFFNESS = range(5)
+"""Entries of a series: b of all pairs (of alike discs); (8/3) c; c; the factor of r^-5 that the far
+field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho."""
+
+START, PER_PIECE, CONTACT, HEIGHT, SINGULAR, LEAST, SMOOTH, END, SHIFT = range(9)
+"""Entries of a pair of species: r^2 at which the table starts; pieces per D^2; r^2 at contact; z
+over a length of r^2, and factor, of the singular part; r^2 at which a run stops, from which on the
+pieces hold the singular part, and at which the table ends, infinite where that is all zero; b."""
+
+
+class CloseTables(NamedTuple):
+    """Tables of the close pairs, for each pair of species.
+
+    Attributes
+    ----------
+    pairs : float64 (p, 9)
+        See `START` and the others.
+    pieces : float64 (p, n, 4)
+        Coefficients of F/r over the moments [F*/D], in the fraction of a piece that is passed.
+    energies : float64 (p, n + 1)
+        Energy at the start of each piece, without the singular part [F* D].
+    """
+
+    pairs: np.ndarray
+    pieces: np.ndarray
+    energies: np.ndarray
+
+
+class Discs(NamedTuple):
+    """The grains as discs; see the head of this file.
+
+    Attributes
+    ----------
+    series : float64 (5,)
+        See `COMMON` and the others.
+    shift : float64 (m,) or None
+        Part of each grain in b [D^2]; None where all are alike.
+    species : int64 (m,) or None
+        Species of each grain; None where all are alike.
+    kinds : int
+        Number of species.
+    reach : float
+        Distance at which the longest table ends [D].
+    close : CloseTables
+    """
+
+    series: np.ndarray
+    shift: np.ndarray | None
+    species: np.ndarray | None
+    kinds: int
+    reach: float
+    close: CloseTables
+
+
+class _Pair(NamedTuple):
+    """Two discs, and their exact law at distances from contact on; over that of dipoles."""
+
+    discs: tuple[Disc, Disc]
+    r: Samples
+    energy: Samples
+    force: Samples
+
+    @property
+    def shift(self) -> float:
+        return pair_shift(*self.discs)
+
+    def errors(self, begin: float, c: float) -> Samples:
+        """Errors of the law of `Discs` from a distance on, over what is allowed."""
+        energy, force = _law(self.r, self.shift, c)
+        chosen = self.r >= begin
+        return np.concatenate(
+            [
+                ((law - exact) / np.maximum(TOLERANCE * exact[0], RELATIVE * exact))[chosen]
+                for law, exact in ((energy, self.energy), (force, self.force))
+            ]
+        )
+
+
+def _law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
+    """Energy and force of the law of all pairs, over those scales of dipoles."""
+    rho = np.sqrt(r * r - shift)
+    return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
+
+
+def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
+    """Law and tables of some species of discs, in units of the first one's diameter.
+
+    Parameters
+    ----------
+    discs : sequence of Disc
+    species : int (n,)
+        Species of each grain.
+    size : int
+        Padded number of grains.
+    """
+    made, alike, own = _of_species(tuple(discs)), len(discs) == 1, [disc_shift(d) for d in discs]
+    series = made.series.copy()
+    series[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
+    shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
+    shift[: len(species)], index[: len(species)] = [own[k] for k in species], species
+    return made._replace(
+        series=series, shift=None if alike else shift, species=None if alike else index
+    )
+
+
+@functools.cache
+def _of_species(discs: tuple[Disc, ...]) -> Discs:
+    """Law and tables, without what differs from grain to grain."""
+    kinds = range(len(discs))
+    pairs = {(i, j): _exact(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
+    c = _fit(list(pairs.values()))
+    begins = {key: _begin(pair, c) for key, pair in pairs.items()}
+    made = {key: _table(pair.discs, begins[key], c) for key, pair in pairs.items()}
+    tables = [made[min(i, j), max(i, j)] for i in kinds for j in kinds]
+    # One piece of zeros behind each table: what is listed beyond it need not be left out.
+    most = max(len(pieces) for _, pieces, _ in tables) + 1
+    if len(discs) == 1:
+        tables[0][0][END] = np.inf
+    common = 2.0 * disc_shift(discs[0]) if len(discs) == 1 else 0.0
+    slope = max(_greatest_stiffness(pair, begins[key], c) for key, pair in pairs.items())
+    return Discs(
+        series=np.array([common, 8.0 / 3.0 * c, c, 0.0, slope]),
+        shift=None,
+        species=None,
+        kinds=len(discs),
+        reach=_WINDOW * max(begins.values()),
+        close=CloseTables(
+            np.array([numbers for numbers, _, _ in tables]),
+            np.array([np.pad(p, ((0, most - len(p)), (0, 0))) for _, p, _ in tables]),
+            np.array([np.pad(e, (0, most + 1 - len(e))) for _, _, e in tables]),
+        ),
+    )
+
+
+def _exact(first: Disc, second: Disc) -> _Pair:
+    contact = contact_distance(first, second)
+    r = np.geomspace(contact, _BEYOND * contact, 400)
+    return _Pair((first, second), r, *disc_energy_and_force(r, first, second))
+
+
+def _fit(pairs: Sequence[_Pair]) -> float:
+    """Return the c that makes the law good enough from the least distance on."""
+    longest = max(pair.r[0] for pair in pairs)
+    for begin in _REACHES * longest:
+        at_zero = np.concatenate([pair.errors(begin, 0.0) for pair in pairs])
+        slopes = np.concatenate([pair.errors(begin, 1.0) for pair in pairs]) - at_zero
+        # A few weighted least squares make the greatest error least (Lawson 1961).
+        weights = np.ones(len(at_zero))
+        for _ in range(30):
+            c = -float(weights * slopes @ at_zero / (weights * slopes @ slopes))
+            errors = np.abs(at_zero + c * slopes)
+            if errors.max() <= 1.0:
+                return c
+            weights *= errors / errors.max()
+    height = max(disc.height / (2.0 * disc.radius) for pair in pairs for disc in pair.discs)
+    raise InputError(
+        f"grains.magnets = 'cylinders': discs {height:.3g} times as high as wide differ from "
+        f"dipoles beyond {_REACHES[-1]:g} diameters; take flatter ones, or 'dipoles'"
+    )
+
+
+def _begin(pair: _Pair, c: float) -> float:
+    """Distance from which on the law with that c is good enough."""
+    wrong = np.abs(pair.errors(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
+    return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
+
+
+def _greatest_stiffness(pair: _Pair, begin: float, c: float) -> float:
+    """Greatest stiffness beyond a distance, over that of dipoles at rho."""
+    r = pair.r[pair.r >= begin]
+    u, rho = r * r, np.sqrt(r * r - pair.shift)
+    slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
+    return float((np.abs(slope) / (12.0 * rho**-5)).max())
+
+
+def _smooth_end(u: Samples, begin: float, end: float) -> Samples:
+    """1 up to r^2 = ``begin``, 0 from ``end`` on; twice differentiable."""
+    t = np.clip((end - u) / (end - begin), 0.0, 1.0)
+    return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t * t))
+
+
+def _table(
+    discs: tuple[Disc, Disc], begin: float, c: float
+) -> tuple[list[float], Samples, Samples]:
+    """Entries of `CloseTables` for two discs."""
+    contact = contact_distance(*discs)
+    touch, end = contact**2, (_WINDOW * begin) ** 2
+    many = int(np.ceil((end - touch) / (_PIECE * touch)))
+    width = (end - touch) / many
+    below = int(np.ceil((1.0 - 0.95 * CLOSEST**2) * touch / width))
+    nodes: Samples = touch + width / 3.0 * np.arange(-3.0 * below, 3.0 * many + 1.0)
+    factor, z = contact_singularity(*discs)
+    # x = r - contact is (r^2 - contact^2) / (2 contact) and what is smoother.
+    factor, z = STRENGTH / 3.0 * factor / (contact * (2.0 * contact) ** 1.5), 2.0 * contact * z
+    rest = _difference(nodes, discs, contact, c) * _smooth_end(nodes, begin**2, end)
+    smooth = touch + _SINGULAR_PIECES * width
+    singular = factor * _power(nodes - touch, z, 1.5)
+    turned = np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True))
+    indices = np.arange(below + many)[None] * 3 + np.arange(4)[:, None]
+    pieces = (
+        turned
+        @ (
+            rest[indices]
+            - np.where(nodes[indices[:1]] < smooth - 0.5 * width, singular[indices], 0.0)
+        )
+    ).T
+    losses = 0.5 * width * (pieces @ (1.0 / np.arange(1.0, 5.0)))
+    energies = np.append(np.cumsum(losses[::-1])[::-1], 0.0)
+    energies[: below + _SINGULAR_PIECES] += (
+        0.2 * factor * _power(np.array([smooth - touch]), z, 2.5)
+    )
+    numbers = [
+        nodes[0], 1.0 / width, touch, z, factor, (CLOSEST * contact) ** 2, smooth, end,
+        pair_shift(*discs),
+    ]  # fmt: skip
+    return [float(number) for number in numbers], pieces, energies
+
+
+def _power(x: Samples, z: float, exponent: float) -> Samples:
+    return np.asarray(((x + 1j * z) ** exponent).real * ((x > 0.0) | (z > 0.0)))
+
+
+def _difference(u: Samples, discs: tuple[Disc, Disc], contact: float, c: float) -> Samples:
+    """F/r of the discs less that of the law of all pairs [F*/D]."""
+    r = np.sqrt(u)
+    _, force = disc_energy_and_force(np.maximum(r, contact), *discs)
+    force += np.minimum(r - contact, 0.0) * contact_slope(*discs)
+    return np.asarray(STRENGTH / 3.0 * (force - _law(r, pair_shift(*discs), c)[1]) / r)
+
+
+def contact_slope(first: Disc, second: Disc) -> float:
+    """dF/dr at contact, in the units of `disc_energy_and_force`."""
+    contact = contact_distance(first, second)
+    factor, z = contact_singularity(first, second)
+    step = 1e-4 * contact
+    x: Samples = step * np.arange(3.0)
+    force = disc_energy_and_force(contact + x, first, second)[1]
+    smooth = force - factor * _power(x, z, 1.5)
+    slope = (-1.5 * smooth[0] + 2.0 * smooth[1] - 0.5 * smooth[2]) / step
+    return float(slope + 1.5 * factor * _power(np.array([0.0]), z, 0.5)[0])

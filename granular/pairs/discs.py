@@ -1,0 +1,158 @@
+"""The law of two uniformly magnetised discs whose axes are normal to the plates.
+
+Each face bears the charge that its magnetisation ends on, so the energy is a sum over pairs of
+faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z), z the height of the one face above the other and
+
+    U(r, z) = integral of 1/distance over both faces
+            = integral over v of A(v) v 4 K(m) / a,   m = 4 r v / a^2,   a^2 = (r + v)^2 + z^2
+
+with A(v) the area in which discs of both radii overlap at the distance v of their centres, and K
+the complete elliptic integral: two discs are as many pairs of points as their overlap is large, and
+those of one displacement v in all directions make a ring. It is the same as the Fourier-Bessel form
+2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without its oscillations.
+
+Far away it is the dipoles' energy times 1 + (3/2) b / r^2 + ..., and b is the sum of what each disc
+brings, `disc_shift`. As (1 - b/r^2)^(-3/2) begins in the same manner, dipoles at the distance
+rho = sqrt(r^2 - b) are much closer to discs than dipoles at r: that, with one term more, is what is
+summed over all pairs, and a table over the close ones makes up for the rest (`disc_tables`).
+
+Where both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
+else as the real part of (x + iz)^(3/2): `contact_singularity`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ellipe, ellipkm1
+
+Samples = NDArray[np.float64]
+
+_NODES, _EXTENT = 60, 3.4
+"""Nodes on each side of the middle, and where they end, of the double-exponential quadrature
+(Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which ends in singularities do not harm."""
+
+
+class Disc(NamedTuple):
+    """A disc: its radius and its height, both in one unit of length."""
+
+    radius: float
+    height: float
+
+
+def disc_shift(disc: Disc) -> float:
+    """Part of a disc in b = r^2 - rho^2, for discs whose mid-planes are level."""
+    return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
+
+
+def pair_shift(first: Disc, second: Disc, *, level: bool = True) -> float:
+    """Return b of a pair, with the mid-planes level or both discs on one plate."""
+    apart = 0.0 if level else first.height - second.height
+    return disc_shift(first) + disc_shift(second) - 0.75 * apart**2
+
+
+def contact_distance(first: Disc, second: Disc) -> float:
+    """Distance of the axes at which both discs touch."""
+    return first.radius + second.radius
+
+
+def disc_energy_and_force(
+    r: Samples, first: Disc, second: Disc, *, level: bool = True
+) -> tuple[Samples, Samples]:
+    """Energy and repulsion of two discs over those scales for which dipoles have 1/r^3 and 3/r^4.
+
+    Parameters
+    ----------
+    r : float (n,)
+        Distances of the axes, from contact on; in the unit of the discs.
+    first, second : Disc
+    level : bool
+        Whether the mid-planes are level; else both discs lie on the lower plate.
+
+    Returns
+    -------
+    tuple of float64 (n,)
+        Energy over mu0 m1 m2 / (4 pi), and force over the same.
+    """
+    energy, force = np.zeros((2, len(r)))
+    for z, sign in _faces(first, second, level=level):
+        of_faces, slope = _faces_energy(np.asarray(r, dtype=np.float64), z, first, second)
+        energy += sign * of_faces
+        force -= sign * slope
+    return energy / _volumes(first, second), force / _volumes(first, second)
+
+
+def contact_singularity(first: Disc, second: Disc, *, level: bool = True) -> tuple[float, float]:
+    """Factor and height z of the force's singular part, factor Re (x + iz)^(3/2).
+
+    In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
+    """
+    z = min(height for height, _ in _faces(first, second, level=level))
+    many = sum(sign for height, sign in _faces(first, second, level=level) if height == z)
+    reduced = first.radius * second.radius / (first.radius + second.radius)
+    factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
+    return float(factor / _volumes(first, second)), z
+
+
+def _volumes(first: Disc, second: Disc) -> float:
+    return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
+
+
+def _faces(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
+    """Heights of the faces above each other, and the signs of their energies."""
+    apart, total = abs(first.height - second.height), first.height + second.height
+    if level:
+        return [(0.5 * apart, 2.0), (0.5 * total, -2.0)]
+    return [(0.0, 1.0), (apart, 1.0), (first.height, -1.0), (second.height, -1.0)]
+
+
+def _nodes() -> tuple[Samples, Samples, Samples]:
+    """Nodes on (0, 1), what lies between them and 1, and their weights."""
+    k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
+    u = 0.5 * np.pi * np.sinh(k)
+    weight = 0.25 * np.pi * (k[1] - k[0]) * np.cosh(k) / np.cosh(u) ** 2
+    return 1.0 / (1.0 + np.exp(-2.0 * u)), 1.0 / (1.0 + np.exp(2.0 * u)), weight
+
+
+def _overlap_area(
+    v: Samples, above: Samples, below: Samples, radii: tuple[float, float]
+) -> Samples:
+    """Area of two discs' overlap at a distance ``above`` the difference of the radii."""
+    large, small = max(radii), min(radii)
+    s = np.sqrt(below * above * (v + large - small) * (v + large + small))
+    wide = large**2 * np.arctan2(s, v**2 + large**2 - small**2)
+    narrow = small**2 * np.arctan2(s, v**2 + small**2 - large**2)
+    return np.asarray(wide + narrow - 0.5 * s)
+
+
+def _faces_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
+    """U of the head of this file, and its derivative by r."""
+    radii = (first.radius, second.radius)
+    low, high = abs(radii[0] - radii[1]), sum(radii)
+    left, right, weight = _nodes()
+    width = high - low
+    v, below = low + width * left, width * right
+    area = _overlap_area(v, width * left, below, radii)
+    # Displacements r - v from what is left up to contact: v itself is rounded.
+    energy, slope = _rings(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
+    if low > 0.0:
+        v = low * left
+        inner = np.pi * min(radii) ** 2 * v * low * weight
+        more, slopes = _rings(r, v, r[:, None] - v, z, inner)
+        energy, slope = energy + more, slope + slopes
+    return energy, slope
+
+
+def _rings(
+    r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
+) -> tuple[Samples, Samples]:
+    """Potential of rings of radii v at a distance r of their axis, and its derivative."""
+    r = r[:, None]
+    a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
+    a = np.sqrt(a2)
+    first, second = ellipkm1(b2 / a2), ellipe(1.0 - b2 / a2)
+    # Where z is 0 the ends of both discs may touch: z^2 / b^2 is then 0, and not no number.
+    slope = -2.0 / (r * a) * (first - (z * z - apart * (r + v)) / b2 * second)
+    return (4.0 * first / a) @ amounts, slope @ amounts

@@ -1,0 +1,238 @@
+"""The law of two discs, against magpylib's fields, and its tables against the law."""
+
+from __future__ import annotations
+
+import itertools
+
+import magpylib
+import numpy as np
+import pytest
+
+from granular.compiled import entry
+from granular.pairs import close_discs, direct
+from granular.pairs.close_discs import CloseDiscs, close_discs_workspace
+from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs.disc_tables import CLOSEST, STIFFNESS, Discs, make_discs
+from granular.pairs.discs import (
+    Disc,
+    contact_distance,
+    disc_energy_and_force,
+    disc_shift,
+    pair_shift,
+)
+from granular.pairs.pair_arrays import PairArrays
+from granular.shared.errors import InputError
+
+MU0 = 4e-7 * np.pi
+COIN, SMALL, THIN, TALL = Disc(0.5, 0.5), Disc(0.35, 0.4), Disc(0.5, 0.2), Disc(0.5, 1.0)
+
+add_close_discs = entry(close_discs.add_close_discs)
+direct_sum = entry(direct.direct_sum)
+
+
+def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on a disc, dense where it may touch another one on the left."""
+    t, w = np.polynomial.legendre.leggauss(many)
+    angle, across = np.meshgrid(0.5 * np.pi * (t + 1.0), t, indexing="ij")
+    points = np.stack([-np.cos(angle), np.sin(angle) * across], axis=-1) * radius
+    weights = 0.5 * np.pi * w[:, None] * w * radius**2 * np.sin(angle) ** 2
+    return points.reshape(-1, 2), weights.ravel()
+
+
+def from_fields(r: float, first: Disc, second: Disc, level: bool) -> tuple[float, float]:
+    """Energy and force over mu0 m1 m2 / (4 pi), from magpylib's field in the second disc."""
+    source = magpylib.magnet.Cylinder(
+        polarization=(0, 0, 1), dimension=(2.0 * first.radius, first.height)
+    )
+    middle = 0.0 if level else 0.5 * (second.height - first.height)
+    points, weights = face_points(second.radius)
+
+    def field(height: float, axis: int) -> float:
+        at = np.column_stack([points + np.array([r, 0.0]), np.full(len(points), height)])
+        return float(weights @ source.getB(at)[:, axis]) / MU0
+
+    low, high = middle - 0.5 * second.height, middle + 0.5 * second.height
+    force = field(high, 0) - field(low, 0)
+    t, w = np.polynomial.legendre.leggauss(20)
+    # The field is singular at the edges of the source.
+    ends = np.unique(np.clip([low, -0.5 * first.height, 0.5 * first.height, high], low, high))
+    energy = 0.0
+    for begin, end in itertools.pairwise(ends):
+        z, half = 0.5 * (begin + end) + 0.5 * (end - begin) * t, 0.5 * (end - begin)
+        energy -= half * sum(weight * field(at, 2) for at, weight in zip(z, w, strict=True))
+    unit = np.pi * (first.radius * second.radius) ** 2 * first.height * second.height / (4 * MU0)
+    return energy / unit, force / unit
+
+
+def compare_with_fields(draws: int) -> None:
+    random = np.random.default_rng(51)
+    for k in range(draws):
+        first, second = (Disc(random.uniform(0.2, 0.5), random.uniform(0.1, 0.6)) for _ in range(2))
+        second, level = (first if k % 2 else second), k % 3 > 0
+        contact = contact_distance(first, second)
+        r = contact * (1.0 if k < 4 else 20.0 ** random.uniform())
+        energy, force = disc_energy_and_force(np.array([contact, r]), first, second, level=level)
+        known = from_fields(r, first, second, level)
+        assert known[0] == pytest.approx(energy[1], rel=1e-5, abs=1e-6 * energy[0])
+        assert known[1] == pytest.approx(force[1], rel=1e-6, abs=1e-8 * force[0])
+
+
+def test_law_is_that_of_magpylibs_fields() -> None:
+    compare_with_fields(24)
+
+
+@pytest.mark.long
+def test_law_is_that_of_magpylibs_fields_at_200_pairs() -> None:
+    compare_with_fields(200)
+
+
+def test_force_of_equal_discs_over_that_of_dipoles() -> None:
+    """The figures of the documentation, for discs half as thick as wide."""
+    r = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 1.8, 2.0, 3.0, 5.0])
+    ratio = disc_energy_and_force(r, COIN, COIN)[1] * r**4 / 3.0
+    known = [1.915, 1.658, 1.534, 1.445, 1.324, 1.217, 1.172, 1.073, 1.025]
+    np.testing.assert_allclose(ratio, known, atol=6e-4)
+
+
+@pytest.mark.parametrize("level", [True, False])
+@pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
+def test_far_away_discs_are_dipoles_with_a_second_multipole(
+    pair: tuple[Disc, Disc], level: bool
+) -> None:
+    r = np.array([60.0, 120.0])
+    excess = disc_energy_and_force(r, *pair, level=level)[0] * r**3 - 1.0
+    slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
+    assert slope == pytest.approx(1.5 * pair_shift(*pair, level=level), rel=3e-3, abs=1e-4)
+    assert 3.0 * disc_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
+
+
+def test_force_is_the_slope_of_the_energy() -> None:
+    r, step = np.linspace(1.05, 8.0, 40), 1e-4
+    near, far, nearer, farther = (
+        disc_energy_and_force(r + k * step, COIN, COIN)[0] for k in (-1, 1, -2, 2)
+    )
+    slope = (8.0 * (near - far) - (nearer - farther)) / (12.0 * step)
+    force = disc_energy_and_force(r, COIN, COIN)[1]
+    np.testing.assert_allclose(slope, force, rtol=0.0, atol=1e-9 * force[0])
+
+
+class Bed:
+    """Grains that are discs, and their sums by the direct sum and the tables."""
+
+    def __init__(
+        self, positions: np.ndarray, discs: list[Disc], periods: tuple[float, float] | None = None
+    ) -> None:
+        self.count = len(positions)
+        species = np.arange(self.count) % len(discs)
+        volumes = np.array([disc.radius**2 * disc.height for disc in discs])
+        self.x, self.y = padded_coordinates(positions)
+        self.q = (volumes / volumes[0])[species]
+        self.moments = padded_values(self.q) if len(discs) > 1 else None
+        self.discs: Discs = make_discs(discs, species, self.x.size)
+        self.close: CloseDiscs = close_discs_workspace(self.x.size, self.discs.reach, periods)
+        self.nearest = None if periods is None else np.array([*periods, 0.5 * min(periods)])
+
+    def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
+        """Forces, energy, stiffness, and pairs that are too near."""
+        out, extremes = np.zeros((3, self.x.size)), np.zeros(2)
+        arrays = PairArrays(
+            self.x, self.y, out[0], out[1], self.moments, out[2], extremes,
+            series=self.discs.series, shift=self.discs.shift,
+        )  # fmt: skip
+        direct_sum(arrays, None, None, self.nearest)
+        crowded = add_close_discs(self.discs, self.close, self.count, arrays)
+        stiffness = 6.0 * self.discs.series[STIFFNESS] * out[2] * padded_values(self.q)
+        return out[:2, : self.count].T, 0.25 * extremes[0], stiffness[: self.count], crowded
+
+
+@pytest.mark.parametrize(
+    "discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]]
+)
+def test_kernels_hold_the_law_from_contact_on(discs: list[Disc]) -> None:
+    """Within 1e-6 of force and energy at contact, or 1e-5 of themselves."""
+    pair = discs[0], discs[-1]
+    contact = contact_distance(*pair)
+    for r in contact * np.concatenate([[1.0, 1.0001, 1.003], np.geomspace(1.01, 20.0, 60)]):
+        bed = Bed(np.array([[0.0, 0.0], [0.6 * r, 0.8 * r]]), discs)
+        force, energy, _, _ = bed.sums()
+        exact = disc_energy_and_force(np.array([contact, r]), *pair)
+        scale = 0.25 * bed.q[0] * bed.q[1]
+        assert energy == pytest.approx(
+            scale * exact[0][1], rel=1e-5, abs=1e-6 * scale * exact[0][0]
+        )
+        push = force[1] @ [0.6, 0.8]
+        assert push == pytest.approx(scale * exact[1][1], rel=1e-5, abs=1e-6 * scale * exact[1][0])
+
+
+@pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
+def test_kernels_force_is_the_slope_of_their_energy(discs: list[Disc]) -> None:
+    """Also below contact, where the force goes on with its value and slope."""
+    contact, step = contact_distance(discs[0], discs[-1]), 2e-4
+
+    def sums(r: float) -> tuple[float, float]:
+        force, energy, _, _ = Bed(np.array([[0.0, 0.0], [r, 0.0]]), discs).sums()
+        return energy, force[1, 0]
+
+    unit = sums(contact)[1]
+    for r in contact * np.array([0.985, 1.01, 1.1, 1.14, 1.16, 1.5, 2.1, 2.2, 2.25, 3.0, 3.8, 5.0]):
+        near, far, nearer, farther = (sums(r + k * step)[0] for k in (-1, 1, -2, 2))
+        slope = (8.0 * (near - far) - (nearer - farther)) / (12.0 * step)
+        assert slope == pytest.approx(sums(r)[1], abs=1e-9 * unit)
+    below = [sums(contact * (1.0 - k))[1] for k in (0.004, 0.008, 0.012)]
+    assert below[0] - 2.0 * below[1] + below[2] == pytest.approx(0.0, abs=1e-7 * unit)
+    assert (below[1] - below[0]) / 0.004 == pytest.approx(
+        (sums(contact)[1] - sums(contact * 1.0001)[1]) / 1e-4, rel=0.02
+    )
+
+
+def test_grains_that_are_too_near_are_counted() -> None:
+    for ratio, many in ((CLOSEST - 1e-6, 1), (CLOSEST + 1e-6, 0), (0.1, 1)):
+        assert Bed(np.array([[0.0, 0.0], [ratio, 0.0]]), [COIN]).sums()[3] == many
+
+
+@pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
+def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
+    """Half a row sum of Gershgorin's, so the greatest eigenvalue lies below twice the largest."""
+    random = np.random.default_rng(2)
+    grid = np.array([(k % 5, k // 5) for k in range(25)]) * 1.12
+    positions = grid + random.uniform(-0.05, 0.05, grid.shape)
+    step, columns = 1e-5, []
+    for k in range(50):
+        moved = [positions.copy().ravel(), positions.copy().ravel()]
+        moved[0][k] += step
+        moved[1][k] -= step
+        forces = [Bed(flat.reshape(-1, 2), discs).sums()[0].ravel() for flat in moved]
+        columns.append((forces[1] - forces[0]) / (2.0 * step))
+    greatest = np.linalg.eigvalsh(0.5 * (np.array(columns) + np.array(columns).T)).max()
+    bound = Bed(positions, discs).sums()[2].max()
+    assert greatest <= bound <= 3.0 * greatest
+
+
+@pytest.mark.parametrize("periods", [None, (14.0, 11.0), (5.5, 40.0)])
+def test_list_holds_the_close_pairs_while_grains_move(
+    periods: tuple[float, float] | None,
+) -> None:
+    """And a new list, of grains that stand elsewhere in the same positions, has the same bits."""
+    random = np.random.default_rng(7)
+    size = np.array(periods or (12.0, 9.0))
+    positions = np.array([(k % 8, k // 8) for k in range(48)]) * size / (8, 6)
+    bed = Bed(positions, [COIN], periods)
+    for move in (0.0, 0.02, 0.1, 0.1, 3.0):
+        bed.x[:48] += random.uniform(-move, move, 48)
+        bed.y[:48] += random.uniform(-move, move, 48)
+        moved = bed.sums()
+        fresh = Bed(np.column_stack([bed.x[:48], bed.y[:48]]), [COIN], periods)
+        assert np.array_equal(fresh.sums()[0], moved[0], equal_nan=True)
+        pairs = set(
+            zip(*(values[: fresh.close.filled[0]] for values in fresh.close[:2]), strict=True)
+        )
+        apart = np.stack([bed.x[:48, None] - bed.x[:48], bed.y[:48, None] - bed.y[:48]])
+        if periods is not None:
+            apart -= size[:, None, None] * np.round(apart / size[:, None, None])
+        near = np.argwhere(np.triu((apart**2).sum(axis=0) < bed.discs.reach**2, 1))
+        assert pairs >= {tuple(pair) for pair in near}
+
+
+def test_discs_that_are_too_tall_are_refused() -> None:
+    with pytest.raises(InputError, match="times as high as wide"):
+        make_discs([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)

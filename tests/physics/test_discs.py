@@ -1,0 +1,117 @@
+"""Beds of discs: all sums have their law, energy is conserved, and too near is refused."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import Scene, evaluate, simulate
+from granular.pairs.dipole import STRENGTH
+from granular.pairs.discs import Disc, disc_energy_and_force
+from granular.schema.scales import Scales
+from granular.shared.errors import OutsideError
+
+CONTACT = {"effects.contact": {"modulus": "20 MPa", "restitution": 0.7}}
+NO_CONTACT = {"effects.contact": None}
+
+
+def discs(scene: Scene, **changes: Any) -> Scene:
+    return scene.replace(**{"grains.magnets": "cylinders", **CONTACT, **changes})
+
+
+def lattice(count: int, columns: int, spacing: float, seed: int = 3) -> np.ndarray:
+    """Positions about a square lattice [D]."""
+    random = np.random.default_rng(seed)
+    grid = np.array([(k % columns + 0.7, k // columns + 0.7) for k in range(count)])
+    return grid * spacing + random.uniform(-0.1, 0.1, grid.shape)
+
+
+def beyond_dipoles(positions: np.ndarray, reach: float, period: float | None = None) -> np.ndarray:
+    """Forces on alike discs half as thick as wide less those on dipoles, over that of two at D."""
+    shifts = [0.0] if period is None else period * np.arange(-2.0, 3.0)
+    force = np.zeros_like(positions)
+    for image in itertools.product(shifts, shifts):
+        apart = positions[:, None] - positions + np.array(image)
+        r = np.hypot(*np.moveaxis(apart, 2, 0))
+        near = (r > 0.0) & (r < reach)
+        push = np.zeros_like(r)
+        push[near] = disc_energy_and_force(r[near], Disc(0.5, 0.5), Disc(0.5, 0.5))[1] / 3.0
+        push[near] -= r[near] ** -4.0
+        force += ((push / np.where(r > 0.0, r, 1.0))[..., None] * apart).sum(axis=1)
+    return force
+
+
+def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Forces at these positions [D], over that of two dipoles at D."""
+    unit = STRENGTH * Scales.of(scene.grains).force
+    return evaluate(scene, positions * scene.grains.species[0].diameter).force / unit
+
+
+@pytest.mark.parametrize(
+    ("pairs", "reach", "tolerance"),
+    [
+        ({"method": "direct"}, 50.0, 1e-5),
+        ({"method": "cut-off", "cut_off": "7 D"}, 7.0, 1e-5),
+        pytest.param({"method": "mesh", "tolerance": 1e-4}, 50.0, 1e-4, marks=pytest.mark.long),
+    ],
+)
+def test_scenes_have_the_law(
+    bed: Scene, pairs: dict[str, Any], reach: float, tolerance: float
+) -> None:
+    positions = lattice(368, 40, 1.35)
+    scene = bed.replace(pairs=pairs)
+    beyond = forces(discs(scene), positions) - forces(scene, positions)
+    known = beyond_dipoles(positions, reach)
+    assert np.abs(beyond - known).max() <= tolerance * np.abs(known).max()
+
+
+@pytest.mark.long
+def test_periodic_cells_have_the_law() -> None:
+    """What discs have beyond dipoles falls as r^-6, so its sum over images converges."""
+    scene = Scene.from_plain(
+        {
+            "name": "cell",
+            "grains": {"count": 400, "species": [{"name": "disc", "diameter": "6 mm"}]},
+            "cell": {"width": "27 D", "height": "27 D", "sides": "periodic"},
+            "effects": {"dipole": {}},
+            "pairs": {"method": "mesh", "tolerance": 1e-4},
+            "protocol": [{"name": "hold", "kind": "hold", "duration": 1.0}],
+        }
+    )
+    positions = lattice(400, 20, 1.35)
+    beyond = forces(discs(scene, **NO_CONTACT), positions) - forces(scene, positions)
+    known = beyond_dipoles(positions, 40.0, period=27.0)
+    assert np.abs(beyond - known).max() <= 1e-4 * np.abs(known).max()
+
+
+def test_energy_is_conserved_with_the_square_of_the_step(small_bed: Scene) -> None:
+    """Grains that touch and swing about; friction, drag and dashpots left out."""
+    changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
+    scene = discs(small_bed, **changes, **{"arrangement.speed": "0.5 m/s"})
+    steps = np.array([8e-5, 4e-5, 2e-5])
+    residuals = []
+    for step in steps:
+        run = simulate(scene, dt=float(step), t_end=0.08, progress=False)
+        names = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy", "contact_energy")
+        total = np.sum([run.dataset[name].values for name in names], axis=0)
+        residuals.append(np.abs(total - total[0]).max())
+    order = np.polyfit(np.log(steps), np.log(residuals), 1)[0]
+    assert order == pytest.approx(2.0, abs=0.15)
+
+
+@pytest.mark.long
+def test_two_threads_give_the_bits_of_one(bed: Scene) -> None:
+    scene = discs(bed, **{"pairs.method": "mesh"})
+    runs = [simulate(scene, t_end=0.004, threads=n, progress=False) for n in (1, 2)]
+    np.testing.assert_array_equal(*(run.dataset["position"].values for run in runs))
+
+
+def test_discs_pressed_into_each_other_stop_the_run(small_bed: Scene) -> None:
+    scene = discs(small_bed, **{"effects.contact.modulus": "1 kPa"}).replace(
+        protocol=[{"kind": "move", "name": "press", "to": "1 D", "duration": 0.1}]
+    )
+    with pytest.raises(OutsideError, match=r"0\.98 is the limit.*effects\.contact\.modulus"):
+        simulate(scene, progress=False)
