@@ -122,7 +122,7 @@ def identify(options: Any) -> None:
 @command(
     "fit", "fit one law to one record, or to several together",
     SOURCES,
-    option("--law", default="van-der-pol-like", metavar="LAW", help="name or equation"),
+    option("--law", default="linear", metavar="LAW", help="name or equation"),
     option("--laws", action="store_true", help="list the laws that can be fitted by their names"),
     option(
         "--own", action="append", default=[], metavar="NAME",

@@ -247,7 +247,8 @@ def _quality(result: SearchResult, k: int) -> Quality:
     is_tested = len(record) - samples >= 2
     error, resting = None, None
     if is_tested:
-        error, resting = _test_errors(grid, result.trained[here], samples)
+        tested = max(problem.data[k].tested, samples + 2)
+        error, resting = _test_errors(grid, result.trained[here], samples, tested)
     return Quality(
         residual=residual,
         relative=residual / swing,
@@ -265,17 +266,20 @@ def _quality(result: SearchResult, k: int) -> Quality:
     )
 
 
-def _test_errors(grid: GriddedRecord, trained: np.ndarray, training: int) -> tuple[float, float]:
-    """Errors over the held-out stretch, of the roll-out and of a piston that stays at rest.
+def _test_errors(
+    grid: GriddedRecord, trained: np.ndarray, training: int, tested: int
+) -> tuple[float, float]:
+    """Errors over the held-out motion, of the roll-out and of a piston that stays at rest.
 
-    Neither has seen that stretch; both count in the rms swing of the record.
+    Neither has seen that stretch, from ``training`` to ``tested`` samples; both count in the rms
+    swing of the record.
     """
     record = grid.record
     swing = float(record.height.std())
     # The level of rest at the end of this record's training stretch.
     rest = float(record.height[training + (-training // 3) : training].mean())
-    residuals = grid.residuals(trained)[training:]
-    resting = _rms(record.height[training:] - rest) / swing
+    residuals = grid.residuals(trained)[training:tested]
+    resting = _rms(record.height[training:tested] - rest) / swing
     if (np.abs(residuals) >= BLOWN_UP).any():
         return math.inf, resting
     return _rms(residuals) * grid.unknowns.amplitude / swing, resting

@@ -91,7 +91,7 @@ def _unwrap_single_record(
 @_unwrap_single_record
 def fit(
     record: PistonRecord | Sequence[PistonRecord],
-    law: str | Law = "van-der-pol-like",
+    law: str | Law = "linear",
     *,
     map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
     starts: int = STARTS,
@@ -127,8 +127,9 @@ def fit(
     starts : int
         Random starts.
     test_fraction : float
-        Fraction of each record, at its end, that is held out: first guesses, the choice of the map
-        and a first model do without it, and that model is judged on it. The model that is given
+        Fraction of each record's motion, at its end, that is held out: first guesses, the choice of
+        the map and a first model do without it, and that model is judged on it; so is a swing that
+        comes to rest early judged while it moves. The model that is given
         back is then fitted to all of the record. 0 for none.
     confidence : float
         Of the intervals.

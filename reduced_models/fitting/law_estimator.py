@@ -16,8 +16,9 @@ from granular.run.record import PistonRecord
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.options import STARTS, TEST_FRACTION
+from reduced_models.fitting.options import STARTS, TEST_FRACTION, Bounds
 from reduced_models.laws.law import Law
+from reduced_models.least_squares.residuals import LossName
 from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
@@ -35,6 +36,12 @@ class LawEstimator:
         Random starts.
     test_fraction : float
         As for `fit`; 0 in a search, which holds out by itself.
+    bounds : mapping of str to (float, float), optional
+        Least and greatest value of parameters, as for `fit`.
+    positive : tuple of str
+        Parameters of an equation that are above zero, as for `fit`.
+    loss : str
+        As for `fit`.
 
     Attributes
     ----------
@@ -49,13 +56,19 @@ class LawEstimator:
 
     def __init__(
         self,
-        law: str | Law = "van-der-pol-like",
+        law: str | Law = "linear",
         starts: int = STARTS,
         test_fraction: float = TEST_FRACTION,
+        bounds: Bounds | None = None,
+        positive: tuple[str, ...] = (),
+        loss: LossName = "linear",
     ) -> None:
         self.law = law
         self.starts = starts
         self.test_fraction = test_fraction
+        self.bounds = bounds
+        self.positive = positive
+        self.loss = loss
 
     def __repr__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
@@ -74,7 +87,8 @@ class LawEstimator:
         dict
             Arguments by name.
         """
-        return {"law": self.law, "starts": self.starts, "test_fraction": self.test_fraction}
+        names = ("law", "starts", "test_fraction", "bounds", "positive", "loss")
+        return {name: getattr(self, name) for name in names}
 
     def set_params(self, **parameters: Any) -> Self:
         """Change what it was made with.
@@ -126,7 +140,7 @@ class LawEstimator:
             raise InputError(f"{len(times)} times for {len(heights)} heights; give one for each")
         order = np.argsort(times, kind="stable")
         record = PistonRecord(times[order], heights[order])
-        self.model_ = fit(record, self.law, starts=self.starts, test_fraction=self.test_fraction)
+        self.model_ = fit(record, **self.get_params())
         self.n_features_in_ = 1
         self._start = float(record.time[0])
         return self

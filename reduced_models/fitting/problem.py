@@ -14,8 +14,15 @@ from granular.shared.errors import InputError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
-from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
+from reduced_models.records.first_guesses import (
+    LEAST_SAMPLES,
+    FirstGuesses,
+    first_guesses,
+    noise_level,
+)
 from reduced_models.records.inputs import Interpolation
+from reduced_models.records.release import is_driven
+from reduced_models.records.sensor_limits import end_of_motion
 
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
@@ -26,6 +33,10 @@ and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/036109277
 _LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
 _WINDOW = 5  # samples whose median is compared: three of them must be sound
 _FAR = 5.0  # standard deviations of the noise
+_MOST_OF_RECORD = 0.85
+"""Part of a record up to which its motion must have ended for the rest not to be held out."""
+_FEWEST_CROSSINGS = 8
+"""Passages through rest of a motion that is long enough to be split on its own."""
 
 
 class TrainingData(NamedTuple):
@@ -36,6 +47,8 @@ class TrainingData(NamedTuple):
     record, training : PistonRecord
     stop : float
         End of the training stretch [s].
+    tested : int
+        Samples up to the end of the motion: a law is tested between ``stop`` and that.
     look : PistonRecord
         The training stretch as first guesses and start values see it: without outliers, where the
         loss spares them.
@@ -52,6 +65,7 @@ class TrainingData(NamedTuple):
     record: PistonRecord
     training: PistonRecord
     stop: float
+    tested: int
     look: PistonRecord
     guess: FirstGuesses
     weights: np.ndarray
@@ -138,13 +152,17 @@ def training_data(
 ) -> TrainingData:
     """Split a record into its training stretch and what is held out, and take a glance at it.
 
+    The fraction that is held out is one of the motion: what follows where that has come to rest
+    would say nothing of a law.
+
     Raises
     ------
     RecordError
         If the training stretch is too short, or does not move.
     """
     total = record.from_zero()
-    stop = float(total.time[-1]) * (1.0 - test_fraction)
+    tested = samples_in_motion(total) if test_fraction > 0.0 else len(total)
+    stop = float(total.time[tested - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
     training = total.first(count)
@@ -154,7 +172,23 @@ def training_data(
         level = noise_level(total.height, total.time)
     look = training if loss == "linear" else clip_outliers(training)
     guess = first_guesses(look)
-    return TrainingData(total, training, stop, look, guess, given, level, fixed or {})
+    return TrainingData(total, training, stop, tested, look, guess, given, level, fixed or {})
+
+
+def samples_in_motion(record: PistonRecord) -> int:
+    """Return the number of samples until a free swing is lost in the noise of its record.
+
+    All of them where something drives the motion, or where it ends after few swings.
+    """
+    if is_driven(record):
+        return len(record)
+    end, duration = end_of_motion(record), float(record.time[-1])
+    count = int(np.searchsorted(record.time, end, side="right"))
+    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
+        return len(record)
+    if first_guesses(record.first(count)).crossings < _FEWEST_CROSSINGS:
+        return len(record)
+    return count
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:

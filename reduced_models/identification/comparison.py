@@ -249,11 +249,11 @@ def _holdout_is_at_rest(row: Row) -> float:
 def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     best = alike[0]
     words = (
-        f"{best.name} is first: it predicts the held-out data to {as_percent(best.error)} of the "
-        f"rms swing (baseline, a piston at rest: {as_percent(at_rest)})"
+        f"{best.name} is first: its test error is {as_percent(best.error)} of the rms swing "
+        f"(baseline, a piston at rest: {as_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
-        words += ", no better than rest, so these data do not judge the laws"
+        words += ", no better than rest, so only what the fits leave over judges the laws"
     for row in alike[1:]:
         gain = row.deviance - best.deviance
         if abs(gain) < CLEAR:

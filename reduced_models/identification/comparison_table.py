@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 TIE = 0.05
-"""Held-out errors closer than this fraction are alike."""
+"""Test errors closer than this fraction are alike."""
 NOISE_TIE = 1.25
-"""Held-out errors below so many noise levels are alike."""
+"""Test errors below so many noise levels are alike."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,12 +34,13 @@ class Row:
     parameters : int
         Free numbers of the law and its map, the initial states not counted.
     stretches : tuple of float
-        Error of the simulation over each record's held-out end, in rms swings of the record;
-        infinite where it diverges. Empty without a hold-out.
+        Error of the simulation over the held-out end of each record's motion, in rms swings of the
+        record; infinite where it diverges. Empty without a hold-out.
     records : tuple of RollOut
         One a held-out record.
     error : float
-        Root mean square of all held-out errors; the residual of the fit without any.
+        The test error: root mean square over all that was held out; the residual of the fit without
+        any.
     deviance, aic, bic : float
         n log of the mean squared residual of the fit to all of the records (n the number of
         independent samples), and with twice, or log n times, the number of parameters added.
@@ -69,7 +70,7 @@ class Row:
         return {
             "law": self.name,
             "parameters": self.parameters,
-            "held_out_error": self.error,
+            "test_error": self.error,
             "stretches": list(self.stretches),
             "records": [record.relative for record in self.records],
             "aic": self.aic,
@@ -140,7 +141,8 @@ class Comparison:
         """Names of the columns of `cells`."""
         held = len(self.rows[0].records)
         return (
-            "law", "parameters", "test error", *(f"record {k + 1}" for k in range(held)),
+            "law", "parameters", "test error",
+            *(("own end", *(f"record {k + 1}" for k in range(held))) if held else ()),
             "AIC", "BIC", "diverged",
         )  # fmt: skip
 
@@ -159,11 +161,13 @@ class Comparison:
                 empty = [""] * (len(self.header) - 2)
                 lines.append((row.name, row.failure, *empty))
                 continue
-            stretch = as_percent(root_mean_square(row.stretches)) if row.stretches else "-"
-            records = [as_percent(record.relative) for record in row.records]
+            parts = []
+            if row.records:
+                parts = [as_percent(root_mean_square(row.stretches)) if row.stretches else "-"]
+                parts += [as_percent(record.relative) for record in row.records]
             lines.append(
-                (row.name, str(row.parameters), stretch, *records, f"{row.aic - aic:+.1f}",
-                 f"{row.bic - bic:+.1f}", str(row.blow_ups))
+                (row.name, str(row.parameters), as_percent(row.error), *parts,
+                 f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}", str(row.blow_ups))
             )  # fmt: skip
         return lines
 
@@ -225,8 +229,8 @@ class Comparison:
 
         rows = [
             {
-                "law": row.name, "parameters": row.parameters, "error": row.error,
-                "test error": root_mean_square(row.stretches) if row.stretches else math.nan,
+                "law": row.name, "parameters": row.parameters, "test error": row.error,
+                "own end": root_mean_square(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
             }
@@ -235,7 +239,7 @@ class Comparison:
         return pandas.DataFrame(rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the held-out errors of the laws, next to the noise and a piston at rest.
+        """Draw the test errors of the laws, next to the noise and a piston at rest.
 
         Parameters
         ----------
@@ -265,7 +269,7 @@ class Comparison:
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
         plain_numbers(ax.xaxis)
-        ax.set_xlabel("held-out error [% of the rms swing]")
+        ax.set_xlabel("test error [% of the rms swing]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         return ax
@@ -277,7 +281,7 @@ class Comparison:
 
 
 def tie_limit(least: float, noise: float) -> float:
-    """Return the greatest held-out error that is as good as the least one."""
+    """Return the greatest test error that is as good as the least one."""
     return max((1.0 + TIE) * least, NOISE_TIE * noise)
 
 

@@ -153,7 +153,7 @@ def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: floa
 
 
 def add_comparison(page: Page, table: Comparison) -> None:
-    """Add the table of laws and their held-out errors."""
+    """Add the table of laws and their test errors."""
     page.section("The laws compared")
     header, cells = table.header, table.cells()
     if not any(row.blow_ups for row in table.rows):
@@ -163,12 +163,13 @@ def add_comparison(page: Page, table: Comparison) -> None:
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
         f"in rms swings; the baseline, a piston at rest, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
-        "from the least. The test error, of the end of the record that a first fit does not see, "
-        "is the terminal's 'later motion', and record 1, where there is one, its 'higher lift'."
+        "from the least. The test error is the root mean square over all that a law has not seen: "
+        "the end of the record's own motion, which a first fit does not see (own end; 'later "
+        "motion' in the terminal), and records of their own (record 1; 'higher lift' there)."
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)
-        page.figure(drawing, "Held-out errors of the laws.")
+        page.figure(drawing, "Test errors of the laws.")
 
 
 def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
@@ -195,7 +196,8 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
         "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "
         "swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
         "where a law leaves no structure. A law that leaves structure is wrong, however small its "
-        "error."
+        "error. What a release stirs up besides the swing, and which has faded within a period, is "
+        "named and left out of these tests; the rms is that of the whole record."
     )
 
 

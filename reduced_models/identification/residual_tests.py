@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.record import PistonRecord
+from reduced_models.fitting.diagnostics import residual_structure
 from reduced_models.models.model import ReducedModel
 
 SURE = 1e-3
@@ -18,6 +19,11 @@ LOUD = 3.0
 _BAND = 0.15  # half-width of a line, of the swing's frequency
 _NEAR = 0.45  # half-width of what it is compared with
 _ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
+_SLIGHT = 1e-3  # of the swing: structure that small is said, and does not make a law wrong
+_TRANSIENT = 25.0
+"""Power of a residual after a release, over that of the two swings after the first, from which on
+it is one of the release."""
+_FRACTION = 0.5  # of all squared residuals, that a transient holds at least
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +33,7 @@ class ResidualTests:
     Attributes
     ----------
     rms : float
-        In the record's unit.
+        In the record's unit, of all of it.
     relative : float
         Over the rms swing.
     whiteness, signs : float
@@ -36,6 +42,11 @@ class ResidualTests:
     swing, double : float
         Power about the swing's frequency, and about twice it, over that of the frequencies about
         them: about 1 for noise of any smooth spectrum. 1 where the law does not swing.
+    transient : float
+        Duration of what the release stirred up and the law does not describe [s]; 0 without. The
+        tests are of what follows.
+    after : float
+        Rms after that, over the rms swing.
     """
 
     rms: float
@@ -44,16 +55,27 @@ class ResidualTests:
     signs: float
     swing: float
     double: float
+    transient: float
+    after: float
 
     @property
     def structured(self) -> bool:
         """True where residuals are surely no white noise, and no rounding."""
-        return self.relative > _ROUNDING and min(self.whiteness, self.signs) < SURE
+        return self.after > _ROUNDING and min(self.whiteness, self.signs) < SURE
 
     @property
     def verdict(self) -> str:
         """In plain words."""
-        if self.relative <= _ROUNDING:
+        if not self.transient:
+            return self._verdict
+        left = f"{100.0 * self.after:.2g} % of the swing"
+        words = f"after the release's first {1e3 * self.transient:.3g} ms {left}, {self._verdict}"
+        slight = self.structured and self.after < _SLIGHT
+        return words.replace(self._verdict, "so the law holds there") if slight else words
+
+    @property
+    def _verdict(self) -> str:
+        if self.after <= _ROUNDING:
             return "rounding"
         if not self.structured:
             return "noise"
@@ -71,14 +93,57 @@ class ResidualTests:
 def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
     """Those of a model on the record that it was fitted to."""
     left = record.height - model.follow(record).height
-    rms = math.sqrt(float((left**2).mean()))
+    rms, size = _rms(left), float(record.height.std())
     swing, double = 1.0, 1.0
+    whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
     if model.at_rest is not None and rms > 0.0:
-        swing, double = (_line(record.time, left, k / model.at_rest.period) for k in (1.0, 2.0))
-    quality = model.quality
+        period = model.at_rest.period
+        start = samples_of_transient(record.time, left, period)
+        time, later = record.time[start:], left[start:]
+        swing, double = (_line(time, later, k / period) for k in (1.0, 2.0))
+        if start:
+            speed = np.gradient(record.height[start:], time)
+            structure = residual_structure(time, later, speed, period)
+            whiteness, signs = structure["whiteness"], structure["signs"]
     return ResidualTests(
-        rms, rms / float(record.height.std()), quality.whiteness, quality.signs, swing, double
-    )
+        rms, rms / size, whiteness, signs, swing, double,
+        transient=float(record.time[start] - record.time[0]), after=_rms(left[start:]) / size,
+    )  # fmt: skip
+
+
+def samples_of_transient(time: np.ndarray, left: np.ndarray, period: float) -> int:
+    """Return how many samples after a release hold what it stirred up besides the swing.
+
+    They end within the first period and hold most of the squared residuals, and the last of them
+    is far above those of the two periods after the first. What a wrong law leaves fades with the
+    swing instead.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        [s]
+    left : float64 (n,)
+        Residuals.
+    period : float
+        Of the swing [s].
+
+    Returns
+    -------
+    int
+        0 without a transient.
+    """
+    first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
+    if third >= len(time) or first < 2:
+        return 0
+    power = left**2
+    loud = np.flatnonzero(power[:first] > _TRANSIENT * float(power[first:third].mean()))
+    end = int(loud[-1]) + 1 if len(loud) else 0
+    fades = end < first - 1 and power[:end].sum() > _FRACTION * power.sum()
+    return end if fades else 0
+
+
+def _rms(values: np.ndarray) -> float:
+    return math.sqrt(float((values**2).mean()))
 
 
 def _line(time: np.ndarray, left: np.ndarray, frequency: float) -> float:

@@ -7,14 +7,15 @@ from granular.shared.errors import InputError
 from granular.shared.registry import Registry
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.laws.bouc_wen import BOUC_WEN
-from reduced_models.laws.coulomb import COULOMB
+from reduced_models.laws.coulomb import COULOMB, VISCOUS_COULOMB
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 from reduced_models.laws.linear import LINEAR
+from reduced_models.laws.pendulum import PENDULUM_COULOMB, PENDULUM_QUADRATIC
 from reduced_models.laws.polynomial_spring import POLYNOMIAL_SPRING
 from reduced_models.laws.power_law_spring import POWER_LAW_SPRING
-from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG
+from reduced_models.laws.quadratic_drag import QUADRATIC_DRAG, VISCOUS_QUADRATIC
 from reduced_models.laws.relaxing_column import RELAXING_COLUMN
 from reduced_models.laws.van_der_pol import VAN_DER_POL
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
@@ -29,6 +30,10 @@ _ALL = (
     RELAXING_COLUMN,
     QUADRATIC_DRAG,
     COULOMB,
+    VISCOUS_COULOMB,
+    VISCOUS_QUADRATIC,
+    PENDULUM_COULOMB,
+    PENDULUM_QUADRATIC,
     BOUC_WEN,
     ELASTOPLASTIC_BED,
     ANNEALING_BED,

@@ -1,4 +1,4 @@
-"""A linear spring with dry friction (Coulomb 1785), in a smooth form without events.
+"""A linear spring with dry friction (Coulomb 1785), in a smooth form without events; with drag too.
 
 The friction is full beyond some hundredths of the speed friction/omega, below which it falls
 smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude
@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
+from reduced_models.laws.linear import split_damping
 from reduced_models.records.first_guesses import FirstGuesses
 
 
@@ -34,4 +35,21 @@ COULOMB = Law(
     units={"friction": "m/s^2", "omega": "rad/s", "g0": "m/s^2"},
     source="C. A. Coulomb 1785, with tanh for the sign of the speed",
     resolution=4,
+)
+
+
+def _start_with_drag(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
+    return split_damping(_start(guesses, random, count), "friction", guesses, random)
+
+
+VISCOUS_COULOMB = Law(
+    name="viscous-coulomb",
+    equation="z'' + 2*lam*z' + friction*tanh(20*omega*z'/friction) + omega**2*z = g0",
+    start=_start_with_drag,
+    positive=("friction", "omega"),
+    units={"lam": "1/s", **COULOMB.units},
+    source=COULOMB.source,
+    resolution=COULOMB.resolution,
 )

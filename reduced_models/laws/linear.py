@@ -17,6 +17,16 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
     }
 
 
+def split_damping(
+    values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Start values whose damping is split at random between ``name`` and a viscous drag."""
+    count = len(values[name])
+    fraction = random.uniform(size=count)
+    own, viscous = values[name] * fraction, guesses.decays(random, count) * (1.0 - fraction)
+    return {**values, name: own, "lam": viscous}
+
+
 LINEAR = Law(
     name="linear",
     equation="z'' + 2*lam*z' + omega**2*z = g0",

@@ -1,10 +1,11 @@
-"""A linear spring with a drag that grows with the square of the speed."""
+"""A linear spring with a drag that grows with the square of the speed; with a viscous one too."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from reduced_models.laws.law import Law
+from reduced_models.laws.linear import split_damping
 from reduced_models.records.first_guesses import FirstGuesses
 
 
@@ -27,4 +28,20 @@ QUADRATIC_DRAG = Law(
     positive=("c", "omega"),
     units={"c": "1/m", "omega": "rad/s", "g0": "m/s^2"},
     source="drag proportional to the square of the speed (Newton 1687)",
+)
+
+
+def _start_with_drag(
+    guesses: FirstGuesses, random: np.random.Generator, count: int
+) -> dict[str, np.ndarray]:
+    return split_damping(_start(guesses, random, count), "c", guesses, random)
+
+
+VISCOUS_QUADRATIC = Law(
+    name="viscous-quadratic",
+    equation="z'' + 2*lam*z' + c*Abs(z')*z' + omega**2*z = g0",
+    start=_start_with_drag,
+    positive=("omega",),
+    units={"lam": "1/s", **QUADRATIC_DRAG.units},
+    source="drag of Stokes' and of Newton's kind together",
 )

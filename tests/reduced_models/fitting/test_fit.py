@@ -14,6 +14,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, ReducedModel, fit, load_model
 from reduced_models.fitting.options import STARTS
+from reduced_models.fitting.problem import samples_in_motion
 from reduced_models.fitting.refinement import SOLVER_LIMIT
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.equation import parse_equation
@@ -59,7 +60,7 @@ def test_clean_data_give_the_parameters_back() -> None:
 
 
 def test_noisy_data_give_the_parameters_back() -> None:
-    models = [fit(noisy(seed)) for seed in range(4)]
+    models = [fit(noisy(seed), "van-der-pol-like") for seed in range(4)]
     assert np.median([errors(model) for model in models], axis=0).max() < 0.01
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
@@ -67,7 +68,10 @@ def test_noisy_data_give_the_parameters_back() -> None:
 def test_intervals_cover_the_truth() -> None:
     """95 % intervals, over 60 records with noise of their own."""
     given = HeightMap()
-    models = [fit(noisy(seed), map=given, starts=2, test_fraction=0.0) for seed in range(100, 160)]
+    models = [
+        fit(noisy(seed), "van-der-pol-like", map=given, starts=2, test_fraction=0.0)
+        for seed in range(100, 160)
+    ]
     for name, value in TRUE.items():
         covered = [
             model.intervals[name][0] <= value <= model.intervals[name][1] for model in models
@@ -188,6 +192,23 @@ def test_holdout_stands_beside_a_piston_at_rest() -> None:
     resting = np.sqrt(((height[late] - rest) ** 2).mean()) / height.std()
     assert quality.test_error_at_rest == pytest.approx(resting, rel=1e-3)
     assert quality.test_error < 1e-6 < resting
+
+
+def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
+    """The held-out stretch ends where the noise rules, and a driven record is all motion."""
+    time = np.linspace(0.0, 30.0, 1500)
+    noise = np.random.default_rng(0).normal(0.0, 0.001, len(time))
+    swing = np.exp(-0.45 * time) * np.cos(2.0 * np.pi * time) + noise
+    record = PistonRecord(time, swing)
+    count = samples_in_motion(record)
+    assert 11.0 < time[count - 1] < 16.0
+    driven = PistonRecord(time, swing, extra={"force": np.sin(time)})
+    assert samples_in_motion(driven) == len(time)
+    quality = fit(record, "linear", starts=4).quality
+    assert quality.test_from == pytest.approx(0.7 * time[count - 1])
+    assert quality.test_error is not None
+    assert quality.test_error_at_rest is not None
+    assert quality.test_error < 0.5 * quality.test_error_at_rest
 
 
 @pytest.mark.parametrize("duration", [0.2, 0.3, 0.4])

@@ -112,6 +112,17 @@ def test_a_step_of_a_pipeline() -> None:
     assert integer[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
 
 
+def test_bounds_and_loss_are_those_of_a_fit() -> None:
+    record = _damped(240)
+    height = record.height.copy()
+    height[50] += 0.5 * float(np.ptp(height))
+    given = {"starts": 1, "test_fraction": 0.0, "loss": "huber"}
+    free = LawEstimator("linear", **given).fit(record.time, height).model_
+    assert free.parameters["lam"] == pytest.approx(0.2, rel=0.01)
+    held = LawEstimator("linear", bounds={"lam": (0.3, 0.5)}, **given).fit(record.time, height)
+    assert held.model_.parameters["lam"] == pytest.approx(0.3)
+
+
 def test_before_a_fit_it_is_an_error_of_both() -> None:
     exceptions = pytest.importorskip("sklearn.exceptions")
     with pytest.raises(InputError, match="call fit first"):

@@ -212,7 +212,7 @@ def test_a_fall_is_fitted_alike_by_every_seed() -> None:
     fall = predict(load_scene("damper")).simulate(time)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the law cannot tell a fall
-        found = [fit(fall, seed=seed, test_fraction=0.0) for seed in range(2)]
+        found = [fit(fall, "van-der-pol-like", seed=seed, test_fraction=0.0) for seed in range(2)]
     left = np.array([model.quality.residual for model in found])
     np.testing.assert_allclose(left, left[0], rtol=1e-3)
     assert left[0] < 0.09 * np.ptp(fall.height)

@@ -20,7 +20,11 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
 )
-from reduced_models.identification.residual_tests import residual_tests
+from reduced_models.identification.residual_tests import (
+    ResidualTests,
+    residual_tests,
+    samples_of_transient,
+)
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
 
@@ -183,3 +187,28 @@ def test_structure_is_called_wrong_though_it_is_small(
     quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
     found = residual_tests(dataclasses.replace(model, quality=quality), moved)
     assert found.verdict.startswith(words)
+
+
+def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
+    """A fast wave that fades within a tenth of a second, and a misfit that fades with the swing."""
+    time = np.linspace(0.0, 4.0, 2001)
+    noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
+    wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
+    count = samples_of_transient(time, wave + noise, 0.29)
+    assert 0.04 < time[count] < 0.15
+    assert np.abs(wave[count:]).max() < 1e-6
+    misfit = 1e-5 * np.exp(-0.8 * time) * np.cos(21.6 * time)
+    assert samples_of_transient(time, misfit + noise, 0.29) == 0
+    assert samples_of_transient(time, noise, 0.29) == 0
+    assert samples_of_transient(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [(2e-4, "so the law holds there"), (2e-3, "wrong: it swings"), (1e-6, "rounding")],
+)
+def test_a_verdict_names_the_release(after: float, words: str) -> None:
+    tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
+    assert tests.verdict.startswith(f"after the release's first 50 ms {100 * after:.2g} %")
+    assert words in tests.verdict
+    assert ("wrong" in tests.verdict) == (after == 2e-3)

@@ -28,6 +28,8 @@ from reduced_models.laws.linearization import (
 from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
 from reduced_models.models.fitted_law import AtRest
 
+COMBINED = ("viscous-coulomb", "viscous-quadratic", "pendulum-coulomb", "pendulum-quadratic")
+"""Laws of parts that other laws here have, each of which takes seconds to compile."""
 NUMBER = r"(-?[0-9.]+(?:e[+-]?[0-9]+)?)"
 
 
@@ -105,7 +107,11 @@ def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [name for name, law in LAWS.items() if not law.hidden],  # else two equations, one by one
+    [
+        pytest.param(name, marks=pytest.mark.long if name in COMBINED else ())
+        for name, law in LAWS.items()
+        if not law.hidden  # else two equations, one by one
+    ],
 )
 @pytest.mark.parametrize("level", [0.01, pytest.param(1e-5, marks=pytest.mark.long)])
 def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:

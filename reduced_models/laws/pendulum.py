@@ -1,0 +1,42 @@
+"""A pendulum, with viscous drag and dry friction, or with viscous and quadratic drag.
+
+z is its angle [rad]; the level of rest is where it hangs straight down.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reduced_models.laws.coulomb import VISCOUS_COULOMB
+from reduced_models.laws.law import Law, Starts
+from reduced_models.laws.quadratic_drag import VISCOUS_QUADRATIC
+from reduced_models.records.first_guesses import FirstGuesses
+
+
+def _hanging(law: Law) -> Law:
+    """Law with the restoring torque of a pendulum in place of its linear spring."""
+    assert law.start is not None
+    linear: Starts = law.start
+
+    def start(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
+        values = linear(guesses, random, count)
+        values["rest"] = values.pop("g0") / values["omega"] ** 2
+        return values
+
+    units = {name: unit.replace("m/s", "rad/s") for name, unit in law.units.items()}
+    del units["g0"]
+    return Law(
+        name=law.name.replace("viscous", "pendulum"),
+        equation=law.equation.replace("omega**2*z = g0", "omega**2*sin(z - rest) = 0"),
+        start=start,
+        positive=law.positive,
+        units={**units, "rest": "rad"},
+        source="C. Huygens 1673",
+        resolution=law.resolution,
+    )
+
+
+PENDULUM_COULOMB = _hanging(VISCOUS_COULOMB)
+PENDULUM_QUADRATIC = _hanging(VISCOUS_QUADRATIC)
