@@ -29,6 +29,7 @@ import io
 import json
 import os
 import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
@@ -298,11 +299,23 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
-    """Print a result: one JSON object, or a text for people.
+    """Print a result: one JSON object, or a text for people, with long notes in several lines.
 
     JSON has neither infinities nor NaN: they are printed as null.
     """
-    print(json.dumps(finite_or_none(result), allow_nan=False) if as_json else printable(text))
+    if as_json:
+        print(json.dumps(finite_or_none(result), allow_nan=False))
+    else:
+        print("\n".join(map(_fit_note, printable(text).split("\n"))))
+
+
+def _fit_note(line: str) -> str:
+    """Return a line, a note in several of at most a hundred columns."""
+    if not line.lstrip().startswith("note: "):
+        return line
+    return textwrap.fill(
+        line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _check_working_directory() -> None:

@@ -154,8 +154,8 @@ class Design:
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT
         if gap < contact:
             notes.append(
-                f"in the fall two grains came as near as {gap:.3g} D, closer than their contact, "
-                "which the scene does not hold; drop the piston from lower down"
+                f"in the fall two grains came as near as {gap:.3g} of a grain's diameter, and the "
+                "scene has no contact between grains; drop the piston from lower down"
             )
         if min(check.rest_gap for check in self.checks) < 1.0:
             notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
@@ -180,8 +180,8 @@ class Design:
             for check in self.checks
         ]
         lines.append(
-            f"  the maps had promised {self.promise.frequency:.4g} Hz and "
-            f"{self.promise.damping_ratio:.4g}; proposals simulated: {len(self.rounds)}"
+            f"  maps of earlier runs had promised {self.promise.frequency:.4g} Hz and "
+            f"{self.promise.damping_ratio:.4g}; dampers simulated: {len(self.rounds)}"
         )
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,12 @@ from reduced_models.models.model import ReducedModel
 
 if TYPE_CHECKING:
     import sympy
+
+
+_NEIGHBOURS = 4
+"""Candidates shown on either side of the chosen one."""
+_EQUATION_COLUMNS = 82
+"""Of candidates that were not chosen."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,12 +141,19 @@ class Discovery:
 
     def __str__(self) -> str:
         lines = [f"discovered by {self.method}, {self.map}:"]
-        for k, candidate in enumerate(self.candidates):
+        first, last = max(0, self.chosen - _NEIGHBOURS), self.chosen + _NEIGHBOURS + 1
+        for k, candidate in enumerate(self.candidates[first:last], start=first):
             mark = "*" if k == self.chosen else " "
-            lines.append(
-                f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {candidate.text}"
-            )
-        lines.append("   nodes, error in noise levels, equation; * is chosen")
+            text = candidate.text
+            if k != self.chosen:
+                text = textwrap.shorten(text, _EQUATION_COLUMNS, placeholder=" ...")
+            lines.append(f" {mark} {candidate.complexity:3d}  {candidate.error:9.4g}  {text}")
+        if left_out := len(self.candidates) - len(self.candidates[first:last]):
+            lines.append(f"   and {left_out} more, which .candidates and --json tell")
+        lines.append(
+            "   columns: numbers, names and operations of the equation; its rms error (1: as\n"
+            "   large as the record's noise makes it, so nothing is left to explain); * is chosen"
+        )
         fractions = ", ".join(
             f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items()
         )
@@ -147,7 +161,9 @@ class Discovery:
             lines.append(f"  needed in this fraction of resampled records: {fractions}")
         costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.costs.items())
         if costs:
-            lines.append(f"  the criterion rises by so much without each term: {costs}")
+            lines.append(
+                f"  the criterion rises by so much without each term (10 is decisive): {costs}"
+            )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 

@@ -399,6 +399,9 @@ class ReducedModel(FittedLaw):
         lines, digits = [f"{self.law.name}: {self.law.equation}"], max(5, self.printed_digits)
         if self.law.mapped:
             lines.append(f"  {self.map_text(digits)}" + ("" if self.map.fitted else " (given)"))
+        motion = "" if self.law.mapped else f"z is the {self.coordinate} in {self.unit}, "
+        level = f"{100.0 * self.confidence:.3g} % intervals"
+        lines.append(f"  {motion}' the rate of change; in brackets {level}")
         values = dict(self.parameters)
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
@@ -412,8 +415,8 @@ class ReducedModel(FittedLaw):
         if self.at_rest is not None:
             rest = self.at_rest
             words = (
-                f"  at rest: {self.coordinate} {rest.height:.5g} {self.unit}, period "
-                f"{rest.period:.5g} s, damping ratio "
+                f"  small swing about rest: {self.coordinate} {rest.height:.5g} {self.unit}, "
+                f"period {rest.period:.5g} s, damping ratio "
             )
             if rest.peaks is not None:
                 words += f"{rest.peaks.mean:.4g} by the record's peaks"
@@ -428,14 +431,14 @@ class ReducedModel(FittedLaw):
                     words += f", friction {item.friction:.4g} {self.unit}/s^2"
             lines.append(words)
         elif self.no_swing:
-            lines.append(f"  small swing at rest: none, {self.no_swing}")
-        quality = f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing"
+            lines.append(f"  small swing about rest: none, {self.no_swing}")
+        lines.append(f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing")
         if self.quality.test_error is not None:
-            quality += f", test error {100.0 * self.quality.test_error:.3g} %"
-        if self.quality.test_error_at_rest is not None:
-            at_rest = 100.0 * self.quality.test_error_at_rest
-            quality += f" (baseline, a piston at rest: {at_rest:.3g} %)"
-        lines.append(quality)
+            error = f"  test error {100.0 * self.quality.test_error:.3g} %"
+            at_rest = ""
+            if self.quality.test_error_at_rest is not None:
+                at_rest = f" (a piston at rest: {100.0 * self.quality.test_error_at_rest:.3g} %)"
+            lines.append(f"{error}, on the end that a first fit has not seen{at_rest}")
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(

@@ -136,6 +136,16 @@ def test_the_terminal_gets_no_control_signs(
         assert all(sign.isprintable() or sign == "\n" for sign in stream)
 
 
+def test_long_notes_are_printed_in_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    note, table = "  note: " + "fit with --drift " * 20, "0.123 " * 40
+    print_result({}, f"{note}\n{table}", as_json=False)
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= 100
+    assert last == table
+    assert " ".join(lines).split() == note.split()
+
+
 def test_a_terminal_that_knows_few_letters(monkeypatch: pytest.MonkeyPatch) -> None:
     """What it cannot show is escaped, as with LANG=C."""
     buffers = [io.BytesIO(), io.BytesIO()]
