@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from compared import beside_lammps
 from measured import averaging, falls, head_on_steps
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
@@ -43,6 +44,7 @@ from validation import convergence, exact_problem
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 DISCOVERY = DOCS / "results" / "discovery.md"
+OTHERS = DOCS / "results" / "other-tools.md"
 DIAMETER = 0.006
 GRAVITY = 9.8
 
@@ -813,6 +815,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
     "falls": lambda: write_block("falls", falls(), DOCS / "results" / "laws.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
+    "lammps": lambda: write_block("lammps", beside_lammps(), OTHERS),
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,

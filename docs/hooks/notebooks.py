@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,13 @@ from typing import Any
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = ROOT / "notebooks"
+IN_BROWSER = ("01_first_bed", "04_damper_to_equation", "05_laboratory_record")
+"""Notebooks with links to run them elsewhere, once the sources have a public address."""
+SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"][
+    "Source"
+]
 PICTURES = {"image/png": "png", "image/gif": "gif"}
 FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
 """A page that a cell shows: sliders, or a run in motion."""
@@ -23,11 +30,24 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add a page, and its pictures, for each notebook."""
     for path in sorted(NOTEBOOKS.glob("[0-9][0-9]_*.ipynb")):
         pictures: dict[str, bytes] = {}
-        text = "\n\n".join(parts(path, pictures))
+        text = browser_links(path.stem, SOURCE) + "\n\n".join(parts(path, pictures))
         add(files, config, f"notebooks/{path.stem}.md", text)
         for name, content in pictures.items():
             add(files, config, f"notebooks/{name}", content)
     return files
+
+
+def browser_links(stem: str, source: str) -> str:
+    """A line with links to Binder and Colab; none where the sources are not on GitHub."""
+    _, _, name = source.partition("github.com/")
+    if not name or stem not in IN_BROWSER:
+        return ""
+    binder = f"https://mybinder.org/v2/gh/{name}/main?labpath=notebooks/{stem}.ipynb"
+    colab = f"https://colab.research.google.com/github/{name}/blob/main/notebooks/{stem}.ipynb"
+    return (
+        f"Run it in the browser: [Binder]({binder}), or [Colab]({colab}), there after "
+        '`%pip install "granular-damper[notebooks]"`.\n\n'
+    )
 
 
 def add(files: Files, config: MkDocsConfig, name: str, content: str | bytes) -> None:
