@@ -180,7 +180,7 @@ def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
             "falls; give it piston.mass"
         )
     others = sorted({effect.key for effect in scene.effects.all} - _SHAPED)
-    if others or piston.friction or "dipole" not in present:
+    if others or piston.friction or "dipole" not in present or grains.magnets != "dipoles":
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
             f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles, "

@@ -128,6 +128,7 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
           "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}]}, "nothing falls"),
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
+        ({"grains.magnets": "cylinders"}, "no dipoles"),
     ],
 )  # fmt: skip
 def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
