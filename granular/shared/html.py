@@ -50,6 +50,11 @@ pre { background: var(--soft); padding: 0.6rem 0.8rem; overflow-x: auto; font-si
   th, td { padding-right: 0.25rem; hyphens: auto; }
   .equation { font-size: 1.05rem; padding: 0.5rem; }
   figure svg { min-width: var(--least); } }
+@page { size: A4; margin: 15mm; }
+@media print { :root { --ink: #000000; --paper: #ffffff; --line: #999999; --soft: #ffffff; }
+  body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; }
+  figure, tr, pre, .note { break-inside: avoid; } .scroll, figure { overflow: visible; }
+  pre { white-space: pre-wrap; border: 1px solid var(--line); } }
 footer { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 0.6rem; }
 """
 

@@ -17,6 +17,7 @@ from reduced_models.designs.damper import ASPECT, DIAMETER, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.page import add_legend, draw_map
 from reduced_models.designs.proposal import DesignTarget
+from reduced_models.falls.sheet import workshop_sheet
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:
@@ -302,8 +303,26 @@ class Design:
         page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
         return page
 
+    def sheet(self) -> Page:
+        """Sheet to build the damper from."""
+        scatter = [
+            f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"
+            for words, name, unit in (
+                ("frequency", "frequency", " Hz"), ("damping ratio", "damping_ratio", ""),
+                ("height of rest", "rest_height", " m"),
+            )
+            for low, high in [self.spread(name)]
+        ]  # fmt: skip
+        return workshop_sheet(
+            self.scene, self.rest_height,
+            title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
+            lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
+            f"{self.damping_ratio:.4g}, mean of {len(self.checks)} simulations.",
+            scatter=scatter, notes=self.notes,
+        )  # fmt: skip
+
     def save(self, out: str | Path, maps: DamperMaps) -> None:
-        """Write report.html, design.json and scene.toml.
+        """Write report.html, workshop.html, design.json and scene.toml.
 
         Raises
         ------
@@ -315,6 +334,7 @@ class Design:
         write_json(folder / "design.json", self.to_plain())
         self.scene.save(folder / "scene.toml")
         self.page(maps).save(folder / "report.html")
+        self.sheet().save(folder / "workshop.html")
 
 
 def _deviation_text(value: float, wanted: float) -> str:

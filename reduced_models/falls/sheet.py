@@ -1,0 +1,277 @@
+"""The workshop sheet of a damper: what to build, what it costs to be off, and what to measure.
+
+The liquid shears between the faces of a grain and the plates: with gaps h on both sides and the
+face A a grain has the drag 2 eta A/h. Sensitivities are those of the law of `predict`, from the
+scene alone.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from granular.scene.scene import Scene
+from granular.shared.errors import InputError
+from granular.shared.html import Page, format_number
+from granular.shared.plotting import COLOURS, GREY, figure
+from granular.shared.version import versions
+from reduced_models.falls.theory import OutsideRangeWarning, predict
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
+"""Between a face of a grain and its plate [m]."""
+TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
+"""[deg C]"""
+VISCOSITIES = {-25.0: 3.73, 25.0: 1.18}
+"""Of a silicone oil [Pa s] by the temperature [deg C] (Monteiro et al., Journal of Plastination,
+Polisil P10)."""
+CHANGE = 0.01
+"""Relative change of a part whose effect is told."""
+_BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+_KEYS = {
+    "mass of the piston": "piston.mass", "remanence of the discs": "grains.remanence",
+    "drag of a disc": "effects.drag.coefficient", "width of the cell": "cell.width",
+}  # fmt: skip
+
+
+def workshop_sheet(
+    scene: Scene,
+    rest: float,
+    *,
+    title: str,
+    lead: str,
+    scatter: Sequence[str],
+    notes: Sequence[str] = (),
+) -> Page:
+    """Page to build a damper from, for a screen or for paper.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the damper.
+    rest : float
+        Height of the piston at rest [m].
+    title, lead : str
+        First lines.
+    scatter : sequence of str
+        How far the damper may be from what is told, in words.
+    notes : sequence of str
+        Doubts.
+
+    Returns
+    -------
+    Page
+        Drawing, parts, liquid, sensitivities, scatter, and first measurement.
+    """
+    page = Page(title, lead)
+    for note in notes:
+        page.note(note)
+    page.figure(
+        _draw_cell(scene, rest),
+        "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
+        "lattice, the cell up to the height from which the piston is let down.",
+    )
+    page.section("Parts")
+    page.table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
+    page.section("Liquid and gap")
+    drag = _drag_of(scene)
+    if drag:
+        page.text(
+            f"A disc needs a drag of {drag:.3g} kg/s. A liquid of the viscosity eta in the gaps h "
+            "between both faces and the plates gives 2 eta A/h, with the face A of the disc. Pick "
+            "a gap, and buy the liquid by its viscosity at 25 °C."
+        )
+        page.table(("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"),
+                   _gap_rows(scene, drag))  # fmt: skip
+        page.text(
+            "A silicone oil that has 3.73 Pa s at -25 °C and 1.18 Pa s at 25 °C (Polisil P10, "
+            "Monteiro et al., Journal of Plastination), by the exponential law through these two, "
+            "gives the drag over that at 25 °C:"
+        )
+        page.table(
+            ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
+            [("drag over that at 25 °C",
+              *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES))],
+        )  # fmt: skip
+    else:
+        page.text("The damper has no drag, so no liquid.")
+    page.section("What a percent costs")
+    page.text(
+        "By the law of the bed, without a simulation: changes of the undamped frequency and of the "
+        "damping ratio of the small swing about rest, where one part is one percent greater."
+    )
+    page.table(("one percent more", "frequency [%]", "damping ratio [%]"), _sensitivity_rows(scene))
+    page.section("Scatter")
+    page.listing(scatter)
+    page.section("What to measure first")
+    page.text(
+        "With the piston at rest, lift it by a fifth of a disc's diameter and let it go; record "
+        "its height for three seconds, at 200 samples a second or more, as a table of time and "
+        "height. Then read back mass, drag and remanence, and simulate again with what was read:"
+    )
+    page.preformat(
+        "granular-damper calibrate lab.csv scene.toml --parameter piston.mass \\\n"
+        "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back"
+    )
+    page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
+    return page
+
+
+def viscosity_ratio(celsius: float) -> float:
+    """Viscosity of a silicone oil over that at 25 degrees Celsius.
+
+    Parameters
+    ----------
+    celsius : float
+        [deg C]
+
+    Returns
+    -------
+    float
+        exp(B (1/T - 1/298.15 K)), with the B of `VISCOSITIES`.
+    """
+    (cold, thick), (warm, thin) = ((t + 273.15, value) for t, value in VISCOSITIES.items())
+    slope = math.log(thick / thin) / (1.0 / cold - 1.0 / warm)
+    return math.exp(slope * (1.0 / (celsius + 273.15) - 1.0 / warm))
+
+
+def sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Relative changes of frequency and damping ratio over that of each part, by the law.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of a damper.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        By the part; 0.5 is half a percent for a percent.
+    """
+    still = scene.replace(**{"effects.host": "none"}) if scene.effects.host else scene
+    result = {}
+    for words, key in _KEYS.items():
+        if key == "effects.drag.coefficient" and not _drag_of(still):
+            continue
+        owner: object = still
+        for name in key.split("."):
+            owner = getattr(owner, name)
+        assert isinstance(owner, float)
+        high, low = (
+            _swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE)
+        )
+        changes = [math.log(h / other) / (2.0 * CHANGE) for h, other in zip(high, low, strict=True)]
+        result[words] = (changes[0], changes[1])
+    return result
+
+
+def _swing(scene: Scene) -> tuple[float, float]:
+    """Undamped frequency [Hz] and damping ratio of the small swing, by the law."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OutsideRangeWarning)  # the sheet has its notes
+        swing = predict(scene).at_rest
+    if swing is None or swing.period is None or swing.damping_ratio is None:
+        raise InputError("the piston has no swing about rest; give less effects.drag.coefficient")
+    ratio = swing.damping_ratio
+    return 1.0 / (swing.period * math.sqrt(1.0 - ratio**2)), ratio
+
+
+def _sensitivity_rows(scene: Scene) -> list[tuple[str, str, str]]:
+    return [
+        (words, f"{frequency:+.2f}", f"{ratio:+.2f}")
+        for words, (frequency, ratio) in sensitivities(scene).items()
+    ]
+
+
+def _drag_of(scene: Scene) -> float:
+    drag = scene.effects.drag
+    return 0.0 if drag is None else drag.coefficient
+
+
+def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
+    grains, piston = scene.grains, scene.piston
+    assert piston is not None
+    masses, kinds = grains.masses(), grains.assignment()
+    rows = []
+    for k, species in enumerate(grains.species):
+        own = masses[kinds == k]
+        thickness, remanence = (
+            float(grains.of_species(name)[k]) for name in ("thickness", "remanence")
+        )
+        rows.append((
+            "disc magnet, magnetised along its axis", str(len(own)),
+            f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
+            f"remanence {remanence:g} T",
+            f"{1e3 * own[0]:.3g} g each, {own.sum():.3g} kg in all",
+        ))  # fmt: skip
+    width = 1e3 * scene.cell.width
+    rows.append(("piston, as wide as the cell", "1", f"width {width:.4g} mm",
+                 f"{piston.mass or 0.0:.4g} kg with all that moves with it"))  # fmt: skip
+    rows.append(("plates of a material that is not magnetic", "2",
+                 f"inner width {width:.4g} mm, height {1e3 * piston.height:.4g} mm or more "
+                 f"(at rest {1e3 * rest:.4g} mm)", ""))  # fmt: skip
+    return rows
+
+
+def _gap_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
+    first = scene.grains.species[0].diameter
+    thickness = float(scene.grains.of_species("thickness")[0])
+    face = math.pi / 4.0 * first**2
+    return [
+        (f"{1e3 * gap:g}", format_number(1e3 * (thickness + 2.0 * gap)),
+         format_number(drag * gap / (2.0 * face), 3))
+        for gap in GAPS
+    ]  # fmt: skip
+
+
+def _draw_cell(scene: Scene, rest: float) -> Figure:
+    """Front view of cell, bed and piston, with dimensions [mm]."""
+    from matplotlib.patches import Circle, Rectangle
+
+    assert scene.piston is not None
+    width, height, level = (1e3 * x for x in (scene.cell.width, scene.piston.height, rest))
+    diameter, plate = 1e3 * scene.grains.species[0].diameter, 0.03 * width
+    with figure(width=7.2, height=7.2 * (height + 8 * plate) / (1.35 * width)) as (drawing, axes):
+        for left in (-plate, width):
+            axes.add_patch(Rectangle((left, -plate), plate, height + plate, color=GREY))
+        axes.add_patch(Rectangle((0.0, -plate), width, plate, color=GREY))
+        axes.add_patch(Rectangle((0.0, level), width, 2.0 * plate, fill=False, hatch="//"))
+        for x, y, size in _grain_sites(scene, width, level):
+            axes.add_patch(Circle((x, y), 0.5 * size, fill=False, color=COLOURS[0], linewidth=0.6))
+        _dimension(axes, (0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}")
+        _dimension(axes, (width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}")
+        _dimension(axes, (-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}")
+        axes.text(0.5 * width, level + plate, f"piston, {scene.piston.mass:.4g} kg", ha="center",
+                  va="center", bbox=_BLANK)  # fmt: skip
+        axes.text(0.5 * width, height, f"{scene.grains.count} discs, the first of {diameter:g} mm",
+                  ha="center", va="top")  # fmt: skip
+        axes.set(xlim=(-6 * plate, width + 6 * plate), ylim=(-4.5 * plate, height + 2 * plate))
+        axes.set_aspect("equal")
+        axes.axis("off")
+        return drawing
+
+
+def _grain_sites(scene: Scene, width: float, level: float) -> list[tuple[float, float, float]]:
+    """Discs on a hexagonal lattice that fills the cell up to the level [mm]: x, y, diameter."""
+    grains = scene.grains
+    sizes = 1e3 * grains.diameters()
+    spacing = math.sqrt(width * level / len(sizes) / math.sqrt(0.75))
+    across = max(round(width / spacing), 1)
+    rows = math.ceil(len(sizes) / across)
+    return [
+        ((k % across + (0.25, 0.75)[k // across % 2]) * width / across,
+         (k // across + 0.5) * level / rows, float(size))
+        for k, size in enumerate(sizes)
+    ]  # fmt: skip
+
+
+def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
+    axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
+    upright = start[0] == end[0]
+    axes.text(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), text, ha="center", va="center",
+              rotation=90 if upright else 0, bbox=_BLANK)  # fmt: skip
