@@ -54,6 +54,7 @@ def beside_lammps() -> str:
         f"| the same, steps of 25 µs | {fine.apart:.1e} D |",
         f"| processor time of 1000 steps, LAMMPS from start to end | {coarse.theirs:.2g} s |",
         f"| processor time of 1000 steps, this toolkit, compiled | {coarse.ours:.2g} s |",
+        "",
     ])  # fmt: skip
 
 
