@@ -110,13 +110,16 @@ def workshop_sheet(
     page.listing(scatter)
     page.section("What to measure first")
     page.text(
-        "With the piston at rest, lift it by a fifth of a disc's diameter and let it go; record "
-        "its height for three seconds, at 200 samples a second or more, as a table of time and "
+        "With the piston at rest, and the machine held still, lift it by a fifth of a disc's "
+        "diameter and let it go; record its height for three seconds, at 200 "
+        "samples a second or more, as a table of time and "
         "height. Then read back mass, drag and remanence, and simulate again with what was read:"
     )
+    host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
     page.preformat(
         "granular-damper calibrate lab.csv scene.toml --parameter piston.mass \\\n"
         "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back"
+        + host
     )
     page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
     return page
