@@ -23,6 +23,7 @@ from .models.roll_out import roll_out
 from .records import PistonRecord
 from .records.first_guesses import FirstGuesses
 from .records.release import cut_at_release
+from .records.sensor import Sensor
 from .records.sources import read_record, read_releases
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "LawEstimator",
     "PistonRecord",
     "ReducedModel",
+    "Sensor",
     "calibrate",
     "compare",
     "cut_at_release",

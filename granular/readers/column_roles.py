@@ -66,8 +66,13 @@ def assign_roles(
     if TIME not in chosen:
         _choose_time(sheet, chosen, notes)
     if HEIGHT not in chosen:
-        _choose_height(sheet, chosen, notes)
+        _choose_height(sheet, chosen, reading, notes)
     return chosen, calibrations
+
+
+def motion_role(chosen: Mapping[str, object]) -> str:
+    """Role of the column that tells the motion: the coordinate, or else its derivative."""
+    return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
 
 def _calibrations_by_role(
@@ -304,8 +309,13 @@ def _increases(column: Column) -> bool:
     return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and known[-1] > known[0]
 
 
-def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
-    """Only other column of numbers, or of those without names the next."""
+def _choose_height(
+    sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions, notes: list[str]
+) -> None:
+    """Only other column of numbers, or of those without names the next.
+
+    None where the user says which one is a velocity or an acceleration, and no other can be it.
+    """
     taken = list(map(id, chosen.values()))
     free = [
         column
@@ -325,6 +335,12 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) ->
     if not result:
         if len(lengths) > 1:
             raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in lengths]))
+        if not {VELOCITY, ACCELERATION}.isdisjoint(reading.columns):
+            notes.append(
+                f"there is no position: a law is fitted to the {motion_role(chosen)}, which tells "
+                "no level of rest (columns: height=... for a position)"
+            )
+            return
         raise RecordError(_no_coordinate_text(sheet, free))
     chosen[HEIGHT] = result[0]
     if result[0].name:
@@ -345,9 +361,11 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     """Return the words of an error where no column can be the coordinate."""
     accelerations = [item for item in free if _is_acceleration(item)]
     if accelerations:
+        name = quote(accelerations[0].name)
         return (
-            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: twice "
-            "integrated, its offset grows with the square of the time; record a position"
+            f"no column 'height', only the acceleration {name}: twice integrated, its offset grows "
+            f"with the square of the time; record a position, or fit a law to the acceleration "
+            f"itself (columns: acceleration={sanitize(accelerations[0].name, _LONGEST_NAME)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor(normalize_unit(item.unit))]
     advice = (

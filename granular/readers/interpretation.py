@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular.readers.calibration import Calibration
-from granular.readers.column_roles import assign_roles
+from granular.readers.column_roles import assign_roles, motion_role
 from granular.readers.headers import (
     ACCELERATION,
     ANGLES,
@@ -53,7 +53,8 @@ class Interpretation:
     Attributes
     ----------
     columns : dict of str to float64 (n,)
-        ``time`` and ``height``, ``velocity`` and ``force`` where they are there, and the others.
+        ``time`` and ``height`` (or, without a position, ``velocity`` or ``acceleration``),
+        ``velocity`` and ``force`` where they are there, and the others.
     source : dict of str to str
         The name in the file of each column that has a meaning.
     units : dict of str to str
@@ -93,8 +94,11 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
     _check_duplicate_names(sheet, chosen, reading)
     units = _units_by_role(sheet, chosen, reading)
     raw = {role: check_values(sheet, role, column) for role, column in chosen.items()}
+    motion = motion_role(chosen)
     if HEIGHT in calibrations:
         angle = calibrations[HEIGHT].angle
+    elif motion != HEIGHT:
+        angle = _is_turning(motion, units.get(motion))
     else:
         angle = _is_angle(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in reading.columns)
     own, deviations = {}, {}
@@ -118,7 +122,7 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
     others, left_out = _remaining_columns(sheet, chosen)
     own[_ROW] = np.arange(len(own[TIME]), dtype=float)
-    own, others = _drop_gaps(sheet, own, others, notes, left_out)
+    own, others = _drop_gaps(sheet, own, others, notes, left_out, motion)
     if reading.sort:
         order = np.argsort(own[TIME], kind="stable")
         own = {role: numbers[order] for role, numbers in own.items()}
@@ -221,6 +225,16 @@ def _is_angle(
     return True
 
 
+def _is_turning(role: str, unit: str | None) -> bool:
+    """Tell an angular velocity or acceleration by its unit."""
+    if unit is None:
+        return False
+    try:
+        return role_unit_size(role, unit)[1] == unit_size(si_unit(role, angle=True))[1]
+    except SceneError:
+        return False
+
+
 def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -> None:
     """Turn times since 1970, told by their size, into seconds since the first sample."""
     if column.clock or column.unit is not None:
@@ -241,6 +255,8 @@ def _check_sizes(
     notes: list[str],
 ) -> None:
     """Note numbers without a unit that are large for those of a laboratory in SI."""
+    if HEIGHT not in own:
+        return
     known = {role: own[role][np.isfinite(own[role])] for role in (TIME, HEIGHT)}
     if min(map(len, known.values())) < _LEAST_SAMPLES:
         return
@@ -262,7 +278,7 @@ def _check_sizes(
 
 def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
     """Note a velocity that is not the slope of the height."""
-    if VELOCITY not in own:
+    if VELOCITY not in own or HEIGHT not in own:
         return
     time, height, velocity = own[TIME], own[HEIGHT], own[VELOCITY]
     known = np.isfinite(time) & np.isfinite(height) & np.isfinite(velocity)
@@ -367,15 +383,16 @@ def _drop_gaps(
     others: dict[str, np.ndarray],
     notes: list[str],
     left_out: list[str],
+    motion: str,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Drop samples without time or height, and then other columns that have gaps."""
-    here = np.isfinite(own[TIME]) & np.isfinite(own[HEIGHT])
+    """Drop samples without time or motion, and then other columns that have gaps."""
+    here = np.isfinite(own[TIME]) & np.isfinite(own[motion])
     lost = int((~here).sum())
     if lost:
         first = sheet.describe_row(int(np.argmin(here)))
         others_too = " and others" if lost > 1 else ""
         notes.append(
-            f"{lost} of {len(here)} samples have no time or height and are left out: {first}"
+            f"{lost} of {len(here)} samples have no time or {motion} and are left out: {first}"
             f"{others_too}"
         )
     saved: dict[str, dict[str, np.ndarray]] = {"own": {}, "others": {}}

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular.readers.headers import ACCELERATION, VELOCITY
+from granular.readers.integration import integrate_motion
 from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import replace_when_written
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
+_INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
+"""Columns that tell of a motion without a position, and how often they are integrated."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +50,10 @@ class PistonRecord:
     deviations : mapping of str to float64 (m, n)
         Independent deviations of columns that a sensor's calibration leaves open, of one standard
         uncertainty each; they widen the intervals of what is fitted.
+    measured : str
+        Column that was measured: ``"height"``, or ``"velocity"`` or ``"acceleration"`` of a record
+        without a position. Its ``height`` is then their integral about zero, without what is slow:
+        for pictures and first guesses. Fits compare the column that was measured.
 
     Raises
     ------
@@ -70,6 +78,7 @@ class PistonRecord:
     extra: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     angle: bool = False
     deviations: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    measured: str = "height"
 
     def __post_init__(self) -> None:
         for name in UNITS:
@@ -318,16 +327,8 @@ class PistonRecord:
         RecordError
             If they make none.
         """
-        values = dict(meaning.columns)
-        return cls(
-            time=values.pop("time"),
-            height=values.pop("height"),
-            velocity=values.pop("velocity", None),
-            force=values.pop("force", None),
-            extra=values,
-            angle=meaning.angle,
-            deviations=meaning.deviations,
-        )
+        record = cls.from_columns(meaning.columns)
+        return dataclasses.replace(record, angle=meaning.angle, deviations=meaning.deviations)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits.
@@ -380,8 +381,10 @@ class PistonRecord:
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns by their names."""
+        """All columns by their names; a height that was integrated is none."""
         own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
+        if self.measured != "height":
+            del own["height"]
         return own | dict(self.extra)
 
     @classmethod
@@ -391,21 +394,32 @@ class PistonRecord:
         Parameters
         ----------
         columns : mapping of str to array (n,)
-            Columns in SI units; ``time`` and ``height`` are needed.
+            Columns in SI units; ``time`` and ``height`` are needed. In place of the height there
+            may be ``velocity`` or ``acceleration``; see ``measured``.
 
         Raises
         ------
         RecordError
-            If ``time`` or ``height`` is missing, or the values make no record.
+            If ``time`` or the motion is missing, or the values make no record.
         """
-        for name in ("time", "height"):
+        measured = next((name for name in ("height", *_INTEGRALS) if name in columns), "height")
+        for name in ("time", measured):
             if name not in columns:
                 raise RecordError(
-                    f"there is no column {quote(name)}; a record needs time and height"
+                    f"there is no column {quote(name)}; a record needs time and height (or "
+                    "velocity, or acceleration)"
                 )
         own = {name: columns[name] for name in UNITS if name in columns}
         extra = {name: values for name, values in columns.items() if name not in UNITS}
-        return cls(**own, extra=extra)  # type: ignore[arg-type]  # by its names
+        own.setdefault("height", np.zeros(np.shape(columns["time"])))
+        record = cls(**own, extra=extra, measured=measured)  # type: ignore[arg-type]  # by names
+        return record if measured == "height" else record._integrated()
+
+    def _integrated(self) -> PistonRecord:
+        """Record with the integral of what was measured for its height."""
+        values = self.columns[self.measured]
+        height = integrate_motion(self.time, values, _INTEGRALS[self.measured])
+        return dataclasses.replace(self, height=height)
 
     def between(self, start: float, stop: float) -> PistonRecord:
         """Return the samples with start <= time <= stop [s].
@@ -524,6 +538,7 @@ class PistonRecord:
             {key: values[samples] for key, values in self.extra.items()},
             self.angle,
             {key: values[:, samples] for key, values in self.deviations.items()},
+            self.measured,
         )
 
 

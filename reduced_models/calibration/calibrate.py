@@ -40,6 +40,7 @@ from reduced_models.calibration.simulations import (
     scene_parameter,
 )
 from reduced_models.fitting.options import check_options
+from reduced_models.fitting.problem import require_positions
 from reduced_models.fitting.uncertainty import open_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
@@ -120,6 +121,7 @@ def calibrate(
         For each of the result's notes.
     """
     check_options(confidence=confidence)
+    require_positions([record], "calibrate")
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAX_SEEDS:
         raise InputError(
             f"seeds = {quote(seeds)}; give an integer from 2 on, to see their scatter, "

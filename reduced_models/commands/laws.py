@@ -139,6 +139,12 @@ def identify(options: Any) -> None:
         "parameters are bounded or trade places)",
     ),
     option("--drift", action="store_true", help="let the records' zero drift slowly"),
+    option(
+        "--measured", metavar="SENSOR",
+        help="what is compared, where it is not the height: velocity, acceleration, force or "
+        "base_force, and gain, offset (a number, LOW:HIGH or free), low_pass, high_pass (in Hz), "
+        "damping_ratio, column, absolute behind it; by the file's columns if not given",
+    ),
     option("-o", "--out", metavar="FILE", help="model of the first record, as JSON"),
     READING, OUTPUT,
     examples="""\
@@ -146,12 +152,16 @@ examples:
   %(prog)s --laws
   %(prog)s lab.csv --law duffing -o model.json
   %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
-  %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0\"""",
+  %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0"
+  %(prog)s acc.csv --law linear --columns acceleration=ax
+  %(prog)s geo.csv --law linear --columns velocity=ch1 --scale "velocity=1 m/s/V" \\
+      --measured "velocity gain=20:30 high_pass=4.5 damping_ratio=0.6\"""",
 )  # fmt: skip
 def fit(options: Any) -> None:
     """Fit a law to the records of some sources, or list the laws of the package."""
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
+    from reduced_models.records.sensor import sensor_from_text
 
     if options.laws:
         print_result(LAWS.words(), repr(LAWS), options.json)
@@ -161,6 +171,7 @@ def fit(options: Any) -> None:
         load_records(options.sources, options),
         options.law,
         bounds=parse_bounds(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
+        measured=None if options.measured is None else sensor_from_text(options.measured),
         **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )
     text = "\n\n".join(map(str, models))

@@ -35,6 +35,7 @@ from reduced_models.discovery.weak_form import (
     force_weak_form,
     weak_form,
 )
+from reduced_models.fitting.problem import require_positions
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -143,6 +144,7 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     records = [record] if isinstance(record, PistonRecord) else list(record)
+    require_positions(records, "discover")
     terms, functions = _as_texts(terms), _as_texts(functions)
     _check_arguments(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)

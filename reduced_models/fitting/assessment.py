@@ -35,12 +35,14 @@ from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
+from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import Quality
 from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.release import release_sample
+from reduced_models.records.sensor import Sensor
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
@@ -85,7 +87,10 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     covariance, independent = joint_covariance(
         joint.linearise(theta),
         [grid.loss for grid in joint.grids],
-        [None if level is None else level / joint.unknowns.amplitude for level in problem.noise],
+        [
+            None if level is None else level / joint.unknowns.residual_unit
+            for level in problem.noise
+        ],
         joint.entries,
         joint.held,
     )
@@ -108,8 +113,14 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
         quantile = known[0].quantile(problem.confidence)
         profiled = profile_intervals(joint, theta, covariance, quantile)
     models = []
+    motions = [
+        PistonRecord(grid.record.time, grid.heights(theta[here]))
+        if problem.sensor is not None
+        else grid.record
+        for grid, here in zip(joint.grids, joint.entries, strict=True)
+    ]
     for k, here in enumerate(joint.entries):
-        height = joint.grids[k].record.height
+        height = motions[k].height
         linear, at_rest, undetermined = interval_analysis(
             joint.unknowns, theta[here], known[k], problem.confidence,
             (float(height.min()), float(height.max())),
@@ -123,7 +134,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
         if profiled is not None:
             intervals = at_least_linear(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
-        model = _make_model(result, k, intervals, at_rest)
+        model = _make_model(result, k, intervals, at_rest, motions)
         models.append(
             dataclasses.replace(
                 model, undetermined=undetermined, covariance_names=names, covariance=matrix
@@ -137,6 +148,7 @@ def _make_model(
     k: int,
     intervals: Mapping[str, Interval],
     at_rest: AtRest | NoSwing,
+    motions: Sequence[PistonRecord],
 ) -> ReducedModel:
     problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
@@ -154,10 +166,10 @@ def _make_model(
         initial=(float(height_map.to_height(z0)), float(v0 * scale)),
         at_rest=None
         if isinstance(at_rest, NoSwing)
-        else _add_peak_damping(at_rest, record, unknowns.law),
+        else _add_peak_damping(at_rest, motions[k], unknowns.law),
         no_swing=at_rest.reason if isinstance(at_rest, NoSwing) else "",
         quality=quality,
-        domain=_ranges_of_motion([other.record for other in result.joint.grids]),
+        domain=_ranges_of_motion(motions),
         notes=(
             *_model_notes(quality, _usual_residual(result, k), record),
             *_bound_notes(parameters, problem.bounds),
@@ -171,7 +183,17 @@ def _make_model(
         },
         input_interpolation=grid.interpolation,
         angle=record.angle,
+        sensor=_fitted_sensor(unknowns, theta),
+        untold=problem.untold,
     )
+
+
+def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
+    """Sensor with the gain and the offset of a fit."""
+    if unknowns.sensor is None:
+        return None
+    gain, offset = unknowns.gain_and_offset(theta)
+    return dataclasses.replace(unknowns.sensor, gain=gain, offset=offset)
 
 
 def _add_peak_damping(rest: AtRest, record: PistonRecord, law: Law) -> AtRest:
@@ -238,11 +260,12 @@ def _quality(result: SearchResult, k: int) -> Quality:
     record, samples = grid.record, problem.samples[k]
     swing = float(record.height.std())
     residuals = grid.residuals(result.theta[here])
-    residual = _rms(residuals) * grid.unknowns.amplitude
+    unit = grid.unknowns.residual_unit
+    residual = _rms(residuals) * unit
     level = problem.noise[k]
     period = 2.0 * math.pi * grid.unknowns.amplitude / grid.unknowns.speed
-    fitted = record.height + residuals * grid.unknowns.amplitude
-    left = remove_random_walk(residuals * grid.unknowns.amplitude, grid.gain)
+    fitted = record.height + residuals * unit
+    left = remove_random_walk(residuals * unit, grid.gain)
     structure = residual_structure(record.time, left, np.gradient(fitted, record.time), period)
     is_tested = len(record) - samples >= 2
     error, resting = None, None
@@ -282,7 +305,7 @@ def _test_errors(
     resting = _rms(record.height[training:tested] - rest) / swing
     if (np.abs(residuals) >= BLOWN_UP).any():
         return math.inf, resting
-    return _rms(residuals) * grid.unknowns.amplitude / swing, resting
+    return _rms(residuals) * grid.unknowns.residual_unit / swing, resting
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
@@ -326,8 +349,9 @@ def _usual_residual(result: SearchResult, k: int) -> float:
     grid = result.joint.grids[k]
     residuals = grid.residuals(result.theta[result.joint.entries[k]])
     if grid.loss.name == "linear":
-        return _rms(residuals) * grid.unknowns.amplitude
-    return float(np.median(np.abs(residuals))) / NORMAL_MEDIAN * grid.unknowns.amplitude
+        return _rms(residuals) * grid.unknowns.residual_unit
+    usual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
+    return usual * grid.unknowns.residual_unit
 
 
 def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, ...]:

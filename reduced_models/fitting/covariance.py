@@ -223,10 +223,10 @@ def bootstrap_replicates(
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
     lengths = [len(residual) for residual in residuals]
-    amplitude = joint.unknowns.amplitude
+    unit = joint.unknowns.residual_unit
     # A residual is solution minus data.
     fitted = [
-        grid.record.height + residual * amplitude
+        grid.record.height + residual * unit
         for grid, residual in zip(joint.grids, residuals, strict=True)
     ]
     draws = [
@@ -235,9 +235,7 @@ def bootstrap_replicates(
     ]
     result = np.empty((count, len(theta)))
     for k in range(count):
-        heights = [
-            motion - amplitude * draw(random) for motion, draw in zip(fitted, draws, strict=True)
-        ]
+        heights = [motion - unit * draw(random) for motion, draw in zip(fitted, draws, strict=True)]
         grids = tuple(
             grid.with_heights(height) for grid, height in zip(joint.grids, heights, strict=True)
         )

@@ -45,6 +45,7 @@ from reduced_models.fitting.problem import (
 )
 from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on_verified_grids
 from reduced_models.fitting.search import search_fit
+from reduced_models.fitting.sensor_view import SensorView, sensor_view
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
@@ -52,6 +53,7 @@ from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_drive
+from reduced_models.records.sensor import Quantity, Sensor, chosen_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
@@ -110,6 +112,7 @@ def fit(
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None = None,
     input_interpolation: Interpolation | None = None,
     drift: bool = False,
+    measured: Quantity | Sensor | None = None,
 ) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several together.
 
@@ -169,6 +172,11 @@ def fit(
         last value) or ``"band-limited"``; otherwise that with the least held-out error.
     drift : bool
         Whether the records' zero may drift, as a random walk; intervals then allow for it.
+    measured : str or Sensor, optional
+        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"``, ``"force"`` on the mass
+        or ``"base_force"``, or a `Sensor` with gain, offset and filter; that of which the record
+        holds the measurement if not given. Where it does not tell the level of rest, heights count
+        from there.
 
     Returns
     -------
@@ -215,17 +223,42 @@ def fit(
     shared, value = fixed_values(fix or {}, len(records))
     pairs = parameter_bounds(chosen, bounds or {}, shared, value)
     given = weights_and_noise(records, weights, noise)
+    histories = checked_histories(chosen, initial, records) if is_history(initial) else []
+    state = {} if histories else initial_state(chosen, initial)
+    given_sensor = measured or records[0].measured
+    sensor = None if given_sensor == "height" else chosen_sensor(given_sensor)
+    if sensor is not None and histories:
+        raise InputError("initial: a motion before is followed by its heights; fit these")
+    view = SensorView(None)
+    if sensor is not None:
+        view = sensor_view(chosen, sensor, declared, state)
+    pairs |= dict.fromkeys(view.held, (0.0, 0.0))
+    if sensor is not None and sensor != view.sensor:  # its gain is held
+        records = [
+            dataclasses.replace(
+                record, deviations=sensor.with_gain_left_open(record.columns, record.deviations)
+            )
+            for record in records
+        ]
     problem = FitProblem(
         law=chosen,
         data=tuple(
-            training_data(record, test_fraction, *how, loss, fixed)
+            training_data(
+                record,
+                test_fraction,
+                *how,
+                loss,
+                fixed,
+                view.sensor,
+                about_rest="level" in view.untold,
+            )
             for record, how, fixed in zip(records, given, value, strict=True)
         ),
-        map=map,
+        map="fitted" if sensor is not None and map == "auto" else map,
         own=tuple(dict.fromkeys((*own, *value[0]))),
         bounds=pairs,
         start=parameter_starts(chosen, start or {}),
-        initial={} if is_history(initial) else initial_state(chosen, initial),
+        initial=state,
         loss=loss,
         interpolation=input_interpolation or "spline",
         known_noise=noise is not None,
@@ -233,8 +266,9 @@ def fit(
         confidence=confidence,
         intervals=intervals,
         seed=seed,
+        sensor=view.sensor,
+        untold=view.untold,
     )
-    histories = checked_histories(chosen, initial, records) if is_history(initial) else []
     result = search_fit(problem)
     if not math.isfinite(result.cost):
         raise InputError(

@@ -91,7 +91,8 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Fit with hidden states held where the records' histories end."""
     problem, joint, theta = result.problem, result.joint, result.trained
-    hidden = slice(joint.unknowns.free + 2, None)
+    first = joint.unknowns.free + 2
+    hidden = slice(first, first + len(problem.law.hidden))
     for _ in range(_ROUNDS):
         former, theta = theta, theta.copy()
         low, high = joint.bounds.low.copy(), joint.bounds.high.copy()

@@ -110,6 +110,8 @@ def _gridded_records(
     if len(models) != len(records):
         raise InputError(f"{len(models)} models for {len(records)} records; give one for each")
     check_parameter_names(models[0].law, own)
+    if any(entry.sensor is not None for entry in models):
+        raise InputError("posterior takes models that were fitted to heights; this was a sensor's")
     # All in the units of the first model: vectors of different units would not add up.
     unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
     thetas = [theta_of_model(entry, None, unknowns)[1] for entry in models]

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import InputError
+from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
@@ -22,6 +22,7 @@ from reduced_models.records.first_guesses import (
 )
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.release import is_driven
+from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_limits import end_of_motion
 
 Pairs = Mapping[str, tuple[float, float]]
@@ -60,6 +61,9 @@ class TrainingData(NamedTuple):
         asks for it.
     fixed : mapping of str to float
         Parameters that are given for this record alone.
+
+    Where a sensor is fitted, ``record`` and ``training`` hold its signal for their height; the
+    ``look`` is of the motion behind it.
     """
 
     record: PistonRecord
@@ -100,6 +104,11 @@ class FitProblem:
     confidence : float
     intervals : str
     seed : int
+    sensor : Sensor, optional
+        None where heights are compared.
+    untold : tuple of str
+        Parameters that its signal does not tell; ``level`` for the height of rest, ``size`` for the
+        size of the motion.
     """
 
     law: Law
@@ -116,6 +125,8 @@ class FitProblem:
     confidence: float
     intervals: Intervals
     seed: int
+    sensor: Sensor | None = None
+    untold: tuple[str, ...] = ()
 
     def bounds_of(self, data: TrainingData) -> Pairs:
         """Bounds of the parameters of one of the records."""
@@ -136,9 +147,9 @@ class FitProblem:
         """Noise of each record, where it was given [m]."""
         return tuple(data.noise if self.known_noise else None for data in self.data)
 
-    def loss_of(self, data: TrainingData, amplitude: float) -> Loss:
-        """Loss of a record's residuals, which count in amplitudes."""
-        scale = _SCALES[self.loss] * max(data.noise / amplitude, _LEAST_SCALE)
+    def loss_of(self, data: TrainingData, unit: float) -> Loss:
+        """Loss of a record's residuals, which count in a unit."""
+        scale = _SCALES[self.loss] * max(data.noise / unit, _LEAST_SCALE)
         return Loss(self.loss, scale)
 
 
@@ -149,6 +160,9 @@ def training_data(
     noise: float | None = None,
     loss: LossName = "linear",
     fixed: Mapping[str, float] | None = None,
+    sensor: Sensor | None = None,
+    *,
+    about_rest: bool = False,
 ) -> TrainingData:
     """Split a record into its training stretch and what is held out, and take a glance at it.
 
@@ -161,6 +175,15 @@ def training_data(
         If the training stretch is too short, or does not move.
     """
     total = record.from_zero()
+    motion = total
+    if sensor is not None:
+        columns = total.columns
+        motion = dataclasses.replace(total, height=sensor.motion(columns, about_rest=about_rest))
+        total = dataclasses.replace(
+            total,
+            height=sensor.signal(columns),
+            deviations=sensor.signal_deviations(total.deviations),
+        )
     tested = samples_in_motion(total) if test_fraction > 0.0 else len(total)
     stop = float(total.time[tested - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
@@ -170,7 +193,9 @@ def training_data(
     level = noise or 0.0
     if noise is None and loss != "linear":
         level = noise_level(total.height, total.time)
-    look = training if loss == "linear" else clip_outliers(training)
+    look = motion.first(count)
+    if loss != "linear":
+        look = clip_outliers(look)
     guess = first_guesses(look)
     return TrainingData(total, training, stop, tested, look, guess, given, level, fixed or {})
 
@@ -232,6 +257,22 @@ def as_records(record: Any) -> list[PistonRecord]:
         f"a {kind} is no record; give a PistonRecord, such as "
         "PistonRecord.from_columns({'time': ..., 'height': ...})"
     )
+
+
+def require_positions(records: Sequence[PistonRecord], action: str) -> None:
+    """Refuse records whose heights are integrated ones.
+
+    Raises
+    ------
+    RecordError
+        If there is such a record.
+    """
+    for record in records:
+        if record.measured != "height":
+            raise RecordError(
+                f"{action} needs heights, and this record holds the {record.measured} only; fit "
+                "laws to it with fit, one by one, or record a position"
+            )
 
 
 def weights_and_noise(

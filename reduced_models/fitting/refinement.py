@@ -119,7 +119,7 @@ def refine_best_start(
     grids = [
         record_on_grid(
             unknowns, data.record, grid, problem.interpolation, data.weights,
-            problem.loss_of(data, unknowns.amplitude),
+            problem.loss_of(data, unknowns.residual_unit),
         )
         for data, grid in zip(problem.data, fine_grids(problem), strict=True)
     ]  # fmt: skip
@@ -212,7 +212,7 @@ def _collocation_fit(
     free = free_entries(
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
-    starts = [with_initial_state(unknowns, data.guess, free) for data in problem.data]
+    starts = [with_initial_state(unknowns, data, free) for data in problem.data]
     start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
     if not np.isfinite(start).all():
         return None
@@ -299,7 +299,7 @@ def _solver_error(
     unknowns = grid.unknowns
     reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical(theta)
-    fitted = grid.record.height + residuals * unknowns.amplitude
+    fitted = grid.heights(theta)
     error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"

@@ -99,7 +99,7 @@ def _search(
     """
     # First of all: a record with too many periods is refused before any search.
     fine_grids(problem)
-    unknowns = scale_unknowns(problem.law, height_map, problem.leader)
+    unknowns = scale_unknowns(problem.law, height_map, problem.leader, problem.sensor)
     entries = joint_entries(unknowns, len(problem.data), problem.own)
     edges = [
         theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data
@@ -181,7 +181,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     swinging = swing_unknowns(unknowns, form, draws)
     free = free_entries(swinging, draws)
     theta = joint_vector(
-        [with_initial_state(swinging, data.guess, free) for data in problem.data], joint.entries
+        [with_initial_state(swinging, data, free) for data in problem.data], joint.entries
     )
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
@@ -233,7 +233,8 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         padded = np.zeros_like(samples.weight)
         padded[: len(training)] = weights
         samples = samples.weighted(padded)
-    loss = problem.loss_of(data, unknowns.amplitude)
+    samples = samples.behind(unknowns.sensor, training, grid)
+    loss = problem.loss_of(data, unknowns.residual_unit)
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 
 

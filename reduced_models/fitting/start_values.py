@@ -29,6 +29,7 @@ from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.records.derivatives import local_cubics
 from reduced_models.records.first_guesses import LEAST_CROSSINGS, FirstGuesses
 from reduced_models.records.inputs import input_column, interpolate_inputs
+from reduced_models.records.sensor import Sensor
 
 _NODES = 160
 _DRAWS = 96  # a frequency in the law has a narrow valley, that few of them fall into
@@ -271,7 +272,9 @@ def _acceleration_normal_equations(
     return normal
 
 
-def scale_unknowns(law: Law, height_map: HeightMap | None, data: TrainingData) -> Unknowns:
+def scale_unknowns(
+    law: Law, height_map: HeightMap | None, data: TrainingData, sensor: Sensor | None = None
+) -> Unknowns:
     """Unknowns of a law, scaled by what a glance at a record tells; no map is a fitted one."""
     guess = data.guess
     given = height_map or HeightMap(guess.rest, guess.amplitude)
@@ -287,7 +290,11 @@ def scale_unknowns(law: Law, height_map: HeightMap | None, data: TrainingData) -
         for name in law.parameters
     )
     speed = guess.amplitude * guess.frequency
-    return Unknowns(law, height_map, units, guess.rest, guess.amplitude, speed)
+    signal = data.training.height
+    size = float(np.abs(signal - signal.mean()).max()) if sensor is not None else 1.0
+    return Unknowns(
+        law, height_map, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300)
+    )
 
 
 def start_vectors(
@@ -315,15 +322,30 @@ def start_vectors(
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return with_initial_state(unknowns, data.guess, free_entries(unknowns, draws))
+    return with_initial_state(unknowns, data, free_entries(unknowns, draws))
 
 
-def with_initial_state(unknowns: Unknowns, guess: FirstGuesses, free: np.ndarray) -> np.ndarray:
-    """Parameters and map (count, k) with the initial state of a record behind them."""
-    count = len(free)
+def with_initial_state(unknowns: Unknowns, data: TrainingData, free: np.ndarray) -> np.ndarray:
+    """Parameters and map (count, k) with the initial state of record and sensor behind them."""
+    count, guess = len(free), data.guess
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
-    return np.column_stack([free, height, velocity, np.zeros((count, len(unknowns.law.hidden)))])
+    sensor = np.tile(_sensor_start(unknowns, data.training.height), (count, 1))
+    hidden = np.zeros((count, len(unknowns.law.hidden)))
+    return np.column_stack([free, height, velocity, hidden, sensor])
+
+
+def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
+    """Entries of a sensor: the nominal gain, the signal's mean, and a filter that has settled."""
+    sensor = unknowns.sensor
+    if sensor is None:
+        return []
+    gain_is_open, offset_is_open = unknowns.open_settings
+    mean = float(signal.mean()) if sensor.offset == "free" else sensor.nominal_offset
+    first = float(signal[0] - mean) / unknowns.signal * sensor.sign
+    states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.order]
+    offset = (mean - sensor.nominal_offset) / unknowns.signal
+    return [1.0] * gain_is_open + [offset] * offset_is_open + states
 
 
 def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -169,7 +169,7 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: Informatio
 def physical_covariance(
     unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and covariance (p, p), in their units, of what was fitted to a record."""
+    """Names and covariance (p, p), in their units, of law, map and start of a record's motion."""
     names, values, logs = named_entries(unknowns, theta)
     units = [
         _entry_unit(unknowns, k) * (math.exp(min(value, 700.0)) if log else 1.0)
@@ -177,6 +177,7 @@ def physical_covariance(
     ]
     hidden = unknowns.law.hidden
     units += [unknowns.amplitude, unknowns.speed, *(1.0 for _ in hidden)]
+    covariance = covariance[: len(units), : len(units)]
     result = np.clip(covariance * np.outer(units, units), -_MOST_VARIANCE, _MOST_VARIANCE)
     return (*names, "height", "velocity", *hidden), result
 

@@ -19,7 +19,7 @@ from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import as_factor
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
-from reduced_models.fitting.problem import as_records
+from reduced_models.fitting.problem import as_records, require_positions
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     Comparison,
@@ -91,6 +91,7 @@ def compare(
     'linear'
     """
     records = as_records(record)
+    require_positions(records, "compare")
     check_options(starts, test_fraction)
     laws = [laws] if isinstance(laws, str | Law | ReducedModel) else laws
     if not laws:

@@ -16,6 +16,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
+from reduced_models.fitting.problem import require_positions
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
 from reduced_models.identification.checks import (
     SceneChecks,
@@ -138,6 +139,7 @@ def identify(
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
+            require_positions([opened], "identify")
             record, run, further = opened, None, None
         else:
             background = None

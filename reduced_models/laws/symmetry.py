@@ -9,15 +9,17 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.equation import COMPILED, compile_rates
+from reduced_models.laws.equation import COMPILED, compile_rates, parse_equation
 from reduced_models.laws.law import Law
 
 _POINTS = 12
 _CLOSE = 1e-9
+_TRIALS = 60  # states at which derivatives are compared
+_SIMILAR = 1e-6
 _TURN = 2.0 * math.pi
 _OPEN = (-math.inf, math.inf)
 
@@ -82,6 +84,79 @@ def _symmetries(
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
+
+
+class Similarity(NamedTuple):
+    """A change of the coordinate under which a law keeps its form.
+
+    Attributes
+    ----------
+    moving : tuple of str
+        Parameters that change with it: a record that does not tell it does not tell them.
+    level : str
+        Of these, where the coordinate is shifted, the one that only says where it is counted from;
+        empty where there is none.
+    """
+
+    moving: tuple[str, ...]
+    level: str = ""
+
+
+def similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
+    """Parameters that take up a shift or another unit of the coordinate; None where none can."""
+    return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
+
+
+@functools.lru_cache(maxsize=COMPILED)
+def _similarity(
+    equation: str,
+    inputs: tuple[str, ...],
+    parameters: tuple[str, ...],
+    positive: tuple[str, ...],
+    change: str,
+) -> Similarity | None:
+    from reduced_models.jax_setup import jax
+
+    field = compile_rates(equation, inputs)
+    parsed_hidden = len(parse_equation(equation, inputs).hidden)
+    random, size = np.random.default_rng(1), 2 + parsed_hidden
+    values = random.uniform(0.3, 1.2, len(parameters))
+    drive = random.uniform(0.3, 1.2, (_TRIALS, len(inputs)))
+    states = random.uniform(-1.2, 1.2, (_TRIALS, size))
+    states[:, 0] = np.abs(states[:, 0])  # many laws are of heights above zero
+
+    def rates(state: Any, given: Any, numbers: Any) -> Any:
+        return jax.numpy.stack(
+            [jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)]
+        )
+
+    by_state, by_value = (
+        np.asarray(jax.vmap(jax.jacfwd(rates, argument), (0, 0, None))(states, drive, values))
+        for argument in (0, 2)
+    )
+    columns = list(np.moveaxis(by_value, 2, 0))  # (p, n, rates)
+    if change == "shift":
+        wanted = by_state[:, :, 0]
+    else:
+        now = np.asarray(jax.vmap(rates, (0, 0, None))(states, drive, values))
+        wanted = (by_state[:, :, :2] * states[:, None, :2]).sum(axis=2)
+        wanted[:, 0] -= now[:, 0]
+        for k in range(parsed_hidden):  # hidden states have units of their own
+            column = by_state[:, :, 2 + k] * states[:, None, 2 + k]
+            column[:, 1 + k] -= now[:, 1 + k]
+            columns.append(column)
+    matrix = np.stack([column.ravel() for column in columns], axis=1)
+    if not (np.isfinite(matrix).all() and np.isfinite(wanted).all()):
+        return None
+    solution = np.linalg.lstsq(matrix, wanted.ravel(), rcond=1e-10)[0]
+    left = np.abs(matrix @ solution - wanted.ravel()).max()
+    if left > _SIMILAR * max(float(np.abs(wanted).max()), 1e-300):
+        return None
+    moving = [k for k in range(len(parameters)) if abs(solution[k]) > _SIMILAR]
+    constant = [k for k in moving if np.ptp(by_value[:, 0, k]) <= _SIMILAR]
+    levels = [*constant, *(k for k in moving if abs(solution[k] + 1.0) <= _SIMILAR)]
+    names = [parameters[k] for k in levels if parameters[k] not in positive]
+    return Similarity(tuple(parameters[k] for k in moving), names[0] if names else "")
 
 
 def canonical_values(

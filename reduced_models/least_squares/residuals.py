@@ -20,7 +20,8 @@ from reduced_models.laws.equation import PROGRAMS, compile_rates
 from reduced_models.laws.solution import hermite_interpolate, solve_on_grid
 from reduced_models.least_squares.levenberg_marquardt import Normal
 from reduced_models.least_squares.samples import Samples, samples_on_grid
-from reduced_models.least_squares.unknowns import Unknowns, physical_values
+from reduced_models.least_squares.sensor_signal import solution_signal
+from reduced_models.least_squares.unknowns import Unknowns, physical_values, sensor_values
 from reduced_models.records.inputs import Grid, Interpolation
 
 jnp = jax.numpy
@@ -97,6 +98,24 @@ def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
 Kind = Literal["normal", "linear", "residual"]
 
 
+class SensorForm(NamedTuple):
+    """Form of a sensor's signal, for which code is compiled.
+
+    Attributes
+    ----------
+    derivative : int
+        Of the coordinate, that is measured.
+    is_open : (bool, bool)
+        Gain and offset are entries of the search vector.
+    entries : int
+        Number of entries of the sensor, at the end of the search vector.
+    """
+
+    derivative: int
+    is_open: tuple[bool, bool]
+    entries: int
+
+
 def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
     """Compiled function of search vectors.
 
@@ -109,7 +128,13 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
         (n,), in amplitudes, and their derivatives (p, n). ``"residual"``: the residuals alone.
     """
     law = unknowns.law
-    return _compiled(kind, law.equation, law.inputs, unknowns.logarithmic, unknowns.map is None)
+    sensor = None
+    if unknowns.sensor is not None:
+        sensor = SensorForm(
+            unknowns.sensor.derivative, unknowns.open_settings, unknowns.sensor_entries
+        )
+    fits_map = unknowns.map is None
+    return _compiled(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
@@ -125,18 +150,28 @@ def _compiled(
     inputs: tuple[str, ...],
     logarithmic: tuple[bool, ...],
     fits_map: bool,
+    sensor: SensorForm | None,
 ) -> Callable[..., Any]:
     field = compile_rates(equation, inputs)
 
     def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors that are columns (p, s)."""
-        step, point, fraction, height, weight, drive, chunks = samples
+        step, point, fraction, height, weight, drive, chunks, tables = samples
+        split = len(vectors) - (0 if sensor is None else sensor.entries)
         values, shift, scale, z0, v0, hidden = physical_values(
-            vectors, scales, logarithmic, fits_map, jnp
+            vectors[:split], scales, logarithmic, fits_map, jnp
         )
         grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
-        z = hermite_interpolate(*grid, step, point, fraction[:, None])
-        result = (shift + scale * z - height[:, None]) / scales[1]
+        if sensor is None:
+            z = hermite_interpolate(*grid, step, point, fraction[:, None])
+            result = (shift + scale * z - height[:, None]) / scales[1]
+        else:
+            gain, offset, states = sensor_values(vectors[split:], scales, sensor.is_open)
+            assert tables is not None
+            signal = solution_signal(
+                grid, step, point, sensor.derivative, tables, states, shift, scale
+            )
+            result = (gain * signal + offset - height[:, None]) / scales[-3]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
     def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -214,6 +249,23 @@ class GriddedRecord:
         left = linear(theta, self._seen(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
+    def fitted(self, theta: np.ndarray) -> np.ndarray:
+        """Signal (n,), or heights [m], by a search vector."""
+        return self.record.height + self.unknowns.residual_unit * self.residuals(theta)
+
+    def heights(self, theta: np.ndarray) -> np.ndarray:
+        """Heights (n,) [m] by a search vector."""
+        unknowns = self.unknowns
+        if unknowns.sensor is None:
+            return self.fitted(theta)
+        plain = dataclasses.replace(
+            self, unknowns=dataclasses.replace(unknowns, sensor=None),
+            samples=self.samples._replace(sensor=None),
+        )  # fmt: skip
+        # About rest, since residuals of far numbers are cut.
+        plain = plain.with_heights(np.full(len(self.record), unknowns.rest))
+        return plain.fitted(theta[: len(theta) - unknowns.sensor_entries])
+
     def linearise(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
         return self._linear(theta, self._seen(None), len(self.record))
@@ -272,6 +324,7 @@ class GriddedRecord:
         """Return same on another grid, or with inputs that are something else between samples."""
         how = interpolation or self.interpolation
         samples = samples_on_grid(self.record, grid, self.unknowns.law.inputs, how)
+        samples = samples.behind(self.unknowns.sensor, self.record, grid)
         return dataclasses.replace(self, grid=grid, samples=samples, interpolation=how)
 
 
@@ -285,5 +338,6 @@ def record_on_grid(
 ) -> GriddedRecord:
     """All of a record that starts at time 0, on a grid."""
     samples = samples_on_grid(record, grid, unknowns.law.inputs, how)
+    samples = samples.behind(unknowns.sensor, record, grid)
     given = np.ones(len(record)) if weights is None else weights
     return GriddedRecord(unknowns, record, grid, samples, how, given, loss)

@@ -9,6 +9,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
+from reduced_models.least_squares.sensor_signal import SensorTables, filtered, sensor_tables
 from reduced_models.records.derivatives import is_evenly_sampled
 from reduced_models.records.inputs import (
     STAGE_TIMES,
@@ -17,6 +18,7 @@ from reduced_models.records.inputs import (
     drive_on_grid,
     has_drive,
 )
+from reduced_models.records.sensor import Sensor
 
 
 class Samples(NamedTuple):
@@ -34,6 +36,8 @@ class Samples(NamedTuple):
         Inputs of the law at the stages of the grid's steps.
     chunks : int
         Number of chunks of the grid that are solved.
+    sensor : SensorTables, optional
+        Where ``height`` is the signal of a sensor.
     """
 
     step: float
@@ -43,12 +47,21 @@ class Samples(NamedTuple):
     weight: np.ndarray
     drive: np.ndarray
     chunks: int
+    sensor: SensorTables | None = None
 
     def weighted(self, weight: np.ndarray) -> Samples:
         """Return same with other weights; the solution ends behind the last that is not zero."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
+
+    def behind(self, sensor: Sensor | None, record: PistonRecord, grid: Grid) -> Samples:
+        """Return same for a sensor whose signal the record has for its height."""
+        if sensor is None:
+            return self
+        behind = filtered(sensor, record.time, sensor.base_motion(record.columns))
+        base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
+        return self._replace(sensor=sensor_tables(sensor, grid, self.fraction, base))
 
 
 def grid_over(

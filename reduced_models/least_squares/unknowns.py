@@ -11,6 +11,7 @@ import numpy as np
 
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.records.sensor import Sensor
 
 _PRIOR_SPREAD = 3.0
 
@@ -21,8 +22,9 @@ class Unknowns:
 
     The search vector holds the parameters (logarithms of the positive ones, multiples of a unit
     of the others), then, where the map is fitted, its shift (from the rest level) and the logarithm
-    of its scale, then height (from the rest level), velocity and hidden states at the start.
-    Heights count in amplitudes, velocities in amplitudes times the frequency.
+    of its scale, then height (from the rest level), velocity and hidden states at the start, then,
+    of a sensor, gain and offset where they are open, and the filter's state at the start. Heights
+    count in amplitudes, velocities in amplitudes times the frequency, signals in their own size.
 
     Attributes
     ----------
@@ -33,6 +35,10 @@ class Unknowns:
         Units of the parameters that are no logarithms; 1 for the others.
     rest, amplitude, speed : float
         [m], [m], [m/s]
+    sensor : Sensor, optional
+        None where the height itself is compared.
+    signal : float
+        Size of the signal that is compared, in its unit.
     """
 
     law: Law
@@ -41,14 +47,36 @@ class Unknowns:
     rest: float
     amplitude: float
     speed: float
+    sensor: Sensor | None = None
+    signal: float = 1.0
+
+    @property
+    def residual_unit(self) -> float:
+        """Size that residuals are counted in: that of the signal, or the amplitude [m]."""
+        return self.amplitude if self.sensor is None else self.signal
 
     @property
     def scales(self) -> np.ndarray:
-        """Numbers that the compiled residual takes: rest, amplitude, speed, map, units."""
+        """Numbers that the compiled residual takes: rest, amplitude, speed, map, units, sensor."""
         given = self.map or HeightMap()
-        return np.array(
-            [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
-        )
+        numbers = [self.rest, self.amplitude, self.speed, given.shift, given.scale, *self.units]
+        if self.sensor is not None:
+            sensor = self.sensor
+            numbers += [self.signal, sensor.sign * sensor.nominal_gain, sensor.nominal_offset]
+        return np.array(numbers)
+
+    @property
+    def open_settings(self) -> tuple[bool, bool]:
+        """Tell whether gain and offset of the sensor are entries of the search vector."""
+        if self.sensor is None:
+            return False, False
+        gain, offset = self.sensor.gain, self.sensor.offset
+        return not isinstance(gain, int | float), not isinstance(offset, int | float)
+
+    @property
+    def sensor_entries(self) -> int:
+        """Number of entries that a sensor has: gain, offset, and the filter's state."""
+        return sum(self.open_settings) + (0 if self.sensor is None else self.sensor.order)
 
     @property
     def logarithmic(self) -> tuple[bool, ...]:
@@ -62,7 +90,8 @@ class Unknowns:
         It keeps directions that the data leave open from running away; the initial state has none.
         """
         hidden = [_PRIOR_SPREAD**-2] * len(self.law.hidden)
-        return np.array([_PRIOR_SPREAD**-2] * self.free + [0.0, 0.0] + hidden)
+        sensor = [_PRIOR_SPREAD**-2] * self.sensor_entries
+        return np.array([_PRIOR_SPREAD**-2] * self.free + [0.0, 0.0] + hidden + sensor)
 
     @property
     def free(self) -> int:
@@ -71,7 +100,16 @@ class Unknowns:
 
     def physical(self, theta: np.ndarray) -> Any:
         """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
-        return physical_values(theta, self.scales, self.logarithmic, self.map is None, np)
+        motion = theta[: len(theta) - self.sensor_entries]
+        return physical_values(motion, self.scales, self.logarithmic, self.map is None, np)
+
+    def gain_and_offset(self, theta: np.ndarray) -> tuple[float, float]:
+        """Gain and offset of the sensor by a search vector (p,)."""
+        gain, offset, _ = sensor_values(
+            theta[len(theta) - self.sensor_entries :], self.scales, self.open_settings
+        )
+        assert self.sensor is not None
+        return float(gain) * self.sensor.sign, float(offset)
 
 
 def theta_bounds(
@@ -101,7 +139,21 @@ def theta_bounds(
             elif name == "velocity":
                 value = value / unknowns.speed
             edges[:, k] = value
+    _bound_sensor(unknowns, edges)
     return edges[0], edges[1]
+
+
+def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
+    """Set the edges (2, p) of a sensor's gain and offset that lie between two numbers."""
+    sensor, k = unknowns.sensor, edges.shape[1] - unknowns.sensor_entries
+    if sensor is None:
+        return
+    settings = ((sensor.gain, 0.0, sensor.nominal_gain),
+                (sensor.offset, sensor.nominal_offset, unknowns.signal))  # fmt: skip
+    for (setting, middle, unit), is_open in zip(settings, unknowns.open_settings, strict=True):
+        if isinstance(setting, tuple):
+            edges[:, k] = sorted((value - middle) / unit for value in setting)
+        k += is_open
 
 
 def physical_values(
@@ -120,3 +172,13 @@ def physical_values(
     z0 = (rest + amplitude * theta[count] - shift) / scale
     v0 = speed * theta[count + 1] / scale
     return values, shift, scale, z0, v0, tuple(theta[count + 2 :])
+
+
+def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
+    """Gain with its sign, offset, and the filter's state at the start, from a sensor's entries."""
+    signal, gain, offset = scales[-3], scales[-2], scales[-1]
+    if is_open[0]:
+        gain, entries = gain * entries[0], entries[1:]
+    if is_open[1]:
+        offset, entries = offset + signal * entries[0], entries[1:]
+    return gain, offset, entries * (signal / scales[-2])

@@ -16,6 +16,7 @@ from granular.shared.files import write_json
 from granular.shared.messages import quote, sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
+from reduced_models.least_squares.sensor_signal import motion_signal
 from reduced_models.models import export, prediction, response
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
 from reduced_models.models.ports import GRAVITY, force_port
@@ -29,6 +30,7 @@ from reduced_models.models.schema import (
 )
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
+from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,6 +83,12 @@ class ReducedModel(FittedLaw):
         Why ``at_rest`` is None.
     angle : bool
         Whether the height is an angle: [rad] stands for [m] then, in all that is said here.
+    sensor : Sensor or None
+        Sensor whose signal was fitted, with its gain and offset; residual and noise are in its
+        unit. None where heights were compared.
+    untold : tuple of str
+        Parameters that the signal does not tell, and ``level`` or ``size`` of the motion: these
+        numbers are conventions, and not printed.
     """
 
     law: Law
@@ -101,6 +109,8 @@ class ReducedModel(FittedLaw):
     covariance: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
     no_swing: str = ""
     angle: bool = False
+    sensor: Sensor | None = None
+    untold: tuple[str, ...] = ()
 
     @property
     def correlation(self) -> np.ndarray:
@@ -109,6 +119,8 @@ class ReducedModel(FittedLaw):
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
         """Heights (n,) of a record, that the model was fitted to, less those of the model [m].
+
+        Where a sensor's signal was fitted, its signal less that of the model, in its unit.
 
         Parameters
         ----------
@@ -120,7 +132,14 @@ class ReducedModel(FittedLaw):
         float64 (n,)
             Residuals [m].
         """
-        return record.height - self.follow(record).height
+        motion = self.follow(record)
+        if self.sensor is None:
+            return record.height - motion.height
+        assert motion.velocity is not None
+        columns = record.columns
+        base = self.sensor.base_motion(columns)
+        signal = motion_signal(self.sensor, motion.time, motion.height, motion.velocity, base)
+        return self.sensor.signal(columns) - signal
 
     def prediction(
         self,
@@ -406,6 +425,8 @@ class ReducedModel(FittedLaw):
         if self.map.fitted:
             values |= {"shift": self.map.shift, "scale": self.map.scale}
         for name, value in values.items():
+            if name in self.untold:
+                continue
             low, high = self.intervals[name]
             unit = self.unit_of(name)
             lines.append(
@@ -414,15 +435,17 @@ class ReducedModel(FittedLaw):
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             rest = self.at_rest
-            words = (
-                f"  small swing about rest: {self.coordinate} {rest.height:.5g} {self.unit}, "
-                f"period {rest.period:.5g} s, damping ratio "
-            )
+            level = f"{self.coordinate} {rest.height:.5g} {self.unit}, "
+            words = "  small swing about rest: " + ("" if "level" in self.untold else level)
+            words += f"period {rest.period:.5g} s, damping ratio "
             if rest.peaks is not None:
                 words += f"{rest.peaks.mean:.4g} by the record's peaks"
             else:
                 words += f"{rest.damping_ratio:.4g}"
-            if rest.peaks is None and (item := rest.equivalent) is not None:
+            item = rest.equivalent
+            if rest.peaks is None and item is not None and "size" in self.untold:
+                words += f" at half of the swing and {item.tenth_ratio:.4g} at a tenth"
+            elif rest.peaks is None and item is not None:
                 words += (
                     f" at {item.amplitude:.3g} {self.unit} and {item.tenth_ratio:.4g} at "
                     f"{item.tenth:.3g} {self.unit}"
@@ -432,6 +455,7 @@ class ReducedModel(FittedLaw):
             lines.append(words)
         elif self.no_swing:
             lines.append(f"  small swing about rest: none, {self.no_swing}")
+        lines += self._sensor_lines()
         lines.append(f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing")
         if self.quality.test_error is not None:
             error = f"  test error {100.0 * self.quality.test_error:.3g} %"
@@ -447,6 +471,14 @@ class ReducedModel(FittedLaw):
             )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
+
+    def _sensor_lines(self) -> list[str]:
+        """Sensor in words, and what it does not tell."""
+        if self.sensor is None:
+            return []
+        words = {"level": "the level of rest", "size": "the size of the motion"}
+        untold = ", ".join(words.get(name, name) for name in self.untold)
+        return [f"  measured: {self.sensor}"] + [f"  not told by that: {untold}"] * bool(untold)
 
     def to_plain(self) -> dict[str, Any]:
         """Model as plain data (numbers, texts, lists).
@@ -484,6 +516,8 @@ class ReducedModel(FittedLaw):
             "covariance": self.covariance.tolist(),
             "no_swing": self.no_swing,
             "angle": self.angle,
+            "sensor": None if self.sensor is None else dataclasses.asdict(self.sensor),
+            "untold": list(self.untold),
         }
 
     def save(self, path: str | Path) -> None:
@@ -536,6 +570,8 @@ class ReducedModel(FittedLaw):
             covariance=np.reshape(data["covariance"], 2 * (len(data["covariance"]),)),
             no_swing=data["no_swing"],
             angle=data["angle"],
+            sensor=None if data["sensor"] is None else Sensor(**data["sensor"]),
+            untold=tuple(data["untold"]),
         )
 
 

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from granular.formulas import MAX_CHARACTERS
 from granular.schema.sections import unknown
@@ -22,6 +22,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.quality import Quality
 from reduced_models.records.inputs import INTERPOLATIONS
+from reduced_models.records.sensor import Quantity
 
 FORMAT = 1
 """Version of the files that are written and read."""
@@ -232,6 +233,19 @@ _MODEL = _shape(
         "covariance_names": _list(_text(200)),
         "covariance": _list(_list(_number())),
         "no_swing": _text(200),
+        "sensor": _null_or(
+            _shape(
+                {
+                    "quantity": _one_of(get_args(Quantity)),
+                    "gain": _number(),
+                    "offset": _number(),
+                    **dict.fromkeys(("low_pass", "high_pass", "damping_ratio"), _null_or(_SIZE)),
+                    "absolute": _flag,
+                    "column": _null_or(_text(200)),
+                }
+            )
+        ),
+        "untold": _list(_text(200)),
     },
 )
 
@@ -244,6 +258,8 @@ def check_plain_model(data: object) -> dict[str, Any]:
     InputError
         If they are not; the message says which entry, what it is, and what is wanted.
     """
+    if isinstance(data, Mapping):  # models of earlier versions were all fitted to heights
+        data = {"sensor": None, "untold": [], **data}
     result: dict[str, Any] = _MODEL("model", data)
     parameters = result["parameters"]
     for name in result["positive"]:

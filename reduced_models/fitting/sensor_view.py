@@ -1,0 +1,59 @@
+"""Limits of a sensor's signal: the level, size and parameters of a law that it does not tell.
+
+A signal of velocities or accelerations says nothing of where heights count from, and one of
+unknown gain nothing of their unit. Where a law keeps its form under such a change, the coordinate
+is chosen: heights count from the level of rest, and in units of the signal. Parameters that the
+change moves mean nothing then.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+from reduced_models.laws.law import Law
+from reduced_models.laws.symmetry import similarity
+from reduced_models.records.sensor import Sensor
+
+
+class SensorView(NamedTuple):
+    """A sensor as a fit of a law takes it.
+
+    Attributes
+    ----------
+    sensor : Sensor or None
+        With a gain that is given where the law cannot tell it.
+    held : tuple of str
+        Parameters that are held at zero, so that heights count from the level of rest.
+    untold : tuple of str
+        Parameters that the signal does not tell; ``level`` for the height of rest, ``size`` for the
+        size of the motion.
+    """
+
+    sensor: Sensor | None
+    held: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()
+
+
+def sensor_view(
+    law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
+) -> SensorView:
+    """View of a law through a sensor; ``declared`` parameters are known to the user."""
+    held: tuple[str, ...] = ()
+    untold: list[str] = []
+    shift = similarity(law, "shift") if not law.mapped else None
+    level_is_open = sensor.derivative > 0 or sensor.offset == "free"
+    if shift is not None and level_is_open and "height" not in initial:
+        known = shift.level in declared
+        if shift.level and not known:
+            held = (shift.level,)
+        if not known:
+            untold += ["level", *(name for name in shift.moving if name == shift.level)]
+    if sensor.gain == "free" or isinstance(sensor.gain, tuple):
+        scale = similarity(law, "scale") if not law.mapped else None
+        if scale is not None and not {*scale.moving} & {*declared}:
+            if sensor.gain == "free":
+                untold += ["size", *(name for name in scale.moving if name not in untold)]
+            sensor = dataclasses.replace(sensor, gain=sensor.nominal_gain)
+    return SensorView(sensor, held, tuple(untold))

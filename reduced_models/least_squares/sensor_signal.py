@@ -1,0 +1,162 @@
+"""Signal of a sensor at the samples, from a solution on a uniform grid, as compiled code takes it.
+
+Between grid points the coordinate is the quintic that fits height, velocity and acceleration at
+both; the quantity is a derivative of it. A filter is linear, and its state behind a step is that
+before it, moved by a matrix exponential, and what the step's polynomial adds (exact, however stiff
+the filter is): all of these are numbers that the times alone tell.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from reduced_models.jax_setup import jax
+from reduced_models.records.inputs import Grid
+from reduced_models.records.sensor import Sensor
+
+jnp = jax.numpy
+
+_DEGREE = 5
+
+
+class SensorTables(NamedTuple):
+    """Numbers that turn a solution on a grid into a sensor's signal.
+
+    Attributes
+    ----------
+    weights : float64 (n, c)
+        Of the coefficients of each sample's step, for the signal there.
+    base : float64 (n,)
+        Signal by the motion of the base.
+    state_weights : float64 (n, m)
+        Of the filter's state before the step; m is 0 without a filter.
+    advance : float64 (m, m)
+        Moves the filter's state over a step.
+    advance_input : float64 (m, c)
+        Adds what the coefficients of a step do to it.
+    """
+
+    weights: np.ndarray
+    base: np.ndarray
+    state_weights: np.ndarray
+    advance: np.ndarray
+    advance_input: np.ndarray
+
+
+def sensor_tables(
+    sensor: Sensor, grid: Grid, fraction: np.ndarray, base: np.ndarray
+) -> SensorTables:
+    """Tables for samples at fractions (n,) of steps; ``base`` (n,) is the base's own signal."""
+    size = _DEGREE + 1 - sensor.derivative
+    states, inputs, output, through = _filter_matrices(sensor, grid.step)
+    count = len(states)
+    # The derivatives of the step's polynomial follow each other in a chain, which drives the state.
+    chain = np.zeros((count + size, count + size))
+    chain[:count, :count], chain[:count, count : count + 1] = states, inputs
+    chain[count:, count:] = np.eye(size, k=1)
+    distinct, position = np.unique(np.append(np.round(fraction, 12), 1.0), return_inverse=True)
+    derivatives = np.array([math.factorial(k) for k in range(size)], dtype=float)
+    moved = _exponentials(chain, distinct)
+    read = np.concatenate([output, [through], np.zeros(size - 1)])
+    rows = np.einsum("i,nij->nj", read, moved)
+    last = moved[position[-1]]
+    return SensorTables(
+        rows[position[:-1], count:] * derivatives,
+        base,
+        rows[position[:-1], :count],
+        last[:count, :count],
+        last[:count, count:] * derivatives,
+    )
+
+
+def motion_signal(
+    sensor: Sensor, time: np.ndarray, height: np.ndarray, velocity: np.ndarray, base: np.ndarray
+) -> np.ndarray:
+    """Signal (n,) of a motion whose base adds a quantity (n,), behind a filter that has settled."""
+    from scipy.interpolate import CubicSpline
+
+    quantity = (height, velocity)[min(sensor.derivative, 1)]
+    if sensor.derivative == 2:
+        quantity = CubicSpline(time, quantity).derivative()(time)
+    seen = filtered(sensor, time, sensor.sign * quantity + base)
+    return sensor.nominal_gain * seen + sensor.nominal_offset
+
+
+def filtered(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n,) behind a sensor's filter that has settled at the first."""
+    from scipy.signal import StateSpace, lsim
+
+    if not sensor.order or not values.any():
+        return values
+    states, inputs, output, through = _filter_matrices(sensor, 1.0)
+    start = -np.linalg.solve(states, inputs[:, 0]) * values[0]
+    even = np.linspace(time[0], time[-1], len(time))
+    system = StateSpace(states, inputs, output[None], np.array([[through]]))
+    result = lsim(system, np.interp(even, time, values), even - even[0], start)[1]
+    return np.asarray(np.interp(time, even, result))
+
+
+def _filter_matrices(
+    sensor: Sensor, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Matrices of x' = A x + b u, y = c x + d u, with time in steps."""
+    if not sensor.order:
+        return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0
+    assert sensor.corner is not None
+    omega, low = 2.0 * math.pi * sensor.corner * step, sensor.low_pass is not None
+    if sensor.order == 1:
+        output = np.array([1.0 if low else -1.0])
+        return np.array([[-omega]]), np.array([[omega]]), output, float(not low)
+    assert sensor.damping_ratio is not None
+    ratio = 2.0 * sensor.damping_ratio
+    output = np.array([1.0, 0.0] if low else [-1.0, -ratio])
+    matrix = omega * np.array([[0.0, 1.0], [-1.0, -ratio]])
+    return matrix, np.array([[0.0], [omega]]), output, float(not low)
+
+
+def _exponentials(matrix: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Matrix exponentials (n, k, k) at some times."""
+    from scipy.linalg import expm
+
+    return np.asarray(expm(times[:, None, None] * matrix))
+
+
+def solution_signal(
+    grid: tuple[Any, Any, Any],
+    step: Any,
+    point: Any,
+    derivative: int,
+    tables: SensorTables,
+    states: Any,
+    shift: Any,
+    scale: Any,
+) -> Any:
+    """Signal (n, s) per gain of solutions on a grid, (points, s) each (for JAX).
+
+    ``states`` (m, s) are those of the filter at the start; height = ``shift`` + ``scale`` z.
+    """
+    z, v, a = scale * grid[0] + shift, scale * step * grid[1], scale * step**2 * grid[2]
+    z0, v0, a0, z1, v1, a1 = (
+        item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a)
+    )
+    ahead, turn, bend = z1 - z0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    coefficients = [
+        z0, v0, 0.5 * a0, 10.0 * ahead - 4.0 * turn + 0.5 * bend,
+        -15.0 * ahead + 7.0 * turn - bend, 6.0 * ahead - 3.0 * turn + 0.5 * bend,
+    ]  # fmt: skip
+    for _ in range(derivative):
+        coefficients = [k * item / step for k, item in enumerate(coefficients)][1:]
+    steps = jnp.stack(coefficients)
+    result = jnp.einsum("nc,cns->ns", tables.weights, steps[:, point]) + tables.base[:, None]
+    if not tables.advance.shape[0]:
+        return result
+
+    def advance(state: Any, step_coefficients: Any) -> tuple[Any, Any]:
+        added = jnp.einsum("mc,cs->ms", tables.advance_input, step_coefficients)
+        return jnp.einsum("mk,ks->ms", tables.advance, state) + added, state
+
+    every = jax.lax.scan(advance, states, steps.transpose(1, 0, 2))[1]
+    return result + jnp.einsum("nm,nms->ns", tables.state_weights, every[point])

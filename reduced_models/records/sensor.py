@@ -1,0 +1,270 @@
+"""Sensors: the quantity of a motion that was measured, and the signal that became of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from granular.readers.headers import BASE_ACCELERATION, BASE_HEIGHT
+from granular.readers.integration import integrate_motion
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from granular.shared.messages import quote
+from reduced_models.records.derivatives import derivatives
+
+Quantity = Literal["height", "velocity", "acceleration", "force", "base_force"]
+Columns = Mapping[str, np.ndarray]
+Setting = float | tuple[float, float] | Literal["free"]
+"""A number that is known, that lies between two, or that is to be fitted."""
+
+_DERIVATIVES: dict[str, int] = {
+    "height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2,
+}  # fmt: skip
+_SETTINGS = ("gain", "offset", "low_pass", "high_pass", "damping_ratio", "absolute", "column")
+_MOST_ITEMS = 20  # of a line
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensor:
+    """A sensor, whose signal is gain * quantity + offset, behind a filter where it has one.
+
+    Attributes
+    ----------
+    quantity : str
+        ``"height"``, ``"velocity"`` or ``"acceleration"`` of the coordinate; ``"force"`` that the
+        mass is accelerated by, or ``"base_force"``, its reaction on the base: the gain is the mass
+        [kg] then.
+    gain, offset : float, (float, float) or "free", optional
+        Known, between two numbers, or fitted. If not given, the gain is 1, or free for a force, and
+        the offset is free, or 0 for a height.
+    low_pass, high_pass : float, optional
+        Corner frequency of the filter [Hz]. A geophone is a velocity behind a high pass.
+    damping_ratio : float, optional
+        Of a filter of second order; one of first order where it is not given.
+    absolute : bool
+        Measures in the frame at rest: the motion of the base (column ``base_height`` or
+        ``base_acceleration``) counts too.
+    column : str, optional
+        Column of the signal; that of the quantity's name if not given.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> from reduced_models import Sensor
+    >>> geophone = Sensor("velocity", gain="free", high_pass=4.5, damping_ratio=0.7)
+    """
+
+    quantity: Quantity = "acceleration"
+    gain: Setting | None = None
+    offset: Setting | None = None
+    low_pass: float | None = None
+    high_pass: float | None = None
+    damping_ratio: float | None = None
+    absolute: bool = False
+    column: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.quantity not in _DERIVATIVES:
+            known = ", ".join(map(repr, get_args(Quantity)))
+            raise InputError(f"measured = {quote(self.quantity)}; give one of {known}, or a Sensor")
+        is_force = self.quantity in ("force", "base_force")
+        if self.gain is None:
+            object.__setattr__(self, "gain", "free" if is_force else 1.0)
+        if self.offset is None:
+            object.__setattr__(self, "offset", 0.0 if self.quantity == "height" else "free")
+        _check_setting("gain", self.gain)
+        _check_setting("offset", self.offset)
+        if not self.nominal_gain:
+            raise InputError("the gain of a sensor is 0, so that it gives no signal; give another")
+        if self.low_pass is not None and self.high_pass is not None:
+            raise InputError("a sensor has one filter: give low_pass or high_pass")
+        for name in ("low_pass", "high_pass", "damping_ratio"):
+            value = getattr(self, name)
+            if value is not None and not (
+                isinstance(value, int | float) and 0.0 < value < math.inf
+            ):
+                raise InputError(f"{name} = {quote(value)}; give a number above 0")
+        if self.damping_ratio is not None and self.corner is None:
+            raise InputError("damping_ratio is of a filter: give its low_pass or high_pass too")
+
+    def __str__(self) -> str:
+        words = [f"{'absolute ' * self.absolute}{self.quantity.replace('_', ' ')}"]
+        for name, value, plain in (("gain", self.gain, 1.0), ("offset", self.offset, 0.0)):
+            if value != plain:
+                words.append(f"{name} {value:.5g}" if isinstance(value, float) else name)
+        if self.corner is not None:
+            kind = "low" if self.low_pass is not None else "high"
+            words.append(f"{kind} pass of {self.corner:g} Hz")
+        return ", ".join(words)
+
+    @property
+    def derivative(self) -> int:
+        """Order of the derivative of the coordinate that is measured."""
+        return _DERIVATIVES[self.quantity]
+
+    @property
+    def sign(self) -> float:
+        """Sign of that derivative in the quantity."""
+        return -1.0 if self.quantity == "base_force" else 1.0
+
+    @property
+    def corner(self) -> float | None:
+        """Corner frequency of its filter [Hz]."""
+        return self.low_pass or self.high_pass
+
+    @property
+    def order(self) -> int:
+        """Order of its filter; 0 for none."""
+        return 0 if self.corner is None else 1 if self.damping_ratio is None else 2
+
+    @property
+    def nominal_gain(self) -> float:
+        """Gain to start from, or to count by where the record tells none."""
+        return _nominal(self.gain, 1.0)
+
+    @property
+    def nominal_offset(self) -> float:
+        """Offset to start from."""
+        return _nominal(self.offset, 0.0)
+
+    def signal(self, columns: Columns) -> np.ndarray:
+        """Signal (n,) that the columns of a record hold of it.
+
+        Raises
+        ------
+        RecordError
+            If it has no such column.
+        """
+        name = self.column or self.quantity
+        if name not in columns:
+            there = ", ".join(map(repr, columns))
+            raise RecordError(
+                f"measured = {self.quantity!r} needs the column {quote(name)}, and the record has "
+                f"{there}; add it, or say which it is: Sensor(..., column=...)"
+            )
+        return columns[name]
+
+    def motion(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
+        """Heights (n,) behind the signal, roughly; ``about_rest`` counts from the level of rest.
+
+        They are those of the record where it has such, or else the integrated signal.
+        """
+        if "height" in columns:
+            height = columns["height"]
+            return height - (height[-len(height) // 3 :].mean() if about_rest else 0.0)
+        values = (self.signal(columns) - self.nominal_offset) / (self.sign * self.nominal_gain)
+        values = values - self.base_motion(columns)
+        return integrate_motion(columns["time"], values, self.derivative)
+
+    def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
+        """Deviations of a record that has the signal for its height."""
+        result = {name: values for name, values in deviations.items() if name != "height"}
+        mine = deviations.get(self.column or self.quantity)
+        result.pop(self.column or self.quantity, None)
+        return result if mine is None else result | {"height": mine}
+
+    def with_gain_left_open(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
+        """Deviations with those of gains that are spread evenly between the gain's bounds."""
+        result = dict(deviations)
+        if isinstance(self.gain, tuple):
+            name, signal = self.column or self.quantity, self.signal(columns)
+            spread = (self.gain[1] - self.gain[0]) / math.sqrt(12.0) / self.nominal_gain
+            mine = [*deviations.get(name, ()), spread * (signal - signal.mean())]
+            result[name] = np.array(mine)
+        return result
+
+    def base_motion(self, columns: Columns) -> np.ndarray:
+        """Quantity (n,) of the base, where the sensor measures it too; zero otherwise.
+
+        Raises
+        ------
+        RecordError
+            If the record does not hold it.
+        """
+        if not self.absolute:
+            return np.zeros(len(columns["time"]))
+        if self.derivative == 2 and BASE_ACCELERATION in columns:
+            return columns[BASE_ACCELERATION]
+        if BASE_HEIGHT in columns:
+            base = derivatives(PistonRecord(columns["time"], columns[BASE_HEIGHT]))
+            return (base.height, base.velocity, base.acceleration)[self.derivative]
+        wanted = f"{BASE_ACCELERATION} or {BASE_HEIGHT}" if self.derivative == 2 else BASE_HEIGHT
+        raise RecordError(
+            f"an absolute {self.quantity} needs the motion of the base, and the record has no "
+            f"column {wanted}; add it, or measure relative to the base (absolute=False)"
+        )
+
+
+def sensor_from_text(text: str) -> Sensor:
+    """Sensor that a line says: a quantity, and settings behind it.
+
+    ``"velocity gain=free high_pass=4.5 damping_ratio=0.6"``; ``gain=26:32`` lies between two
+    numbers, ``absolute`` stands alone, and ``column=geo`` names the column.
+
+    Raises
+    ------
+    InputError
+        If it is something else.
+    """
+    quantity, *items = text.split()[:_MOST_ITEMS] or [""]
+    given: dict[str, Any] = {}
+    for item in items:
+        name, equals, value = item.partition("=")
+        if name not in _SETTINGS or bool(equals) == (name == "absolute"):
+            raise InputError(
+                f"{quote(item)} is no setting of a sensor; write a quantity and any of "
+                f"{', '.join(_SETTINGS)}, as in 'velocity gain=free high_pass=4.5'"
+            )
+        given[name] = value if name == "column" else not equals or _parse_setting(name, value)
+    return Sensor(quantity, **given)  # type: ignore[arg-type]  # checked there
+
+
+def chosen_sensor(measured: str | Sensor) -> Sensor | None:
+    """Sensor by its quantity; None where the height is compared as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such quantity.
+    """
+    sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]
+    return None if sensor == Sensor("height") else sensor
+
+
+def _check_setting(name: str, value: object) -> None:
+    numbers = value if isinstance(value, tuple) else (value,)
+    sound = all(isinstance(item, int | float) and math.isfinite(item) for item in numbers)
+    if value == "free" or (sound and len(numbers) == 1):
+        return
+    if not sound or len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise InputError(
+            f"{name} = {quote(value)}; give a number, two in order between which it lies, or 'free'"
+        )
+    if name == "gain" and numbers[0] * numbers[1] <= 0.0:
+        raise InputError(f"gain = {quote(value)}: a sensor's sign is known; give one side of 0")
+
+
+def _parse_setting(name: str, text: str) -> Setting:
+    if text == "free":
+        return "free"
+    try:
+        numbers = tuple(float(part) for part in text.split(":"))
+    except ValueError:
+        numbers = ()
+    if not 1 <= len(numbers) <= 1 + (name in ("gain", "offset")):
+        raise InputError(f"{name}={quote(text)}; give a number, LOW:HIGH or free, in SI units")
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+def _nominal(setting: Setting | None, free: float) -> float:
+    if isinstance(setting, tuple):
+        return 0.5 * (setting[0] + setting[1])
+    return free if setting is None or isinstance(setting, str) else float(setting)

@@ -1,0 +1,178 @@
+"""Fits of what a sensor measured: velocities, accelerations, voltages, behind filters."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError, RecordWarning
+from reduced_models import ReducedModel, Sensor, compare, fit
+from reduced_models.laws.law import law_from_text
+from reduced_models.laws.symmetry import similarity
+from reduced_models.least_squares.sensor_signal import sensor_tables, solution_signal
+from reduced_models.records.inputs import Grid
+from reduced_models.records.sensor import sensor_from_text
+from tests.reduced_models.fitting.made_signals import Made, made_signal, random_signal
+
+OMEGA = 2.0 * math.pi * 6.0
+LINEAR = {"lam": 1.1, "omega": OMEGA, "g0": 0.0}
+
+
+def fitted(made: Made) -> ReducedModel:
+    return fit(made.record, made.law, measured=made.sensor)
+
+
+def misses(made: Made, model: ReducedModel) -> dict[str, float]:
+    """Errors of the parameters that are told, in half-widths of their intervals."""
+    result = {}
+    for name, value in made.truth.items():
+        if name not in model.untold:
+            low, high = model.intervals[name]
+            result[name] = (model.parameters[name] - value) / (0.5 * (high - low))
+    return result
+
+
+def test_an_acceleration_behind_a_filter() -> None:
+    sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
+    random = np.random.default_rng(1)
+    made = made_signal("linear", LINEAR, 3e-3, sensor, 1.0, 0.3, 0.01, random)
+    model = fitted(made)
+    assert max(map(abs, misses(made, model).values())) < 3.0
+    assert model.sensor is not None
+    assert model.sensor.offset == pytest.approx(0.3, abs=0.01)
+    assert model.untold == ("level", "g0")
+    assert "g0 = " not in str(model)
+    assert "height" not in str(model)
+    # What is left is the noise, a hundredth of the signal, at all times.
+    assert model.quality.relative == pytest.approx(0.01, rel=0.1)
+    left = model.residuals(made.record)[100:]
+    assert left.std() == pytest.approx(model.quality.residual, rel=0.1)
+    # A model keeps what it was fitted to.
+    again = ReducedModel.from_plain(model.to_plain())
+    assert (again.sensor, again.untold) == (model.sensor, model.untold)
+
+
+def test_a_swing_so_fast_that_its_acceleration_is_a_large_number() -> None:
+    sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
+    random = np.random.default_rng(1)
+    fast = {"lam": 0.5, "omega": 2.0 * math.pi * 12.0, "g0": 0.0}
+    made = made_signal("linear", fast, 3e-3, sensor, 1.0, 0.3, 0.01, random)
+    assert max(map(abs, misses(made, fitted(made)).values())) < 3.0
+
+
+@pytest.mark.long
+def test_a_geophone_of_unknown_gain() -> None:
+    sensor = Sensor("velocity", gain="free", high_pass=4.5, damping_ratio=0.6)
+    truth = {"friction": 0.05 * OMEGA**2 * 2e-3, "omega": OMEGA, "g0": 0.0}
+    made = made_signal("coulomb", truth, 2e-3, sensor, 28.8, 0.1, 0.01, np.random.default_rng(2))
+    model = fitted(made)
+    assert abs(misses(made, model)["omega"]) < 3.0
+    # Friction in m/s^2 needs the size of the motion.
+    assert set(model.untold) == {"level", "g0", "size", "friction"}
+    # A gain that is known to a tenth tells friction to a tenth.
+    bounded = Sensor("velocity", gain=(26.0, 32.0), high_pass=4.5, damping_ratio=0.6)
+    model = fit(made.record, "coulomb", measured=bounded)
+    low, high = model.intervals["friction"]
+    assert low < truth["friction"] < high
+    wanted = 4.0 * (32.0 - 26.0) / 29.0 / math.sqrt(12.0)
+    assert (high - low) / truth["friction"] == pytest.approx(wanted, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("derivative", "kind", "order"), [(0, "low_pass", 1), (1, "high_pass", 2), (2, "low_pass", 2)]
+)
+def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
+    quantity = ("height", "velocity", "acceleration")[derivative]
+    given = {kind: 9.0, "damping_ratio": 0.4 if order == 2 else None}
+    sensor = Sensor(quantity, **given)  # type: ignore[arg-type]
+    step, omega = 1.0 / 64.0, 2.0 * math.pi
+    points = step * np.arange(129)
+    motion = tuple(
+        (omega**k * np.sin(omega * points + 0.5 * math.pi * k))[:, None] for k in range(3)
+    )
+    sample = np.linspace(0.0, 1.99, 777)
+    point = (sample / step).astype(int)
+    tables = sensor_tables(sensor, Grid(step, 128), sample / step - point, np.zeros(777))
+    result = solution_signal(
+        motion, step, point, derivative, tables, np.zeros((order, 1)), 0.0, 1.0
+    )
+    corner = 2.0 * math.pi * 9.0
+    bottom = [1.0, corner] if order == 1 else [1.0, 0.8 * corner, corner**2]
+    top = [corner**order] if kind == "low_pass" else [1.0] + [0.0] * order
+    times = np.linspace(0.0, 2.0, 60_001)
+    seen = omega**derivative * np.sin(omega * times + 0.5 * math.pi * derivative)
+    exact = np.interp(sample, times, lsim((top, bottom), seen, times)[1])
+    np.testing.assert_allclose(np.asarray(result)[:, 0], exact, atol=3e-6 * omega**derivative)
+
+
+def test_laws_know_what_shifts_and_scales() -> None:
+    pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
+    assert similarity(pendulum, "shift") is None
+    assert similarity(pendulum, "scale") is None
+    spring = law_from_text("z'' + c*Abs(z')*z' + k*(z - r) + b*(z - r)**3 = 0")
+    shift, scale = similarity(spring, "shift"), similarity(spring, "scale")
+    assert shift is not None
+    assert (shift.moving, shift.level) == (("r",), "r")
+    assert scale is not None
+    assert set(scale.moving) == {"c", "r", "b"}
+
+
+def test_a_record_without_a_position_knows_its_motion() -> None:
+    time = np.linspace(0.0, 3.0, 3001)
+    motion = 2e-3 * np.exp(-0.5 * time) * np.cos(OMEGA * time)
+    acceleration = np.gradient(np.gradient(motion, time), time)[1:-1] + 0.1
+    record = PistonRecord.from_columns({"time": time[1:-1], "acceleration": acceleration})
+    assert record.measured == "acceleration"
+    assert "height" not in record.columns
+    inner = slice(300, -300)
+    assert np.abs(record.height - motion[1:-1])[inner].max() < 0.1 * 2e-3
+    assert record.between(0.0, 1.0).measured == "acceleration"
+
+
+def test_an_acceleration_in_a_file_is_fitted_where_it_is_said(tmp_path: Path) -> None:
+    time = np.linspace(0.0, 2.0, 800)
+    rows = np.exp(-LINEAR["lam"] * time) * np.cos(OMEGA * time) + 0.1
+    path = tmp_path / "acc.csv"
+    np.savetxt(path, np.column_stack([time, rows]), delimiter=",", header="t,ax [g]", comments="")
+    with pytest.raises(RecordError, match="acceleration=ax"):
+        PistonRecord.from_file(path)
+    with pytest.warns(RecordWarning, match="no position"):
+        record = PistonRecord.from_file(path, columns={"acceleration": "ax"})
+    assert record.measured == "acceleration"
+    np.testing.assert_allclose(record.columns["acceleration"], 9.80665 * rows, rtol=1e-12)
+    with pytest.raises(RecordError, match="compare needs heights"):
+        compare(record, "linear")
+
+
+def test_a_sensor_in_words() -> None:
+    geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
+    text = "velocity gain=20:30 high_pass=4.5 absolute column=geo"
+    assert sensor_from_text(text) == geophone
+    for wrong in ("speed", "velocity gain", "velocity gain=x", "velocity low_pass=1:2",
+                  "velocity absolute=1", "velocity low_pass=free"):  # fmt: skip
+        with pytest.raises(InputError):
+            sensor_from_text(wrong)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["acceleration", "velocity", "geophone"])
+def test_fifteen_made_records(kind: str) -> None:
+    """The truth within three half-widths, and no interval narrower than half its scatter."""
+    sound, every = 0, defaultdict(list)
+    for seed in range(15):
+        made = random_signal(kind, seed)
+        model = fitted(made)
+        found = misses(made, model)
+        sound += max(map(abs, found.values())) <= 3.0
+        for name, miss in found.items():
+            every[made.law, name].append(miss)
+        print(kind, seed, made.law, {name: round(miss, 2) for name, miss in found.items()})
+    assert sound >= 13
+    for name, errors in every.items():
+        assert np.std(errors) < 2.0, name
