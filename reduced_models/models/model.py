@@ -30,7 +30,7 @@ from reduced_models.models.schema import (
 )
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
-from reduced_models.records.sensor import Sensor
+from reduced_models.records.sensor import Sensor, sensor_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -455,7 +455,7 @@ class ReducedModel(FittedLaw):
             lines.append(words)
         elif self.no_swing:
             lines.append(f"  small swing about rest: none, {self.no_swing}")
-        lines += self._sensor_lines()
+        lines += sensor_lines(self.sensor, self.untold)
         lines.append(f"  residual {100.0 * self.quality.relative:.3g} % of the rms swing")
         if self.quality.test_error is not None:
             error = f"  test error {100.0 * self.quality.test_error:.3g} %"
@@ -471,14 +471,6 @@ class ReducedModel(FittedLaw):
             )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
-
-    def _sensor_lines(self) -> list[str]:
-        """Sensor in words, and what it does not tell."""
-        if self.sensor is None:
-            return []
-        words = {"level": "the level of rest", "size": "the size of the motion"}
-        untold = ", ".join(words.get(name, name) for name in self.untold)
-        return [f"  measured: {self.sensor}"] + [f"  not told by that: {untold}"] * bool(untold)
 
     def to_plain(self) -> dict[str, Any]:
         """Model as plain data (numbers, texts, lists).

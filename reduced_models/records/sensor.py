@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -201,6 +201,15 @@ class Sensor:
             f"an absolute {self.quantity} needs the motion of the base, and the record has no "
             f"column {wanted}; add it, or measure relative to the base (absolute=False)"
         )
+
+
+def sensor_lines(sensor: Sensor | None, untold: Iterable[str]) -> list[str]:
+    """Lines that say what was measured, and what that does not tell of a law."""
+    if sensor is None:
+        return []
+    words = {"level": "the level of rest", "size": "the size of the motion"}
+    names = ", ".join(words.get(name, name) for name in untold)
+    return [f"  measured: {sensor}"] + [f"  not told by that: {names}"] * bool(names)
 
 
 def sensor_from_text(text: str) -> Sensor:
