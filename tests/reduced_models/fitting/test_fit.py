@@ -48,7 +48,7 @@ def test_solution_agrees_with_scipy() -> None:
 
 
 def test_clean_data_give_the_parameters_back() -> None:
-    model = fit(PistonRecord(TIME, CLEAN))
+    model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-6
     assert model.quality.converged >= 0.9 * STARTS
     assert not model.map.fitted
@@ -81,12 +81,14 @@ def test_intervals_cover_the_truth() -> None:
 
 def test_the_height_map_is_found() -> None:
     """The same motion seen as a height in metres: the map comes out, up to what noise allows."""
-    model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN))
+    model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like")
     assert model.map.fitted
     assert errors(model).max() < 1e-5
     assert model.map.shift == pytest.approx(0.06, rel=1e-6)
     assert model.map.scale == pytest.approx(0.002, rel=1e-5)
-    given = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), map=HeightMap(0.06, 0.002))
+    given = fit(
+        PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like", map=HeightMap(0.06, 0.002)
+    )
     assert errors(given).max() < 1e-6
 
 
@@ -108,7 +110,9 @@ def test_map_and_law_are_found_together_in_noise(
     covered, wrong = [], []
     for seed in range(seeds):
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * clean.std(), len(clean))
-        model = fit(PistonRecord(TIME, shift + scale * (clean + noise)), starts=starts)
+        model = fit(
+            PistonRecord(TIME, shift + scale * (clean + noise)), "van-der-pol-like", starts=starts
+        )
         assert model.map.fitted
         assert model.quality.converged >= 0.9 * starts
         found = dict(model.parameters) | {"shift": model.map.shift, "scale": model.map.scale}
@@ -175,7 +179,7 @@ def test_holdout_is_blind() -> None:
 
     def squared_error(by: float) -> float:
         height = record.height + by * late
-        quality = fit(PistonRecord(TIME, height), map=HeightMap()).quality
+        quality = fit(PistonRecord(TIME, height), "van-der-pol-like", map=HeightMap()).quality
         return (quality.test_error * height.std()) ** 2
 
     with warnings.catch_warnings():
@@ -289,7 +293,7 @@ def test_solutions_that_cannot_be_followed_say_why(monkeypatch: pytest.MonkeyPat
     with pytest.raises(InputError, match="diverges behind t = "):
         model.simulate(np.linspace(0, 40, 200), z0=3.0, v0=0.0)
     assert solve_law(LAWS["duffing"], TIME, 3.0, 0.0, softening, 1.0).ending == "blow-up"
-    model = fit(PistonRecord(TIME, CLEAN))
+    model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like")
     monkeypatch.setattr("reduced_models.laws.solution.STEP_BUDGETS", (2**14,))
     with pytest.raises(InputError, match=r"needs more than .* steps behind t = .*stiff"):
         model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
@@ -389,7 +393,7 @@ def test_own_law(tmp_path: Path) -> None:
 )
 def test_records_that_say_too_little(record: PistonRecord, words: str) -> None:
     with pytest.raises(RecordError, match=words):
-        fit(record)
+        fit(record, "van-der-pol-like")
 
 
 @pytest.mark.parametrize(
