@@ -136,7 +136,17 @@ class Sensor:
         return _nominal(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
-        """Signal (n,) that the columns of a record hold of it.
+        """Signal that the columns of a record hold of it.
+
+        Parameters
+        ----------
+        columns : mapping of str to float64 (n,)
+            Columns of the record, in SI units.
+
+        Returns
+        -------
+        float64 (n,)
+            Signal, in the unit of the quantity or in the sensor's own.
 
         Raises
         ------
@@ -153,9 +163,19 @@ class Sensor:
         return columns[name]
 
     def motion(self, columns: Columns, *, about_rest: bool) -> np.ndarray:
-        """Heights (n,) behind the signal, roughly; ``about_rest`` counts from the level of rest.
+        """Heights behind the signal, roughly: the record's, or else the integrated signal.
 
-        They are those of the record where it has such, or else the integrated signal.
+        Parameters
+        ----------
+        columns : mapping of str to float64 (n,)
+            Columns of the record, in SI units.
+        about_rest : bool
+            Count from the level of rest.
+
+        Returns
+        -------
+        float64 (n,)
+            Heights [m].
         """
         if "height" in columns:
             height = columns["height"]
@@ -165,14 +185,38 @@ class Sensor:
         return integrate_motion(columns["time"], values, self.derivative)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations of a record that has the signal for its height."""
+        """Deviations of a record that has the signal for its height.
+
+        Parameters
+        ----------
+        deviations : mapping of str to float64 (k, n)
+            What a calibration leaves open, by column.
+
+        Returns
+        -------
+        dict of str to float64 (k, n)
+            Deviations by column.
+        """
         result = {name: values for name, values in deviations.items() if name != "height"}
         mine = deviations.get(self.column or self.quantity)
         result.pop(self.column or self.quantity, None)
         return result if mine is None else result | {"height": mine}
 
     def with_gain_left_open(self, columns: Columns, deviations: Columns) -> dict[str, np.ndarray]:
-        """Deviations with those of gains that are spread evenly between the gain's bounds."""
+        """Deviations with those of gains that are spread evenly between the gain's bounds.
+
+        Parameters
+        ----------
+        columns : mapping of str to float64 (n,)
+            Columns of the record, in SI units.
+        deviations : mapping of str to float64 (k, n)
+            What a calibration leaves open, by column.
+
+        Returns
+        -------
+        dict of str to float64 (k, n)
+            Deviations by column.
+        """
         result = dict(deviations)
         if isinstance(self.gain, tuple):
             name, signal = self.column or self.quantity, self.signal(columns)
@@ -182,7 +226,17 @@ class Sensor:
         return result
 
     def base_motion(self, columns: Columns) -> np.ndarray:
-        """Quantity (n,) of the base, where the sensor measures it too; zero otherwise.
+        """Quantity of the base, where the sensor measures it too; zero otherwise.
+
+        Parameters
+        ----------
+        columns : mapping of str to float64 (n,)
+            Columns of the record, in SI units.
+
+        Returns
+        -------
+        float64 (n,)
+            In the quantity's unit.
 
         Raises
         ------

@@ -158,8 +158,12 @@ def read_releases(
 
     Parameters
     ----------
-    path, units, **said
-        As of `read_record`.
+    path : str or Path
+        File as for `read_record`.
+    units : mapping of str to str, optional
+        Units of columns whose headings have none.
+    **said : Any
+        Further options of `read_record`.
 
     Returns
     -------
