@@ -112,7 +112,10 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
     shuffle = np.random.default_rng(0).permutation(record.time)
     again = estimator.predict(shuffle)[np.argsort(shuffle)]
     assert np.array_equal(again, estimator.predict(record.time))
-    assert estimator.get_params() == {"law": "linear", "starts": 16, "test_fraction": 0.3}
+    assert estimator.get_params() == {
+        "law": "linear", "starts": 16, "test_fraction": 0.3,
+        "bounds": None, "positive": (), "loss": "linear",
+    }  # fmt: skip
     assert LawEstimator().set_params(law="duffing").law == "duffing"
     with pytest.raises(InputError):
         LawEstimator().set_params(lwa="duffing")
