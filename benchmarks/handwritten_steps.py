@@ -18,6 +18,8 @@ from granular.pairs.direct import direct_sum
 from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.pair_arrays import PairArrays
 
+_ABSENT = (None,) * 7
+
 _by_hand = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})
 
 
@@ -50,7 +52,7 @@ class Bed(NamedTuple):
 
 @_by_hand
 def _pairs(bed: Bed) -> None:
-    arrays = PairArrays(bed.x, bed.y, bed.fx, bed.fy, None, None, None, None, None)
+    arrays = PairArrays(bed.x, bed.y, bed.fx, bed.fy, *_ABSENT)
     direct_sum(arrays, None, None, None)
 
 

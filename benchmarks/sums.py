@@ -143,7 +143,7 @@ def _cut_off_steps(
 ) -> None:  # fmt: skip
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
-        arrays = PairArrays(x, y, sums[0], sums[1], None, None, None, None, None)
+        arrays = PairArrays(x, y, sums[0], sums[1], None, None, None, None, None, None, None)
         cut_sum(near, radius, None, None, start.shape[1], arrays)
 
 

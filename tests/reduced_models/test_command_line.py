@@ -195,7 +195,7 @@ def test_numbers_have_units_where_they_are_taken() -> None:
 def test_laws_list_themselves(capsys: pytest.CaptureFixture[str]) -> None:
     assert launch(main, ["fit", "--laws"]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert "linear             z'' + 2*lam*z' + omega**2*z = g0" in printed
+    assert "linear              z'' + 2*lam*z' + omega**2*z = g0" in printed
 
 
 def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
