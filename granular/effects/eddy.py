@@ -14,16 +14,21 @@ The currents that a neighbour's motion makes act on a grain too: `granular.effec
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.eddy_mutual import MutualEddyLaw, mutual_law
-from granular.effects.eddy_tensor import Plate, lattice_factor
-from granular.effects.effect import EffectContext, energy_variable
+from granular.effects.eddy_tensor import Disc, Plate, lattice_factor, lone_factor
+from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.pairs.direct import padded_values
 from granular.pairs.pair_arrays import value_or_one
+from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, choice, flag, integer, quantity
 
@@ -78,6 +83,19 @@ class Eddy(Flow):
                 "thickness",
             )
 
+    def check(
+        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
+    ) -> None:
+        """Raise if discs reach into the plate."""
+        half = 0.5 * self.thickness if self.plate == "thick" else 0.0
+        tallest = 0.5 * float(grains.of_species("thickness").max())
+        if grains.magnets == "cylinders" and self.distance <= half + tallest:
+            raise FieldError(
+                f"{self.distance:g} m must be above {half + tallest:g} m, where discs touch the "
+                "plate; give a larger distance",
+                "effects", "eddy",
+            )  # fmt: skip
+
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`; the last two keys stand there where they are set."""
         plain = super().to_plain()
@@ -98,7 +116,7 @@ class Eddy(Flow):
         return abs(lattice_factor(self._plate(scales), SPACING) - 1.0) > TENTH
 
     def coefficient(self, scales: Scales) -> float:
-        """Drag coefficient [kg/s] of a grain of the first species."""
+        """Drag coefficient [kg/s] of a grain of the first species, as a dipole."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
         strength = 3.0 * scales.permeability**2 * sheet * moment**2
@@ -111,11 +129,24 @@ class Eddy(Flow):
 
     def law(self, setting: EffectContext) -> EddyLaw | MutualEddyLaw:
         """Law in natural units."""
+        plate, grains = self._plate(setting.scales), setting.grains
         rate = self.decay_rate(setting.scales)
-        if not self.counts_neighbours(setting.grains.count, setting.scales):
-            return EddyLaw(rate)
-        plate = self._plate(setting.scales)
-        return mutual_law(rate / plate.factor(), plate, setting)
+        discs = grain_discs(grains, setting.scales.length)
+        if self.counts_neighbours(grains.count, setting.scales):
+            return mutual_law(rate / plate.factor(), plate, discs, setting)
+        if not discs:
+            return EddyLaw(rate, None)
+        factors = np.array([lone_factor(plate, disc) for disc in discs])
+        return EddyLaw(rate / plate.factor(), padded_values(factors[setting.species]))
+
+
+def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
+    """Return the disc of each species, in units of a length [m]; none of dipoles."""
+    if grains.magnets == "dipoles":
+        return ()
+    heights = grains.of_species("thickness") / length
+    radii = [0.5 * species.diameter / length for species in grains.species]
+    return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))
 
 
 class EddyLaw(NamedTuple):
@@ -124,10 +155,13 @@ class EddyLaw(NamedTuple):
     Attributes
     ----------
     rate : float
-        Decay rate of a grain of the first species [1/tau].
+        Decay rate of a dipole of the first species [1/tau].
+    factors : float64 (m,) or None
+        Drag of each grain over a dipole's; None of dipoles.
     """
 
     rate: float
+    factors: Array | None
 
     @staticmethod
     @compiled(inline=True)
@@ -137,7 +171,8 @@ class EddyLaw(NamedTuple):
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
             mass, moment = value_or_one(masses, i), value_or_one(moments, i)
-            exponent = -law.rate * moment * moment / mass * dt
+            rate = law.rate * value_or_one(law.factors, i)
+            exponent = -rate * moment * moment / mass * dt
             vx, vy = state.vx[i], state.vy[i]
             lost -= 0.5 * mass * math.expm1(2.0 * exponent) * (vx * vx + vy * vy)
             left = math.exp(exponent)
@@ -155,7 +190,8 @@ class EddyLaw(NamedTuple):
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):
             mass, moment = value_or_one(masses, i), value_or_one(moments, i)
-            rate, vx, vy = law.rate * moment * moment / mass, state.vx[i], state.vy[i]
+            rate = law.rate * value_or_one(law.factors, i) * moment * moment / mass
+            vx, vy = state.vx[i], state.vy[i]
             slopes[VX, i] -= rate * vx
             slopes[VY, i] -= rate * vy
             lost += mass * rate * (vx * vx + vy * vy)

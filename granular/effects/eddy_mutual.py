@@ -18,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_tensor import FARTHEST, Plate, series
+from granular.effects.eddy_tensor import FARTHEST, Disc, Plate, lone_factor, series
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
+from granular.pairs.direct import padded_values
 from granular.pairs.pair_arrays import value_or_one
 
 LEFT_OUT = 0.01
@@ -84,7 +85,7 @@ class MutualEddyLaw(NamedTuple):
         Bound of the eigenvalues of M^(-1) T, over ``rate``.
     kinds : int
         Kinds of grains: 1 of dipoles, of discs one for each species.
-    kind : int64 (n,) or None
+    kind : float64 (m,) or None
         That of each grain; None of one kind.
     table : EddyTable
     """
@@ -213,7 +214,7 @@ def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
 
 @compiled(inline=True)
 def _kind_of(kinds: Array | None, grain: int) -> int:
-    return 0 if kinds is None else kinds[grain]
+    return 0 if kinds is None else int(kinds[grain])
 
 
 @compiled(inline=True)
@@ -268,7 +269,9 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
     return low + w * (middle + w * high)
 
 
-def mutual_law(rate: float, plate: Plate, setting: EffectContext) -> MutualEddyLaw:
+def mutual_law(
+    rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext
+) -> MutualEddyLaw:
     """Make the law of a bed.
 
     Parameters
@@ -276,6 +279,8 @@ def mutual_law(rate: float, plate: Plate, setting: EffectContext) -> MutualEddyL
     rate : float
         Decay rate of a lone dipole of the first species along a thin plate [1/tau].
     plate : Plate
+    discs : tuple of Disc
+        That of each species; empty of dipoles.
     setting : EffectContext
     """
     length = setting.scales.length
@@ -293,14 +298,23 @@ def mutual_law(rate: float, plate: Plate, setting: EffectContext) -> MutualEddyL
         height = setting.grains.count / USUAL / (setting.cell.width / length)
         if height < 2.0 * reach:
             reach = math.inf
-    made = series(plate)
-    factor = plate.factor()
+    made = _pair_series(plate, discs)
+    factor = max((lone_factor(plate, disc) for disc in discs), default=plate.factor())
     moments = setting.grains.moment_ratios()[setting.species] * setting.grains.spread_factors()
     masses = setting.grains.mass_ratios()[setting.species]
     heaviest = float((moments**2 / masses).max())
     return MutualEddyLaw(
         rate=rate, square=square, reach=reach,
         spare=0.0 if reach == math.inf else LEFT_OUT * factor,
-        stiffest=heaviest * factor * (1.0 + DENSEST * square), kinds=1, kind=None,
-        table=EddyTable(None if made is None else made[None, None], shifts),
+        stiffest=heaviest * factor * (1.0 + DENSEST * square), kinds=max(len(discs), 1),
+        kind=padded_values(setting.species) if discs else None,
+        table=EddyTable(made, shifts),
     )  # fmt: skip
+
+
+def _pair_series(plate: Plate, discs: tuple[Disc, ...]) -> np.ndarray | None:
+    """Coefficients of each pair of kinds (k, k, 2, ORDER); None of dipoles over a thin plate."""
+    if discs:
+        return np.array([[series(plate, (disc, other)) for other in discs] for disc in discs])
+    made = series(plate)
+    return None if made is None else made[None, None]

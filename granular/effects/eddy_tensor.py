@@ -109,6 +109,12 @@ def tensor(
 
 
 @cache
+def lone_factor(plate: Plate, disc: Disc) -> float:
+    """Drag of a lone disc over that of a dipole along a thin plate."""
+    return float(tensor(plate, np.zeros(1), (disc, disc))[0][0])
+
+
+@cache
 def series(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
     """Coefficients of P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s = H^2/(r^2 + H^2).
 

@@ -269,3 +269,46 @@ def test_resumed_and_on_two_threads_the_same_bits(tmp_path: Path) -> None:
     for other in (resumed, two):
         for name in ("position", "velocity", "eddy_loss"):
             assert (other.dataset[name].values == through.dataset[name].values).all()
+
+
+@pytest.mark.parametrize("mutual", [False, True])
+def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
+    """Two unlike discs over a thick plate; each alone, and with the currents of the other."""
+    from scipy.linalg import expm
+
+    positions = np.array([[100.0, 50.0], [101.3, 50.4]])
+    start = 1e-9 * np.array([[1.0, 0.3], [-0.4, 1.0]])
+    scene = scene_of(
+        positions,
+        start,
+        **{
+            "grains.species": [
+                {"name": "big", "diameter": "6 mm", "share": 0.5},
+                {"name": "small", "diameter": "4 mm", "share": 0.5, "thickness": "2 mm"},
+            ],
+            "grains.magnets": "cylinders",
+            "effects.eddy.plate": "thick",
+            "effects.eddy.mutual": mutual,
+        },
+    )
+    run = simulate(scene, dt=1e-5, progress=False)
+    plate = Plate(4.0 / 6.0, 1.0 / 6.0)
+    discs = (Disc(0.5, 0.5), Disc(1.0 / 3.0, 1.0 / 3.0))
+    scales, grains = Scales.of(scene.grains), scene.grains
+    rate = scene.effects.eddy.coefficient(scales) / scales.mass / plate.factor()
+    away = positions[1] - positions[0]
+    r = float(np.hypot(*away))
+    blocks = [[np.zeros((2, 2)) for _ in discs] for _ in discs]
+    for i, disc in enumerate(discs):
+        for j, other in enumerate(discs):
+            if i == j or mutual:
+                a, b = tensor(plate, np.array([0.0 if i == j else r]), (disc, other))
+                blocks[i][j] = a[0] * np.eye(2) + b[0] * np.outer(away, away) / r**2
+    moments = np.repeat(grains.moment_ratios(), 2)
+    masses = np.repeat(grains.mass_ratios(), 2)
+    weighted = moments[:, None] * np.block(blocks) * moments / masses[:, None]
+    exact = (expm(-float(run.dataset["time"][-1]) * rate * weighted) @ start.ravel()).reshape(-1, 2)
+    computed = run.dataset["velocity"][-1].values
+    np.testing.assert_allclose(computed, exact, rtol=0, atol=2e-6 * np.abs(exact).max())
+    with pytest.raises(SceneError, match="discs touch the"):
+        scene.replace(**{"effects.eddy.distance": "1.9 mm"})
