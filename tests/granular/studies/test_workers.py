@@ -126,6 +126,7 @@ def test_no_process_is_started_without_work() -> None:
 INTERRUPTED = """
 import os, signal, threading
 from granular import load_scene, sweep
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have it ignored
 long = [{"kind": "hold", "name": "fall", "duration": 1e3}]
 scene = load_scene("single-particle").replace(protocol=long)
 values = {"effects.gravity.acceleration": [float(k) for k in range(1, 41)]}
