@@ -7,7 +7,7 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 
 WIDTHS = {"76.25em": "68.75em", "76.234375em": "68.734375em"}
-"""Of the window, in the theme and here: least width with the navigation, greatest without."""
+"""Widths of the window, in the theme and here: least with the navigation, greatest without."""
 
 
 def on_post_build(config: MkDocsConfig) -> None:

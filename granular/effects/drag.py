@@ -136,15 +136,17 @@ class DragLaw(NamedTuple):
     ) -> int:
         """Take the drag off the slopes of the velocities; enter the loss with the weight."""
         state, constants = bed.state, bed.constants
+        common = law.rate if law.rates is None else 1.0
         for i in range(constants.grains):
             mass, vx, vy = value_or_one(constants.masses, i), state.vx[i], state.vy[i]
-            factor = 1.0
+            rate, weight = law.rate, mass
             if law.rates is not None and law.kind is not None:
-                factor = law.rates.values[int(law.kind[i])] / law.rate
-            slopes[VX, i] -= factor * law.rate * vx
-            slopes[VY, i] -= factor * law.rate * vy
-            state.scratch[i] = factor * mass * (vx * vx + vy * vy)
-        state.ledger[LOSSES + index] += dt * law.rate * lane_sum(state.scratch)
+                rate = law.rates.values[int(law.kind[i])]
+                weight = rate * mass
+            slopes[VX, i] -= rate * vx
+            slopes[VY, i] -= rate * vy
+            state.scratch[i] = weight * (vx * vx + vy * vy)
+        state.ledger[LOSSES + index] += dt * common * lane_sum(state.scratch)
         return 0
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _NEIGHBOURS = 4
 """Candidates shown on either side of the chosen one."""
 _EQUATION_COLUMNS = 82
-"""Of candidates that were not chosen."""
+"""Greatest number shown of candidates that were not chosen."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

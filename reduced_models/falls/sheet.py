@@ -28,8 +28,8 @@ GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
 VISCOSITIES = {-25.0: 3.73, 25.0: 1.18}
-"""Of a silicone oil [Pa s] by the temperature [deg C] (Monteiro et al., Journal of Plastination,
-Polisil P10)."""
+"""Viscosity of a silicone oil [Pa s] by the temperature [deg C] (Monteiro et al., Journal of
+Plastination, Polisil P10)."""
 CHANGE = 0.01
 """Relative change of a part whose effect is told."""
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}

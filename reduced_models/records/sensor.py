@@ -298,7 +298,7 @@ def chosen_sensor(measured: str | Sensor) -> Sensor | None:
     InputError
         If there is no such quantity.
     """
-    sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]
+    sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor
 
 

@@ -70,7 +70,7 @@ def test_scenes_have_the_law(
 
 @pytest.mark.long
 def test_periodic_cells_have_the_law() -> None:
-    """What discs have beyond dipoles falls as r^-6, so its sum over images converges."""
+    """The part beyond dipoles falls as r^-6, so its sum over images converges."""
     scene = Scene.from_plain(
         {
             "name": "cell",

@@ -38,10 +38,11 @@ def apart(species: list[dict[str, Any]], **changes: Any) -> Scene:
 
 
 @pytest.mark.parametrize("method", ["stormer-verlet", "runge-kutta-4"])
-def test_drag_goes_with_the_area_of_a_face(method: str) -> None:
-    scene = apart(DENSE)
+@pytest.mark.parametrize("coefficient", [0.01, 0.0])
+def test_drag_goes_with_the_area_of_a_face(method: str, coefficient: float) -> None:
+    scene = apart(DENSE, **{"effects.drag.coefficient": coefficient})
     run = simulate(scene, dt=1e-4, method=method, progress=False)
-    faces = 0.01 * np.array([1.0, (4.0 / 6.0) ** 2])
+    faces = coefficient * np.array([1.0, (4.0 / 6.0) ** 2])
     left = np.exp(-0.1 * faces / scene.grains.masses())
     velocity = run.dataset["velocity"].values
     np.testing.assert_allclose(velocity[-1], left[:, None] * velocity[0], rtol=1e-9)

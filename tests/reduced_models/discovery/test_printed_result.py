@@ -1,4 +1,4 @@
-"""What a discovery prints."""
+"""The print-out of a discovery."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_sensitivities_are_those_of_a_heavier_piston() -> None:
 
 
 def test_a_weaker_bed_and_a_heavier_piston_change_the_rest_alike() -> None:
-    """Where a bed follows at once: the height of rest goes with remanence^0.8, f with -0.4."""
+    """A bed that follows at once: the height of rest goes with remanence^0.8, f with -0.4."""
     told = sensitivities(damper(drag=1e-4))
     assert told["remanence of the discs"][0] == pytest.approx(-0.4, abs=0.01)
     assert told["drag of a disc"][1] == pytest.approx(1.0, abs=0.01)
