@@ -26,19 +26,25 @@ def parser() -> Parser:
     )
     add_version_option(item)
     item.add_argument(
-        "--part", dest="parts", metavar="PART", action="append", choices=tuple(PARTS),
+        "--part",
+        dest="parts",
+        metavar="PART",
+        action="append",
+        choices=tuple(PARTS),
         help="measure this part only; see below (repeatable)",
-    )  # fmt: skip
+    )
     item.add_argument(
-        "--history", metavar="FILE",
+        "--history",
+        metavar="FILE",
         help="measure a few kernels only, add them to this file as ratios to a plain loop, and "
         "show the last entries",
-    )  # fmt: skip
+    )
     item.add_argument(
-        "--prices", metavar="FILE",
+        "--prices",
+        metavar="FILE",
         help="measure anew the table that accuracies are promised from, and write it here; "
         "granular/run/price_table.toml is the one that is read",
-    )  # fmt: skip
+    )
     item.add_argument(
         "-o",
         "--out",
@@ -68,9 +74,8 @@ def _benchmark(options: Any) -> None:
     from benchmarks.runner import benchmark
 
     result = benchmark(
-        options.out, parts=options.parts or tuple(PARTS), full=options.full,
-        progress=not options.quiet,
-    )  # fmt: skip
+        options.out, parts=options.parts or tuple(PARTS), full=options.full, progress=not options.quiet
+    )
     where = "" if options.out is None else f"\npage: {options.out}/benchmark.html"
     print_result(result, benchmark_text(result) + where, options.json)
 

@@ -41,9 +41,14 @@ def cost_of_absence(
             result = least_seconds(calls, rounds=rounds)
             hand, engine = result["by hand"] / steps, result["engine"] / steps
             rows.append(
-                {"effects": scenery, "grains": count, "by hand": hand, "engine": engine,
-                 "ratio": engine / hand}
-            )  # fmt: skip
+                {
+                    "effects": scenery,
+                    "grains": count,
+                    "by hand": hand,
+                    "engine": engine,
+                    "ratio": engine / hand,
+                }
+            )
     return rows
 
 

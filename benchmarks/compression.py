@@ -40,10 +40,15 @@ def _compressed(seed: int, speed: float, every: int) -> dict[str, Any]:
     run = simulate(scene, progress=False)
     seconds = time.perf_counter() - started
     return {
-        "seed": seed, "speed": speed, "far every": every, "seconds": seconds,
-        "simulated": run.stages[-1].end, "steps": run.settings()["steps"],
-        "ledger": run.settings()["ledger_residual"], **_at_full_compression(run),
-    }  # fmt: skip
+        "seed": seed,
+        "speed": speed,
+        "far every": every,
+        "seconds": seconds,
+        "simulated": run.stages[-1].end,
+        "steps": run.settings()["steps"],
+        "ledger": run.settings()["ledger_residual"],
+        **_at_full_compression(run),
+    }
 
 
 def _at_full_compression(run: Trajectory) -> dict[str, float]:

@@ -61,8 +61,12 @@ class Priced(NamedTuple):
     @property
     def key(self) -> Plain:
         """What its pieces are kept under."""
-        return {"scene": self.scene.digest(), "quantities": list(self.quantities),
-                "reference": self.reference, "starts": self.starts}  # fmt: skip
+        return {
+            "scene": self.scene.digest(),
+            "quantities": list(self.quantities),
+            "reference": self.reference,
+            "starts": self.starts,
+        }
 
 
 def priced_scenes() -> tuple[Priced, ...]:
@@ -70,17 +74,20 @@ def priced_scenes() -> tuple[Priced, ...]:
     swings = ("rest height", "period", "damping ratio", "energy")
     presses = ("piston force", "mean distance", "energy")
     bed = load_scene("bed").replace(
-        **{"name": "bed-92", "grains.count": 92, "cell.width": "30 D", "piston.height": "10 D",
-           "arrangement.height": "9 D"}
-    )  # fmt: skip
+        **{
+            "name": "bed-92",
+            "grains.count": 92,
+            "cell.width": "30 D",
+            "piston.height": "10 D",
+            "arrangement.height": "9 D",
+        }
+    )
     return (
-        Priced(compression_scene(), presses, ("auto*2", "auto", "auto/2", "auto/4"), (), "auto/8",
-               12),
-        Priced(bed, presses, ("auto*8", "auto*4", "auto*2", "auto"), ("auto*8", "auto*4"),
-               "auto/2", 8),
+        Priced(compression_scene(), presses, ("auto*2", "auto", "auto/2", "auto/4"), (), "auto/8", 12),
+        Priced(bed, presses, ("auto*8", "auto*4", "auto*2", "auto"), ("auto*8", "auto*4"), "auto/2", 8),
         Priced(damper(count=92), swings, ("auto*8", "auto*4", "auto*2"), (), "auto", 6),
         Priced(load_scene("damper"), swings, ("auto*8", "auto*4"), (), "auto*2", 4),
-    )  # fmt: skip
+    )
 
 
 def costs(path: Path, progress: bool = True) -> dict[str, Any]:
@@ -148,9 +155,7 @@ def _truth(item: Priced) -> Plain:
     given = [None if entry.exact is not None else reference for entry in chosen]
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
-        for name, truth in zip(
-            item.quantities, reference_values(scenes, chosen, given, None), strict=True
-        )
+        for name, truth in zip(item.quantities, reference_values(scenes, chosen, given, None), strict=True)
     }
 
 
@@ -166,25 +171,27 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     seen = run_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
     seconds = time.process_time() - started
     return {
-        "method": setting.method, "dt": str(setting.dt),
-        "fraction": validated_step(setting.dt, item.scene).fraction, "frequency": rounded(seen),
+        "method": setting.method,
+        "dt": str(setting.dt),
+        "fraction": validated_step(setting.dt, item.scene).fraction,
+        "frequency": rounded(seen),
         "seconds": rounded(seconds),
-        "bounds": {
-            name: rounded(entry.bound) for name, entry in zip(item.quantities, result, strict=True)
-        },
+        "bounds": {name: rounded(entry.bound) for name, entry in zip(item.quantities, result, strict=True)},
         "clear": _clear(item.quantities, result),
-    }  # fmt: skip
+    }
 
 
 def _row(item: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
     """A scene of the table."""
     return {
-        "name": item.scene.name, "grains": item.scene.grains.count,
+        "name": item.scene.name,
+        "grains": item.scene.grains.count,
         "kind": damping_kind(item.scene),
-        "starts": item.starts, "reference": item.reference,
+        "starts": item.starts,
+        "reference": item.reference,
         "floors": {name: rounded(entry["floor"]) for name, entry in truth.items()},
         "entries": [rung for rung in entries if "method" in rung],
-    }  # fmt: skip
+    }
 
 
 def _clear(names: Sequence[str], result: Sequence[Point]) -> list[str]:

@@ -47,9 +47,7 @@ ADDED: dict[str, dict[str, Any]] = {
     "none": {},
     "built in": {"effects.built_in_spring": {"k": "10 N/m", "height": "1 cm"}},
     "class": {"effects.class_spring": {"k": "10 N/m", "height": "1 cm"}},
-    "formula": {
-        "effects.field": [{"energy": "k*(y - h)**2/2", "k": "10 N/m", "h": "1 cm"}],
-    },
+    "formula": {"effects.field": [{"energy": "k*(y - h)**2/2", "k": "10 N/m", "h": "1 cm"}]},
 }
 """The same spring, in all the ways of bringing it."""
 
@@ -78,9 +76,7 @@ class BuiltInSpringLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: BuiltInSpringLaw, workspace: None, index: int, bed: Bed, time: float
-    ) -> int:
+    def add_forces(law: BuiltInSpringLaw, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the forces."""
         state = bed.state
         for i in range(bed.constants.grains):
@@ -90,9 +86,14 @@ class BuiltInSpringLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: BuiltInSpringLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array,
+        law: BuiltInSpringLaw,
+        workspace: None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
         energies: Array,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """Enter the energy, and what the spring adds to the stiffness."""
         state, total = bed.state, 0.0
         for i in range(bed.constants.grains):
@@ -116,10 +117,9 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     calls = {name: _call(engine, steps) for name, engine in engines.items()}
     result = least_seconds(calls, rounds=rounds)
     return [
-        {"spring": name, "grains": count, "seconds": seconds / steps,
-         "ratio": seconds / result["built in"]}
+        {"spring": name, "grains": count, "seconds": seconds / steps, "ratio": seconds / result["built in"]}
         for name, seconds in result.items()
-    ]  # fmt: skip
+    ]
 
 
 def _call(engine: EngineSteps, steps: int) -> Any:

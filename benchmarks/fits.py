@@ -103,13 +103,10 @@ def measured_here(law: str, samples: int, rounds: int) -> dict[str, Any]:
         started = time.perf_counter()
         model = fit(record, law)
         seconds.append(time.perf_counter() - started)
-        errors.append([model.parameters[name] / truth.parameters[name] - 1.0
-                       for name in shape.parameters])  # fmt: skip
+        errors.append([model.parameters[name] / truth.parameters[name] - 1.0 for name in shape.parameters])
         converged.append(model.quality.converged / model.quality.starts)
     worst = float(np.abs(np.median(np.abs(errors), axis=0)).max())
-    return {
-        "first": seconds[0], "warm": seconds[1:], "error": worst, "converged": min(converged),
-    }  # fmt: skip
+    return {"first": seconds[0], "warm": seconds[1:], "error": worst, "converged": min(converged)}
 
 
 if __name__ == "__main__":

@@ -48,14 +48,7 @@ class Kernel(NamedTuple):
 
 def _kernels() -> dict[str, Kernel]:
     from benchmarks.engine import bed_of
-    from benchmarks.sums import (
-        BATCH,
-        PaddedGrains,
-        arrangement,
-        by_cut_off,
-        direct,
-        plain,
-    )
+    from benchmarks.sums import BATCH, PaddedGrains, arrangement, by_cut_off, direct, plain
     from validation.effect_costs import EngineSteps
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
@@ -162,10 +155,13 @@ def history_table(entries: Sequence[Mapping[str, Any]]) -> TextTable:
     shown = entries[-_SHOWN:]
     names = list(dict.fromkeys(name for item in shown for name in item["ratios"]))
     rows = [
-        [item["date"], f"{item['commit'] or '?'}{'+' if item['changed'] else ''}",
-         *(_number(item["ratios"].get(name)) for name in names)]
+        [
+            item["date"],
+            f"{item['commit'] or '?'}{'+' if item['changed'] else ''}",
+            *(_number(item["ratios"].get(name)) for name in names),
+        ]
         for item in shown
-    ]  # fmt: skip
+    ]
     if len(shown) > 1:
         rows.append(["newest over the median before", "", *(_trend(shown, item) for item in names)])
     return text_table(["date (UTC)", "commit", *names], rows)

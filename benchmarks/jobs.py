@@ -54,18 +54,24 @@ def job_times(names: Sequence[str] = tuple(JOBS)) -> list[dict[str, Any]]:
             if name != MAIN and "example" not in JOBS[name]:
                 words = [word.replace("warm", "again") for word in JOBS[name]]
                 seconds, processor, said = _timed(words, folder)
-            rows.append({
-                "job": name, "seconds": seconds, "processor": processor,
-                "cores": processor / seconds, "parts": _parts(said),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "job": name,
+                    "seconds": seconds,
+                    "processor": processor,
+                    "cores": processor / seconds,
+                    "parts": _parts(said),
+                }
+            )
     return rows
 
 
 def _timed(words: Sequence[str], folder: str) -> tuple[float, float, str]:
     store = {
-        "NUMBA_CACHE_DIR": f"{folder}/numba", "JAX_COMPILATION_CACHE_DIR": f"{folder}/jax",
+        "NUMBA_CACHE_DIR": f"{folder}/numba",
+        "JAX_COMPILATION_CACHE_DIR": f"{folder}/jax",
         "PYTHONPATH": str(Path(__file__).parents[1]),
-    }  # fmt: skip
+    }
     started, before = time.perf_counter(), _processor_of_children()
     said = finished([sys.executable, *words], store, Path(folder))
     return time.perf_counter() - started, _processor_of_children() - before, said

@@ -35,9 +35,7 @@ def package_figures(rounds: int = 5) -> list[dict[str, Any]]:
     start = times["pass"]
     rows.append({"what": "start of Python", "seconds": start})
     return rows + [
-        {"what": item, "seconds": seconds - start}
-        for item, seconds in times.items()
-        if item != "pass"
+        {"what": item, "seconds": seconds - start} for item, seconds in times.items() if item != "pass"
     ]
 
 

@@ -60,9 +60,12 @@ def _job_parts(row: Row) -> str:
 
 
 _SUMS = (
-    _plain("sum"), _plain("grains"), _MICROSECONDS, _number("ns per pair", ".3f"),
+    _plain("sum"),
+    _plain("grains"),
+    _MICROSECONDS,
+    _number("ns per pair", ".3f"),
     _number("times plain", ".3f", "times as fast as the plain loop"),
-)  # fmt: skip
+)
 
 SHEETS: dict[str, Sheet] = {
     "sums": Sheet(
@@ -77,50 +80,87 @@ SHEETS: dict[str, Sheet] = {
     "lists": Sheet("Pairs within 11.26 D, lists made anew as grains move", _SUMS, "sum"),
     "methods": Sheet(
         "A whole step of the engine, by method of summing pairs",
-        (_plain("method"), _plain("grains"), _MICROSECONDS,
-         _number("times direct", ".2f", "times as fast as the direct sum")),
+        (
+            _plain("method"),
+            _plain("grains"),
+            _MICROSECONDS,
+            _number("times direct", ".2f", "times as fast as the direct sum"),
+        ),
         "method",
     ),
     "errors": Sheet(
         "What a method of summing pairs leaves, against the direct sum",
-        (_plain("method"), _plain("grains"),
-         _number("force error", ".1e", "largest force error / rms sum |f|"),
-         _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps")),
+        (
+            _plain("method"),
+            _plain("grains"),
+            _number("force error", ".1e", "largest force error / rms sum |f|"),
+            _number("energy drift", ".1e", "energy, over that turned over, in 2000 steps"),
+        ),
     ),
     "rest": Sheet(
         "Forces of a bed at rest by approximate sums, and how far from the direct sum",
-        (_plain("method"), _plain("grains"), _number("piston_force", ".4f", "piston [N]"),
-         *(_number(f"{side}_force off", "+.4f", f"{side} off [%]", 100.0)
-           for side in ("piston", "left", "right", "bottom")),
-         _number("greatest_speed", ".1e", "greatest speed [m/s]")),
+        (
+            _plain("method"),
+            _plain("grains"),
+            _number("piston_force", ".4f", "piston [N]"),
+            *(
+                _number(f"{side}_force off", "+.4f", f"{side} off [%]", 100.0)
+                for side in ("piston", "left", "right", "bottom")
+            ),
+            _number("greatest_speed", ".1e", "greatest speed [m/s]"),
+        ),
     ),
     "threads": Sheet(
         "A whole step with one thread and two",
-        (_plain("method"), _plain("grains"), _plain("threads"), _MICROSECONDS,
-         _number("times one", ".2f", "times as fast as one"), _plain("same bits")),
+        (
+            _plain("method"),
+            _plain("grains"),
+            _plain("threads"),
+            _MICROSECONDS,
+            _number("times one", ".2f", "times as fast as one"),
+            _plain("same bits"),
+        ),
     ),
     "effects": Sheet(
         "A whole step with dipoles and walls, and what each effect adds",
-        (_plain("effect"), _plain("grains"), _MICROSECONDS,
-         _number("added", "+.2f", "added us", 1e6), _number("share", "+.1f", "added %", 100.0)),
+        (
+            _plain("effect"),
+            _plain("grains"),
+            _MICROSECONDS,
+            _number("added", "+.2f", "added us", 1e6),
+            _number("share", "+.1f", "added %", 100.0),
+        ),
     ),
     "absent": Sheet(
         "A step of the engine and by hand, without the effects left out",
-        (("effects that act", lambda row: str(row["effects"])), _plain("grains"),
-         _number("by hand", ".2f", "by hand us", 1e6), _number("engine", ".2f", "engine us", 1e6),
-         _number("ratio", ".3f")),
+        (
+            ("effects that act", lambda row: str(row["effects"])),
+            _plain("grains"),
+            _number("by hand", ".2f", "by hand us", 1e6),
+            _number("engine", ".2f", "engine us", 1e6),
+            _number("ratio", ".3f"),
+        ),
     ),
     "own": Sheet(
         "A whole step with a spring of your own, and later processes that run with it",
-        (_plain("spring"), _number("grains", ".0f"), _MICROSECONDS,
-         _number("ratio", ".3f", "over the one built in"),
-         _number("start", ".2f", "start [s]"), _number("later", "+.2f", "later than without [s]")),
+        (
+            _plain("spring"),
+            _number("grains", ".0f"),
+            _MICROSECONDS,
+            _number("ratio", ".3f", "over the one built in"),
+            _number("start", ".2f", "start [s]"),
+            _number("later", "+.2f", "later than without [s]"),
+        ),
     ),
     "memory": Sheet(
         "Peak memory of a process that runs a bed",
-        (_plain("method"), _plain("grains"), _number("bytes", ".1f", "MB", 1e-6),
-         _number("of 92 grains", ".1f", "MB before, with 92 grains", 1e-6),
-         ("bytes a grain", _bytes_a_grain)),
+        (
+            _plain("method"),
+            _plain("grains"),
+            _number("bytes", ".1f", "MB", 1e-6),
+            _number("of 92 grains", ".1f", "MB before, with 92 grains", 1e-6),
+            ("bytes a grain", _bytes_a_grain),
+        ),
     ),
     "start": Sheet("Start on the command line", (_plain("start"), _number("seconds", ".2f", "s"))),
     "package": Sheet(
@@ -129,39 +169,66 @@ SHEETS: dict[str, Sheet] = {
     ),
     "study": Sheet(
         "A sweep over masses and starts of small dampers, in processes",
-        (_plain("cases"), _plain("grains"), _plain("cores"),
-         _number("seconds", ".1f", "wall time [s]"), _number("run alone", ".2f", "a run alone [s]"),
-         _number("filled", ".2f", "fraction of the cores' time that is runs"), _plain("failed")),
+        (
+            _plain("cases"),
+            _plain("grains"),
+            _plain("cores"),
+            _number("seconds", ".1f", "wall time [s]"),
+            _number("run alone", ".2f", "a run alone [s]"),
+            _number("filled", ".2f", "fraction of the cores' time that is runs"),
+            _plain("failed"),
+        ),
     ),
     "protocol": Sheet(
         "The published protocol, 368 grains: relaxation 5 T, compression, expansion, relaxation",
-        (_plain("seed"), _plain("far every"), _number("speed", ".4g", "speed [m/s]"),
-         _number("seconds", ".1f", "wall time [s]"),
-         _number("simulated", ".1f", "simulated [s]"), _plain("steps"),
-         _number("ledger", ".1e", "energy, over that turned over"),
-         _number("force", ".2f", f"force [N], published {PUBLISHED['force']}"),
-         _number("half distance", ".2f",
-                 f"half mean distance [D], published {PUBLISHED['half distance']}")),
+        (
+            _plain("seed"),
+            _plain("far every"),
+            _number("speed", ".4g", "speed [m/s]"),
+            _number("seconds", ".1f", "wall time [s]"),
+            _number("simulated", ".1f", "simulated [s]"),
+            _plain("steps"),
+            _number("ledger", ".1e", "energy, over that turned over"),
+            _number("force", ".2f", f"force [N], published {PUBLISHED['force']}"),
+            _number(
+                "half distance", ".2f", f"half mean distance [D], published {PUBLISHED['half distance']}"
+            ),
+        ),
     ),
     "fits": Sheet(
         "A fit at 1 % noise: nothing compiled, in a later process, and again",
-        (_plain("law"), _plain("samples"), _number("cold", ".2f", "cold [s]"),
-         _number("next process", ".2f", "next process [s]"), _number("warm", ".3f", "warm [s]"),
-         _number("error", ".1e"), _number("converged", ".2f", "starts that led to it")),
+        (
+            _plain("law"),
+            _plain("samples"),
+            _number("cold", ".2f", "cold [s]"),
+            _number("next process", ".2f", "next process [s]"),
+            _number("warm", ".3f", "warm [s]"),
+            _number("error", ".1e"),
+            _number("converged", ".2f", "starts that led to it"),
+        ),
     ),
     "jobs": Sheet(
         "Whole jobs in processes of their own",
-        (_plain("job"), _number("seconds", ".1f", "wall time [s]"),
-         _number("processor", ".1f", "processor time [s]"),
-         _number("cores", ".2f", "processors kept busy"), ("parts [s of wall time]", _job_parts)),
+        (
+            _plain("job"),
+            _number("seconds", ".1f", "wall time [s]"),
+            _number("processor", ".1f", "processor time [s]"),
+            _number("cores", ".2f", "processors kept busy"),
+            ("parts [s of wall time]", _job_parts),
+        ),
     ),
-}  # fmt: skip
+}
 
 _GROWTH = Sheet(
     f"Growth of the time from {LINEAR_FROM} grains on: time ~ grains^",
-    (_plain("part"), _plain("what"), _number("exponent", ".3f"),
-     _number("interval", ".3f", "+- (95 %)"), _plain("counts")),
-)  # fmt: skip
+    (
+        _plain("part"),
+        _plain("what"),
+        _number("exponent", ".3f"),
+        _number("interval", ".3f", "+- (95 %)"),
+        _plain("counts"),
+    ),
+)
 
 
 def rows_of(results: Sequence[Plain]) -> list[Row]:
@@ -185,16 +252,14 @@ def growth(parts: Mapping[str, Sequence[Plain]]) -> list[dict[str, Any]]:
                 counts = np.array([row["grains"] for row in chosen], dtype=np.float64)
                 slope, half = exponent(counts, np.array([row["seconds"] for row in chosen]))
                 result.append(
-                    {"part": part, "what": name, "exponent": slope, "interval": half,
-                     "counts": len(chosen)}
-                )  # fmt: skip
+                    {"part": part, "what": name, "exponent": slope, "interval": half, "counts": len(chosen)}
+                )
     return result
 
 
 def _table(sheet: Sheet, rows: Sequence[Row]) -> TextTable:
     return text_table(
-        [header for header, _ in sheet.columns],
-        [[cell(row) for _, cell in sheet.columns] for row in rows],
+        [header for header, _ in sheet.columns], [[cell(row) for _, cell in sheet.columns] for row in rows]
     )
 
 

@@ -30,9 +30,14 @@ def plain_loop(x: np.ndarray, y: np.ndarray, fx: np.ndarray, fy: np.ndarray, cou
 
 @_plain
 def plain_loop_with_load(
-    x: np.ndarray, y: np.ndarray, fx: np.ndarray, fy: np.ndarray, load: np.ndarray,
-    weight: np.ndarray, count: int,
-) -> None:  # fmt: skip
+    x: np.ndarray,
+    y: np.ndarray,
+    fx: np.ndarray,
+    fy: np.ndarray,
+    load: np.ndarray,
+    weight: np.ndarray,
+    count: int,
+) -> None:
     """Forces [F*] and friction loads of every pair."""
     fx[:] = 0.0
     fy[:] = 0.0
@@ -111,9 +116,15 @@ def _fill(known: PlainVerletList, x: np.ndarray, y: np.ndarray, count: int, reac
 
 @_plain
 def plain_verlet_list(
-    known: PlainVerletList, radius: float, skin: float, x: np.ndarray, y: np.ndarray,
-    fx: np.ndarray, fy: np.ndarray, count: int,
-) -> None:  # fmt: skip
+    known: PlainVerletList,
+    radius: float,
+    skin: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    fx: np.ndarray,
+    fy: np.ndarray,
+    count: int,
+) -> None:
     """Forces [F*] of pairs within the radius; the list is made anew where half the skin is used."""
     stale = False
     for i in range(count):

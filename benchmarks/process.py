@@ -33,9 +33,13 @@ def finished(
         If it ends with another code than 0.
     """
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=index,
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=index,
         env=os.environ | dict(environment or {}),
-    )  # fmt: skip
+    )
     if done.returncode != 0:
         lines = (done.stdout + done.stderr).strip().splitlines() or ["no words"]
         words = next((line for line in lines if line.startswith("ERROR")), lines[-1])

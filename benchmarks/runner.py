@@ -142,12 +142,23 @@ def _jobs(full: bool) -> _Work:
 
 
 _WORK: dict[str, Callable[[bool], _Work]] = {
-    "sums": _sums, "lists": _lists, "methods": _methods, "errors": _errors, "rest": _rest,
+    "sums": _sums,
+    "lists": _lists,
+    "methods": _methods,
+    "errors": _errors,
+    "rest": _rest,
     "threads": _threads,
-    "effects": _effects, "absent": _absent, "own": _own, "memory": _memory, "start": _start,
+    "effects": _effects,
+    "absent": _absent,
+    "own": _own,
+    "memory": _memory,
+    "start": _start,
     "package": _package,
-    "protocol": _protocol, "fits": _fits, "study": _study, "jobs": _jobs,
-}  # fmt: skip
+    "protocol": _protocol,
+    "fits": _fits,
+    "study": _study,
+    "jobs": _jobs,
+}
 
 
 def _tasks(name: str, full: bool) -> list[Task]:
@@ -173,9 +184,8 @@ def _missing() -> list[dict[str, str]]:
 
 
 def benchmark(
-    out: str | None, *, parts: Sequence[str] = tuple(PARTS), full: bool = False,
-    progress: bool = True,
-) -> dict[str, Any]:  # fmt: skip
+    out: str | None, *, parts: Sequence[str] = tuple(PARTS), full: bool = False, progress: bool = True
+) -> dict[str, Any]:
     """Measure; a page with tables and plots, and a JSON file, go to ``out`` where it is given.
 
     What was measured before with the same sources, on the same machine, is read from
@@ -208,8 +218,7 @@ def benchmark(
     if where is not None:
         make_directory(where)
     results = {
-        name: run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress)
-        for name in parts
+        name: run_tasks(f"benchmark-{name}", _tasks(name, full), where, progress=progress) for name in parts
     }
     result: dict[str, Any] = {
         "parts": results,

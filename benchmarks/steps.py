@@ -38,9 +38,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "shaking": {"effects.shaking": {"amplitude": "0.1 mm", "frequency": 20.0}},
     "eddy currents": {"effects.eddy": _PLATE | {"mutual": False}},
     "eddy currents, mutual": {"effects.eddy": _PLATE | {"mutual": True}},
-    "eddy currents, mutual, thick plate": {
-        "effects.eddy": _PLATE | {"mutual": True, "plate": "thick"}
-    },
+    "eddy currents, mutual, thick plate": {"effects.eddy": _PLATE | {"mutual": True, "plate": "thick"}},
     "two species": {
         "grains.species": [
             {"name": "big", "diameter": "6 mm", "share": 0.5},
@@ -57,16 +55,13 @@ _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 
 def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     """Time of a step [s] by each method of summing pairs, on one core; grains move."""
-    engines = {
-        name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS
-    }  # fmt: skip
+    engines = {name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS}
     calls = {name: partial(engine.make, STEPS) for name, engine in engines.items()}
     result = least_seconds(calls, rounds=rounds, seconds=0.0)
     return [
-        {"method": name, "grains": count, "seconds": time / STEPS,
-         "times direct": result["direct"] / time}
+        {"method": name, "grains": count, "seconds": time / STEPS, "times direct": result["direct"] / time}
         for name, time in result.items()
-    ]  # fmt: skip
+    ]
 
 
 def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
@@ -81,10 +76,16 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
         result = least_seconds(calls, rounds=rounds, seconds=0.0)
         alike = bool((engines[1].run.state.x == engines[2].run.state.x).all())
         rows += [
-            {"method": name, "grains": count, "threads": int(k), "seconds": time / STEPS,
-             "times one": result["1"] / time, "same bits": alike}
+            {
+                "method": name,
+                "grains": count,
+                "threads": int(k),
+                "seconds": time / STEPS,
+                "times one": result["1"] / time,
+                "same bits": alike,
+            }
             for k, time in result.items()
-        ]  # fmt: skip
+        ]
     return rows
 
 
@@ -97,18 +98,21 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     if count > MESH_FROM:
         bare = _BARE | {"pairs.method": "mesh"}
         effects = {name: changes for name, changes in EFFECTS.items() if "slabs" not in name}
-    engines = {
-        name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()
-    }
+    engines = {name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()}
     steps = max(STEPS, math.ceil(2e7 / count**2))
     calls = {name: partial(engine.make, steps) for name, engine in engines.items()}
     result = least_seconds(calls, rounds=rounds, seconds=0.0)
     base = next(iter(result.values()))
     return [
-        {"effect": name, "grains": count, "seconds": time / steps, "added": (time - base) / steps,
-         "fraction": time / base - 1.0}
+        {
+            "effect": name,
+            "grains": count,
+            "seconds": time / steps,
+            "added": (time - base) / steps,
+            "fraction": time / base - 1.0,
+        }
         for name, time in result.items()
-    ]  # fmt: skip
+    ]
 
 
 def method_errors(count: int) -> list[dict[str, Any]]:
@@ -122,9 +126,8 @@ def method_errors(count: int) -> list[dict[str, Any]]:
         result = evaluate(scene, positions)
         error = np.linalg.norm(result.force - exact.force, axis=1).max() / scale
         rows.append(
-            {"method": name, "grains": count, "force error": float(error),
-             "energy drift": _drift(scene)}
-        )  # fmt: skip
+            {"method": name, "grains": count, "force error": float(error), "energy drift": _drift(scene)}
+        )
     return rows
 
 

@@ -56,7 +56,13 @@ def study_times(cases: int) -> list[dict[str, Any]]:
     seconds = time.perf_counter() - started
     cores = os.cpu_count() or 1
     return [
-        {"cases": len(result.cases), "grains": GRAINS, "cores": cores, "seconds": seconds,
-         "run alone": alone, "filled": len(result.cases) * alone / (cores * seconds),
-         "failed": len(result.failed)}
-    ]  # fmt: skip
+        {
+            "cases": len(result.cases),
+            "grains": GRAINS,
+            "cores": cores,
+            "seconds": seconds,
+            "run alone": alone,
+            "filled": len(result.cases) * alone / (cores * seconds),
+            "failed": len(result.failed),
+        }
+    ]

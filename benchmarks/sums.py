@@ -22,13 +22,7 @@ from benchmarks.peers import (
 from benchmarks.timing import least_seconds
 from granular.compiled import entry
 from granular.pairs.cut_off import cut_sum
-from granular.pairs.direct import (
-    PARTED_FROM,
-    direct_sum,
-    padded_coordinates,
-    padded_values,
-    part_buffers,
-)
+from granular.pairs.direct import PARTED_FROM, direct_sum, padded_coordinates, padded_values, part_buffers
 from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
@@ -100,10 +94,7 @@ def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) 
     return grains.timed(
         sums,
         lambda: _direct_sum(
-            PairArrays(x, grains.y, sums[0], sums[1], load=third, weight=weight),
-            buffers,
-            thread,
-            None,
+            PairArrays(x, grains.y, sums[0], sums[1], load=third, weight=weight), buffers, thread, None
         ),
     )
 
@@ -138,9 +129,15 @@ def _move(x: np.ndarray, y: np.ndarray, start: np.ndarray, way: np.ndarray, at: 
 
 @numba.njit(error_model="numpy")
 def _cut_off_steps(
-    near: Stripes, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
-    start: np.ndarray, way: np.ndarray, at: int,
-) -> None:  # fmt: skip
+    near: Stripes,
+    radius: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    sums: np.ndarray,
+    start: np.ndarray,
+    way: np.ndarray,
+    at: int,
+) -> None:
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
         arrays = PairArrays(x, y, sums[0], sums[1], None, None, None, None, None, None, None)
@@ -149,9 +146,15 @@ def _cut_off_steps(
 
 @numba.njit(error_model="numpy")
 def _list_steps(
-    known: PlainVerletList, radius: float, x: np.ndarray, y: np.ndarray, sums: np.ndarray,
-    start: np.ndarray, way: np.ndarray, at: int,
-) -> None:  # fmt: skip
+    known: PlainVerletList,
+    radius: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    sums: np.ndarray,
+    start: np.ndarray,
+    way: np.ndarray,
+    at: int,
+) -> None:
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
         plain_verlet_list(known, radius, SKIN, x, y, sums[0], sums[1], start.shape[1])
@@ -169,17 +172,14 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
     start = np.stack([grains.x, grains.y])[:, : grains.count].copy()
     way = _ways(grains.count).T.copy()
     return grains.timed(
-        sums,
-        lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at)),
+        sums, lambda: steps(lists, SOURCE_RADIUS, grains.x, grains.y, sums, start, way, next(at))
     )
 
 
 def by_cut_off(positions: np.ndarray) -> TimedSum:
     """`BATCH` sums of moving grains a call."""
     size = PaddedGrains(positions).x.size
-    return _in_motion(
-        positions, _cut_off_steps, stripes_workspace(size, moments=False, loaded=False)
-    )
+    return _in_motion(positions, _cut_off_steps, stripes_workspace(size, moments=False, loaded=False))
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:
@@ -228,11 +228,16 @@ def direct_sums(count: int, rounds: int) -> list[dict[str, Any]]:
         error = np.abs(result - force).max(axis=1) / magnitude
         base = "plain numba loop" + (", with friction load" if "load" in name else "")
         rows.append(
-            {"sum": name, "grains": count, "seconds": seconds[name],
-             "ns per pair": 2e9 * seconds[name] / (count * (count - 1)),
-             "times plain": seconds[base] / seconds[name],
-             "over direct": seconds[name] / seconds["direct sum"], "error": float(error.max())}
-        )  # fmt: skip
+            {
+                "sum": name,
+                "grains": count,
+                "seconds": seconds[name],
+                "ns per pair": 2e9 * seconds[name] / (count * (count - 1)),
+                "times plain": seconds[base] / seconds[name],
+                "over direct": seconds[name] / seconds["direct sum"],
+                "error": float(error.max()),
+            }
+        )
     return rows
 
 
@@ -248,14 +253,18 @@ def cut_off_sums(count: int, rounds: int) -> list[dict[str, Any]]:
     seconds = {name: time / BATCH for name, time in result.items()}
     if lammps := engine("lammps"):
         seconds[lammps.TABLE] = lammps.steps(
-            positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02,
-            dt=0.02,
-        ).seconds  # fmt: skip
+            positions, lammps.TABLE, count=BATCH, cut=SOURCE_RADIUS, velocities=_ways(count) / 0.02, dt=0.02
+        ).seconds
     return [
-        {"sum": name, "grains": count, "seconds": time, "ns per pair": 1e9 * time / pairs,
-         "times plain": seconds["plain Verlet list"] / time}
+        {
+            "sum": name,
+            "grains": count,
+            "seconds": time,
+            "ns per pair": 1e9 * time / pairs,
+            "times plain": seconds["plain Verlet list"] / time,
+        }
         for name, time in seconds.items()
-    ]  # fmt: skip
+    ]
 
 
 def exponent(counts: np.ndarray, seconds: np.ndarray) -> tuple[float, float]:

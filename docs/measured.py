@@ -59,9 +59,7 @@ def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> 
         drag = 2.0 * (one.decay + one.tilt * x + one.bend * x**2) * v
         return [v, -drag - one.k * x - one.beta * x**3]
 
-    found = solve_ivp(
-        slopes, (0.0, TIME[-1]), [start - rest, 0.0], "DOP853", TIME, rtol=1e-10, atol=1e-12
-    )
+    found = solve_ivp(slopes, (0.0, TIME[-1]), [start - rest, 0.0], "DOP853", TIME, rtol=1e-10, atol=1e-12)
     cycles = envelope(PistonRecord(TIME, found.y[0]))
     amplitude = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), one)
     tone = averaged_frequency(amplitude, one)[-1]
@@ -74,16 +72,10 @@ def averaged(name: str, law: str, values: Mapping[str, float], start: float) -> 
 
 def falls() -> str:
     """Laws that were fitted to one fall from 20 D, on others: two dampers."""
-    rows = [
-        "| damper | law | from 14 D | from 28 D | another start |",
-        "| --- | --- | --- | --- | --- |",
-    ]
+    rows = ["| damper | law | from 14 D | from 28 D | another start |", "| --- | --- | --- | --- | --- |"]
     for name, laws in FALLEN.items():
         scene = load_scene(name)
-        unseen = {
-            "14 D": let_fall(scene, 14), "28 D": let_fall(scene, 28),
-            "start 2": let_fall(scene, 20, 2),
-        }  # fmt: skip
+        unseen = {"14 D": let_fall(scene, 14), "28 D": let_fall(scene, 28), "start 2": let_fall(scene, 20, 2)}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             judged = score_drops(let_fall(scene, 20), unseen, laws)
@@ -96,10 +88,12 @@ def falls() -> str:
 def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
     """Three seconds after the piston is released [D]."""
     changes = {
-        "piston.height": f"{height} D", "arrangement.height": f"{height - 1} D",
-        "arrangement.seed": seed, "output.record": "drop",
+        "piston.height": f"{height} D",
+        "arrangement.height": f"{height - 1} D",
+        "arrangement.seed": seed,
+        "output.record": "drop",
         "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
-    }  # fmt: skip
+    }
     return simulate(scene.replace(**changes), progress=False).piston()
 
 

@@ -89,8 +89,9 @@ def draw_fall() -> None:
         left.set(xlabel="time [s]", ylabel="height of the piston [D]", xlim=(0.0, 4.0))
         left.set_title("the fall from 20 D", fontsize=10)
         right.plot(swing.time, swing.height / DIAMETER, color=GREY, linewidth=3, label="simulated")
-        right.plot(swing.time, predicted.height / DIAMETER, color=COLOURS[1], linewidth=1,
-                   label="its equation")  # fmt: skip
+        right.plot(
+            swing.time, predicted.height / DIAMETER, color=COLOURS[1], linewidth=1, label="its equation"
+        )
         right.axvline(seen.time[-1], color=GREY, linestyle=":")
         right.set(xlabel="time [s]", xlim=(0.0, 6.0))
         right.set_title("lifted by 0.2 D and released; fitted left of the dots", fontsize=10)
@@ -117,27 +118,40 @@ def draw_theory() -> None:
     turns = np.flatnonzero((speed[:-1] < 0.0) & (speed[1:] >= 0.0))
     step = float(time[1] - time[0])
     taken = np.diff(loss[turns])
-    expected = [
-        affine * step * float(np.sum(speed[a:b] ** 2)) for a, b in itertools.pairwise(turns)
-    ]
+    expected = [affine * step * float(np.sum(speed[a:b] ** 2)) for a, b in itertools.pairwise(turns)]
     ratios = taken / np.array(expected)
     with figure(1, 2, width=9.0, height=3.4) as (drawing, (left, right)):
         for name, way, colour in (("down", speed < 0.0, 0), ("up", speed >= 0.0, 1)):
-            left.plot(1e3 * height[way], force[way], ".", color=COLOURS[colour], markersize=2.0,
-                      label=f"on the way {name}")  # fmt: skip
+            left.plot(
+                1e3 * height[way],
+                force[way],
+                ".",
+                color=COLOURS[colour],
+                markersize=2.0,
+                label=f"on the way {name}",
+            )
         line = np.geomspace(height.min(), height.max(), 50)
-        left.plot(1e3 * line, weight * (rest / line) ** 2.5, color="black", linewidth=1.2,
-                  label="lattice: height$^{-2.5}$")  # fmt: skip
-        left.set(xscale="log", yscale="log", xlabel="height of the piston [mm]",
-                 ylabel="force on it [N]", xticks=[40, 60, 80, 100, 120])  # fmt: skip
+        left.plot(
+            1e3 * line,
+            weight * (rest / line) ** 2.5,
+            color="black",
+            linewidth=1.2,
+            label="lattice: height$^{-2.5}$",
+        )
+        left.set(
+            xscale="log",
+            yscale="log",
+            xlabel="height of the piston [mm]",
+            ylabel="force on it [N]",
+            xticks=[40, 60, 80, 100, 120],
+        )
         left.set_xticklabels(["40", "60", "80", "100", "120"])
         left.minorticks_off()
         left.set_ylim(bottom=5.0)
         left.legend(markerscale=4.0)
         right.plot(np.arange(1, len(ratios) + 1), ratios, "o-", color=COLOURS[0])
         right.axhline(1.0, color="black", linewidth=1.2)
-        right.set(xlabel="swing after the fall", ylabel="energy lost over affine loss",
-                  ylim=(0.0, None))  # fmt: skip
+        right.set(xlabel="swing after the fall", ylabel="energy lost over affine loss", ylim=(0.0, None))
         keep(drawing, "theory")
     at_rest = fit(damper_run().piston(), law="polynomial-spring").at_rest
     told = predict(scene).at_rest
@@ -178,26 +192,36 @@ def draw_effects() -> None:
     distances = np.linspace(0.8, 4.0, 60)
     base = load_scene("bed").replace(
         **{
-            "grains.count": 2, "cell.width": "40 D", "piston.height": "40 D",
-            "arrangement.height": "39 D", "effects.gravity": None, "effects.drag": None,
+            "grains.count": 2,
+            "cell.width": "40 D",
+            "piston.height": "40 D",
+            "arrangement.height": "39 D",
+            "effects.gravity": None,
+            "effects.drag": None,
         }
-    )  # fmt: skip
+    )
     free = dict.fromkeys(("left", "right", "top"), "none")
     with figure(width=7.0, height=3.4) as (drawing, axes):
         pair = [
-            np.abs(evaluate(base.replace(**{"effects.walls": None}),
-                            np.array([[15.0, 20.0], [15.0 + r, 20.0]]) * DIAMETER,
-                            piston_height=40 * DIAMETER).force[0, 0])
+            np.abs(
+                evaluate(
+                    base.replace(**{"effects.walls": None}),
+                    np.array([[15.0, 20.0], [15.0 + r, 20.0]]) * DIAMETER,
+                    piston_height=40 * DIAMETER,
+                ).force[0, 0]
+            )
             for r in distances
-        ]  # fmt: skip
+        ]
         axes.plot(distances, pair, color=COLOURS[0], label="two grains, distance of the centres")
         for colour, law in enumerate(("experimental", "infinite", "slab"), 1):
             scene = base.replace(**{"effects.walls": {**free, "bottom": law}})
             walls = [
-                evaluate(scene, np.array([[10.0, w], [30.0, w]]) * DIAMETER,
-                         piston_height=40 * DIAMETER).wall_forces["bottom"] / 2.0
+                evaluate(
+                    scene, np.array([[10.0, w], [30.0, w]]) * DIAMETER, piston_height=40 * DIAMETER
+                ).wall_forces["bottom"]
+                / 2.0
                 for w in distances
-            ]  # fmt: skip
+            ]
             style = "--" if law == "slab" else "-"
             axes.plot(distances, walls, style, color=COLOURS[colour], label=f"wall, {law}")
         weight = 6.2498e-4 * GRAVITY
@@ -243,10 +267,15 @@ def draw_methods() -> None:
             found = convergence(exact_problem("oscillation"), name)
             assert found.fit is not None
             slopes.append(f"{found.fit.value:.2f}")
-            axes.plot(1e3 * np.array(found.steps), found.errors, "o-", color=COLOURS[place],
-                      markersize=3.0, label=f"{name}, order {found.order}")  # fmt: skip
-        axes.set(xscale="log", yscale="log", xlabel="time step [ms]",
-                 ylabel="greatest error [m]")  # fmt: skip
+            axes.plot(
+                1e3 * np.array(found.steps),
+                found.errors,
+                "o-",
+                color=COLOURS[place],
+                markersize=3.0,
+                label=f"{name}, order {found.order}",
+            )
+        axes.set(xscale="log", yscale="log", xlabel="time step [ms]", ylabel="greatest error [m]")
         axes.legend()
         keep(drawing, "methods")
     measured = f"{', '.join(slopes[:-1])} and {slopes[-1]} for methods of order 1, 2, 4 and 6"
@@ -288,20 +317,29 @@ def draw_studies() -> None:
     drop = [{"kind": "free", "name": "drop", "duration": 4.0}]
     heights = [
         [
-            simulated(damper(count=92, mass=mass).replace(
-                **{"arrangement.seed": seed, "protocol": drop, "output.record": "drop"}
-            )).piston().height[-1] / DIAMETER
+            simulated(
+                damper(count=92, mass=mass).replace(
+                    **{"arrangement.seed": seed, "protocol": drop, "output.record": "drop"}
+                )
+            )
+            .piston()
+            .height[-1]
+            / DIAMETER
             for seed in seeds
         ]
         for mass in masses
-    ]  # fmt: skip
+    ]
     with figure(width=7.0, height=3.2) as (drawing, axes):
         for mass, some in zip(masses, heights, strict=True):
             axes.plot([mass] * len(some), some, "o", color=COLOURS[0])
         line = np.linspace(masses[0], masses[-1], 50)
         middle = float(np.mean(heights[2]))
-        axes.plot(line, middle * (line / masses[2]) ** -0.4, color="black",
-                  label="mass$^{-0.4}$, as the lattice says")  # fmt: skip
+        axes.plot(
+            line,
+            middle * (line / masses[2]) ** -0.4,
+            color="black",
+            label="mass$^{-0.4}$, as the lattice says",
+        )
         axes.set(xlabel="mass of the piston [kg]", ylabel="height of rest [D]")
         axes.legend()
         keep(drawing, "studies")
@@ -351,8 +389,7 @@ def draw_limits() -> None:
     known = predict(damper()).simulate(fall.time, z0=float(fall.height[0]), v0=0.0)
     with figure(width=7.0, height=3.2) as (drawing, axes):
         axes.plot(fall.time, 1e3 * fall.height, color=GREY, linewidth=4, label="simulated fall")
-        axes.plot(fall.time, 1e3 * asked.height, color=COLOURS[1],
-                  label="law fitted to a lift of 0.2 D")  # fmt: skip
+        axes.plot(fall.time, 1e3 * asked.height, color=COLOURS[1], label="law fitted to a lift of 0.2 D")
         axes.plot(fall.time, 1e3 * known.height, "--", color=COLOURS[0], label="law of whole falls")
         axes.set(xlabel="time [s]", ylabel="height of the piston [mm]")
         axes.legend()
@@ -369,10 +406,10 @@ def draw_misprints() -> None:
     with figure(width=7.0, height=3.2) as (drawing, axes):
         for place, (name, theta) in enumerate((("printed", whole), ("meant", whole - phi))):
             factor = 0.75 * diameter * np.cos(theta) * np.sin(theta)
-            axes.plot(diameter, factor / (np.cos(phi + theta) * diagonal), color=COLOURS[1 - place],
-                      label=name)  # fmt: skip
-        axes.set(yscale="log", xlabel="diameter of the grains [mm]",
-                 ylabel="load of a neighbour, $K$")  # fmt: skip
+            axes.plot(
+                diameter, factor / (np.cos(phi + theta) * diagonal), color=COLOURS[1 - place], label=name
+            )
+        axes.set(yscale="log", xlabel="diameter of the grains [mm]", ylabel="load of a neighbour, $K$")
         axes.legend(title="[D, eq. 4.10]")
         keep(drawing, "misprints")
 
@@ -413,14 +450,28 @@ def write_whole_falls() -> None:
         law = whole_fall(scene, height * DIAMETER)
         bed = f"{scene.grains.count} grains, {mass:g} kg, {drag:g} kg/s, from {height} D"
         for name, *figures in (
-            (f"{bed} | simulated", motion.time[away][-1], motion.force.max(), motion.height.min(),
-             loss, run.dataset["drag_loss"].values[-1]),
-            ("| law", law.settling_time, law.greatest_force, law.deepest, law.affine_loss,
-             law.affine_loss + law.excess_loss),
-        ):  # fmt: skip
+            (
+                f"{bed} | simulated",
+                motion.time[away][-1],
+                motion.force.max(),
+                motion.height.min(),
+                loss,
+                run.dataset["drag_loss"].values[-1],
+            ),
+            (
+                "| law",
+                law.settling_time,
+                law.greatest_force,
+                law.deepest,
+                law.affine_loss,
+                law.affine_loss + law.excess_loss,
+            ),
+        ):
             settled, force, deepest, one, whole = map(float, figures)
-            rows.append(f"| {name} | {settled:.2f} s | {force:.0f} N | {1e3 * deepest:.1f} mm "
-                        f"| {one:.2f} J | {whole:.2f} J |")  # fmt: skip
+            rows.append(
+                f"| {name} | {settled:.2f} s | {force:.0f} N | {1e3 * deepest:.1f} mm "
+                f"| {one:.2f} J | {whole:.2f} J |"
+            )
     write_block("whole-fall", "\n".join([*rows, ""]), DOCS / "guide" / "design.md")
 
 
@@ -473,11 +524,14 @@ def write_machine_law() -> None:
     scene = load_scene("machine")
     simulations = [
         frequency_response(
-            scene.replace(**{"arrangement.seed": seed}), frequencies, amplitudes=forces,
-            dt="auto*4", out=DOCS.parent / "out" / "machine-law" / str(seed),
+            scene.replace(**{"arrangement.seed": seed}),
+            frequencies,
+            amplitudes=forces,
+            dt="auto*4",
+            out=DOCS.parent / "out" / "machine-law" / str(seed),
         ).dataset
         for seed in (1, 2, 3)
-    ]  # fmt: skip
+    ]
     numbers = fit(damper_run().piston(), "linear").parameters
     fitted = SmallSwing(numbers["omega"], numbers["lam"])
     law = CoupledSystem.of(scene)
@@ -510,9 +564,11 @@ def write_machine_design() -> None:
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=7.75)
     response = frequency_response(
-        found.scene, np.geomspace(2.6, 3.8, 13).tolist(), dt="auto*4",
+        found.scene,
+        np.geomspace(2.6, 3.8, 13).tolist(),
+        dt="auto*4",
         out=DOCS.parent / "out" / "machine-design",
-    )  # fmt: skip
+    )
     (peak,) = response.peaks()
     words = (
         f"That proposal, simulated at 13 frequencies from 2.6 to 3.8 Hz: {1e3 * peak['peak']:.2f} "
@@ -594,29 +650,41 @@ def draw_verification() -> None:
         for agrees, colour, label in ((True, 0, "agrees"), (False, 1, "differs")):
             chosen = [k for k, one in enumerate(flat) if one[2] is agrees]
             values, errors = ([flat[k][one] for k in chosen] for one in (0, 1))
-            axes.errorbar(chosen, values, errors, color=COLOURS[colour], label=label,
-                          fmt="o" if agrees else "s", markersize=3.5, linewidth=1.0)  # fmt: skip
+            axes.errorbar(
+                chosen,
+                values,
+                errors,
+                color=COLOURS[colour],
+                label=label,
+                fmt="o" if agrees else "s",
+                markersize=3.5,
+                linewidth=1.0,
+            )
         axes.axhline(1.0, color="black", linewidth=0.8)
         start = 0
         for unit in sorted(groups):
             axes.axvline(start - 0.5, color=GREY, linestyle=":")
-            axes.annotate(unit, (start, 1.0), (2, 4), textcoords="offset points",
-                          xycoords=("data", "axes fraction"), fontsize=9)  # fmt: skip
+            axes.annotate(
+                unit,
+                (start, 1.0),
+                (2, 4),
+                textcoords="offset points",
+                xycoords=("data", "axes fraction"),
+                fontsize=9,
+            )
             start += len(groups[unit])
-        axes.set(xlabel="numbers that de Paula (2025) prints", ylabel="here over published",
-                 xticks=[])  # fmt: skip
+        axes.set(xlabel="numbers that de Paula (2025) prints", ylabel="here over published", xticks=[])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         keep(drawing, "verification")
 
 
 STARTS = {
-    "simulate": "from granular import load_scene, simulate\n"
-                "simulate(load_scene('bed'), t_end=0.01)",
+    "simulate": "from granular import load_scene, simulate\nsimulate(load_scene('bed'), t_end=0.01)",
     "fit": "import numpy as np\nfrom reduced_models import PistonRecord, fit\n"
-           "t = np.linspace(0.0, 6.0, 1500)\n"
-           "z = 0.06 + 1e-3 * np.exp(-0.8 * t) * np.cos(21.8 * t)\n"
-           "fit(PistonRecord(t, z), law='linear')",
-}  # fmt: skip
+    "t = np.linspace(0.0, 6.0, 1500)\n"
+    "z = 0.06 + 1e-3 * np.exp(-0.8 * t) * np.cos(21.8 * t)\n"
+    "fit(PistonRecord(t, z), law='linear')",
+}
 """A first use of each half, as a script."""
 
 
@@ -651,16 +719,32 @@ def draw_installation() -> None:
 def run_seconds(code: str, kept: Mapping[str, str]) -> float:
     """Processor time of a process that runs the code, with its compiled code kept there [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | dict(kept),
-                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        env=os.environ | dict(kept),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def draw_libraries() -> None:
     """Processor time that the import of each library takes."""
-    names = ("numpy", "scipy.optimize", "numba", "xarray", "zarr", "pandas", "matplotlib.pyplot",
-             "sympy", "jax", "diffrax", "optimistix")  # fmt: skip
+    names = (
+        "numpy",
+        "scipy.optimize",
+        "numba",
+        "xarray",
+        "zarr",
+        "pandas",
+        "matplotlib.pyplot",
+        "sympy",
+        "jax",
+        "diffrax",
+        "optimistix",
+    )
     empty = min(run_seconds("", {}) for _ in range(3))
     costs = {}
     for name in names:
@@ -697,19 +781,14 @@ X_Value\theight"""
             "Messung 4;Labor 2\n\nZeit [ms];Weg [cm]",
             [f"{1e3 * t:.2f};{100 * z:.6f}".replace(".", ",") for t, z in pairs],
         ),
-        "logger.tsv": (
-            "Timestamp\tdist (m)",
-            [f"2026-03-01 12:00:{t:06.3f}\t{z:.7f}" for t, z in pairs],
-        ),
+        "logger.tsv": ("Timestamp\tdist (m)", [f"2026-03-01 12:00:{t:06.3f}\t{z:.7f}" for t, z in pairs]),
         "labview.lvm": (labview, [f"{t:.6f}\t{z:.8f}" for t, z in pairs]),
     }
     with (
         figure(len(forms), 2, width=8.0, height=5.6, sharex="col") as (drawing, rows),
         tempfile.TemporaryDirectory() as folder,
     ):
-        for place, ((name, (head, lines)), (left, right)) in enumerate(
-            zip(forms.items(), rows, strict=True)
-        ):
+        for place, ((name, (head, lines)), (left, right)) in enumerate(zip(forms.items(), rows, strict=True)):
             path = Path(folder) / name
             path.write_text("\n".join([head, *lines, ""]), encoding="utf-8")
             record = PistonRecord.from_file(path)
@@ -718,8 +797,7 @@ X_Value\theight"""
             text = "\n".join([*shown, *lines[:2], "..."]).expandtabs(4)
             left.axis("off")
             left.set_title(name, fontsize=10, loc="left")
-            left.text(0.0, 0.98, text, va="top", family="monospace", fontsize=9,
-                      transform=left.transAxes)  # fmt: skip
+            left.text(0.0, 0.98, text, va="top", family="monospace", fontsize=9, transform=left.transAxes)
             right.plot(record.from_zero().time, 1e3 * record.height, color=COLOURS[place])
             right.set_ylabel("height [mm]")
         rows[-1][1].set_xlabel("time [s]")
@@ -729,9 +807,14 @@ X_Value\theight"""
 def draw_own() -> None:
     """A bed under its weight alone, and pulled down by springs that a formula brings."""
     scene = load_scene("bed").replace(
-        **{"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D",
-           "arrangement.height": "5.5 D", "output.frames": "5 ms"}
-    )  # fmt: skip
+        **{
+            "grains.count": 23,
+            "cell.width": "15 D",
+            "piston.height": "6 D",
+            "arrangement.height": "5.5 D",
+            "output.frames": "5 ms",
+        }
+    )
     pulled = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 N/m"}]})
     with figure(1, 2, width=9.0, height=3.0) as (drawing, (left, right)):
         for place, (one, sign, label) in enumerate(
@@ -740,8 +823,7 @@ def draw_own() -> None:
             data = simulated(one, t_end=0.5).dataset
             places = 1e3 * data["position"].values
             left.plot(*places[-1].T, sign, color=COLOURS[place], fillstyle="none", label=label)
-            right.plot(data["frame_time"], places[:, :, 1].mean(axis=1), label=label,
-                       **line_look(place))  # fmt: skip
+            right.plot(data["frame_time"], places[:, :, 1].mean(axis=1), label=label, **line_look(place))
         left.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(0, 90), ylim=(0, 36))
         right.set(xlabel="time [s]", ylabel="mean height of the grains [mm]")
         right.legend()

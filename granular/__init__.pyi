@@ -15,8 +15,28 @@ from .shared.version import __version__
 from .studies.sweep import Study, sweep
 
 __all__ = [
-    "Evaluation", "GranularError", "InputError", "Method", "PistonRecord", "Scene", "Study",
-    "Trajectory", "__version__", "bidisperse", "cite", "damper", "effect", "evaluate",
-    "load_scene", "load_trajectory", "mono_bed", "quantity", "run_text", "scene_names",
-    "scene_text", "simulate", "sweep", "wall_law",
-]  # fmt: skip
+    "Evaluation",
+    "GranularError",
+    "InputError",
+    "Method",
+    "PistonRecord",
+    "Scene",
+    "Study",
+    "Trajectory",
+    "__version__",
+    "bidisperse",
+    "cite",
+    "damper",
+    "effect",
+    "evaluate",
+    "load_scene",
+    "load_trajectory",
+    "mono_bed",
+    "quantity",
+    "run_text",
+    "scene_names",
+    "scene_text",
+    "simulate",
+    "sweep",
+    "wall_law",
+]

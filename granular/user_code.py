@@ -45,12 +45,8 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
         mark_origin(file)
         values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
-        register_methods(
-            function for function in methods if METHODS.get(function.name) is not function
-        )
+        register_methods(function for function in methods if METHODS.get(function.name) is not function)
         user_code.measures.update(custom_measures(file))
         marked = ((observable_metadata(function), function) for function in values)
-        user_code.observables.update(
-            (mark.name, function) for mark, function in marked if mark is not None
-        )
+        user_code.observables.update((mark.name, function) for mark, function in marked if mark is not None)
     return user_code

@@ -47,12 +47,7 @@ QUICK = True  # False: the full bed of 368 grains
 scene = load_scene("bed")
 if QUICK:
     scene = scene.replace(
-        **{
-            "grains.count": 92,
-            "cell.width": "30 D",
-            "piston.height": "10 D",
-            "arrangement.height": "9.5 D",
-        }
+        **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D", "arrangement.height": "9.5 D"}
     )
 print(scene_text(scene))
 
@@ -137,9 +132,7 @@ carried = last.wall_forces["bottom"] - last.piston_force
 same_force = abs(last.piston_force / float(data["piston_force"][-1]) - 1.0)
 weight_error = abs(carried / weight - 1.0)
 largest_force = float(np.abs(last.force).max())
-print(
-    f"force on the piston: {last.piston_force:.4f} N; of the run: {data['piston_force'][-1]:.4f} N"
-)
+print(f"force on the piston: {last.piston_force:.4f} N; of the run: {data['piston_force'][-1]:.4f} N")
 print(f"bottom less piston:  {carried:.5f} N; weight of the grains: {weight:.5f} N")
 print(f"greatest force that is left on a grain: {largest_force:.1e} N")
 

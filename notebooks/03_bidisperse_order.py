@@ -62,9 +62,7 @@ def compressed(ratio: float) -> Trajectory:
     """A bed with that share of small grains at full compression."""
     scene = bidisperse(ASPECT, ratio, speed=SPEED, relaxation=RELAXATION)
     kinds = ("descend", "move")  # the expansion is left out
-    stages = [
-        {**one.to_plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)
-    ]
+    stages = [{**one.to_plain(), "kind": kind} for one, kind in zip(scene.protocol, kinds, strict=False)]
     return simulate(scene.replace(protocol=stages), "auto*1.5", progress=False)
 
 

@@ -76,9 +76,7 @@ still(runs[0.2], time=runs[0.2].stage("drop").end)
 # The same as a movie, in real time: the first 1.2 seconds of the fall, with the piston's curve.
 
 # %%
-short = simulate(
-    damper(count=COUNT).replace(**{"output.frames": "5 ms"}), t_end=1.2, progress=False
-)
+short = simulate(damper(count=COUNT).replace(**{"output.frames": "5 ms"}), t_end=1.2, progress=False)
 folder = Path(tempfile.mkdtemp())
 Image(movie(short, folder / "fall.gif", colour="speed", fps=20.0, width=760, progress=False))
 
@@ -227,9 +225,7 @@ print(f"The held-out lift is predicted best by {winner}, to {100 * errors[winner
 print(f"The published Van der Pol-like law is off by {100 * source_error:.3g} %, the linear")
 print(f"oscillator by {100 * errors['linear']:.3g} %; a spring that stiffens as the bed is")
 print(f"squeezed, polynomial with drag, is {gain:.0f} times better.")
-print(
-    f"None of them predicts the fall: the best is off by {100 * min(fall_errors.values()):.0f} %."
-)
+print(f"None of them predicts the fall: the best is off by {100 * min(fall_errors.values()):.0f} %.")
 
 # %% [markdown]
 # ## Exercises

@@ -66,9 +66,8 @@ def true_height(times: np.ndarray, lift: float) -> np.ndarray:
     """The true motion after a lift [m]."""
     start = [TRUTH["rest"] + lift, 0.0]
     solved = solve_ivp(
-        lambda _, y: (y[1], acceleration(*y)),
-        (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12,
-    )  # fmt: skip
+        lambda _, y: (y[1], acceleration(*y)), (0.0, times[-1]), start, t_eval=times, rtol=1e-10, atol=1e-12
+    )
     return solved.y[0]
 
 

@@ -28,13 +28,7 @@ import numpy as np
 
 from granular import load_scene, simulate
 from granular.methods import METHODS
-from validation import (
-    SolverSettings,
-    convergence,
-    convergence_table,
-    exact_problem,
-    work_precision,
-)
+from validation import SolverSettings, convergence, convergence_table, exact_problem, work_precision
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 

@@ -30,14 +30,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, Scene, damper, load_scene, simulate
-from validation import (
-    catalogue,
-    energy_change,
-    energy_trend,
-    head_on,
-    near_limit,
-    outcome,
-)
+from validation import catalogue, energy_change, energy_trend, head_on, near_limit, outcome
 from validation.exact.oscillation import harmonic_period
 from validation.exact.oscillation import oscillation_problem as wide_swing
 
@@ -59,10 +52,7 @@ often = {"output.scalars": collision.time / 2000, "output.frames": collision.tim
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")  # that they overlap, without contact
     run = simulate(
-        collision.scene.replace(**often),
-        t_end=collision.time,
-        method="adaptive-verlet",
-        progress=False,
+        collision.scene.replace(**often), t_end=collision.time, method="adaptive-verlet", progress=False
     )
 gap = run.dataset["closest_distance"].values / 0.005
 figure, axes = plt.subplots(figsize=(7, 3.0), layout="constrained")
@@ -188,9 +178,7 @@ plt.show()
 # %%
 bed = {"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D"}
 impossible = {
-    "piston inside the bed": lambda: load_scene("bed").replace(
-        **bed, **{"arrangement.height": "12 D"}
-    ),
+    "piston inside the bed": lambda: load_scene("bed").replace(**bed, **{"arrangement.height": "12 D"}),
     "a height in kilograms": lambda: load_scene("bed").replace(**{"piston.height": "3 kg"}),
     "a misspelt key": lambda: load_scene("bed").replace(**{"grains.cuont": 92}),
     "a place that is no number": lambda: load_scene("single-particle").replace(
@@ -255,9 +243,7 @@ def energy_course(method: str, steps_a_swing: int) -> tuple[np.ndarray, np.ndarr
     often = {"output.scalars": 7 * dt, "output.frames": 7000 * dt}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the drift is measured here
-        run = simulate(
-            swing.scene.replace(**often), dt, t_end=SWINGS * period, method=method, progress=False
-        )
+        run = simulate(swing.scene.replace(**often), dt, t_end=SWINGS * period, method=method, progress=False)
     data = run.dataset
     energy = data["kinetic_energy"] + data["wall_energy"] + data["weight_energy"]
     share = (energy - energy[0]) / float(data["kinetic_energy"].max())
@@ -273,9 +259,7 @@ for axes, (name, (times, share)) in zip(pair, courses.items(), strict=True):
     axes.set(xlabel="time [s]", ylabel="energy, relative change", title=name)
 plt.show()
 for name, trend in trends.items():
-    print(
-        f"{name:15} {trend.verdict():6} drift {trend.drift:+.1e}, swing {trend.swing:.1e}, ", end=""
-    )
+    print(f"{name:15} {trend.verdict():6} drift {trend.drift:+.1e}, swing {trend.swing:.1e}, ", end="")
     print(f"p = {trend.p_value:.2g}")
 
 # %% [markdown]
@@ -287,9 +271,7 @@ stop_error = type(stopped).__name__
 verlet_verdict = trends["stormer-verlet"].verdict()
 control_verdict = trends["runge-kutta-4"].verdict()
 print(f"A collision down to {CLOSEST} D keeps its energy to 1e-6 with {variable_steps} variable ")
-print(
-    f"steps, and with {equal_steps} equal ones. Of {len(outcomes)} hard cases none failed silently."
-)
+print(f"steps, and with {equal_steps} equal ones. Of {len(outcomes)} hard cases none failed silently.")
 print(f"Beyond the stability limit the run ends in an {stop_error}. Verlet's energy has no trend;")
 print(f"that of Runge and Kutta {control_verdict} {-trends['runge-kutta-4'].drift:.1e} of itself.")
 

@@ -30,17 +30,7 @@ import warnings
 import matplotlib.pyplot as plt
 import numpy as np
 
-from granular import (
-    GranularError,
-    Method,
-    damper,
-    effect,
-    evaluate,
-    load_scene,
-    quantity,
-    simulate,
-    wall_law,
-)
+from granular import GranularError, Method, damper, effect, evaluate, load_scene, quantity, simulate, wall_law
 from reduced_models import FirstGuesses, Law, compare, fit
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
@@ -271,9 +261,7 @@ print(f"the two ways differ by {ways_differ:.1e} N, and from −k y by {pull_err
 SPAN = 0.1 if QUICK else 1.0
 residuals = {}
 for step in ("auto", "auto/2", "auto/4"):
-    residuals[step] = simulate(as_class, step, t_end=SPAN, progress=False).settings()[
-        "ledger_residual"
-    ]
+    residuals[step] = simulate(as_class, step, t_end=SPAN, progress=False).settings()["ledger_residual"]
     print(f"dt {step:6}: the ledger closes to {residuals[step]:.1e}")
 energy_order = math.log2(residuals["auto"] / residuals["auto/4"]) / 2.0
 print(f"order {energy_order:.2f}")
@@ -360,16 +348,20 @@ waving = scene.replace(
     **{
         "effects.walls.left": {"energy": "a*(l/w)**3", "a": "1 mJ", "l": "6 mm"},
         "protocol": [
-            {"kind": "path", "name": "wave", "height": "h0 - a*(1 - cos(w*t))", "a": "1 mm",
-             "w": "60 1/s", "duration": SPAN},
+            {
+                "kind": "path",
+                "name": "wave",
+                "height": "h0 - a*(1 - cos(w*t))",
+                "a": "1 mm",
+                "w": "60 1/s",
+                "duration": SPAN,
+            }
         ],
     }
-)  # fmt: skip
+)
 run = simulate(waving, progress=False)
 wave_error = float(
-    abs(
-        run.dataset["piston_height"] - (0.036 - 1e-3 * (1 - np.cos(60 * run.dataset["time"])))
-    ).max()
+    abs(run.dataset["piston_height"] - (0.036 - 1e-3 * (1 - np.cos(60 * run.dataset["time"])))).max()
 )
 print(f"the piston is on its path to {wave_error:.1e} m")
 
@@ -442,10 +434,7 @@ print(wrong_method)
 
 # %%
 own_error, fixed_error = errors["squeezed-drag"], errors["known-weight"]
-print(
-    f"The own laws predict to {100 * own_error:.2g} % (free weight) and {100 * fixed_error:.2g} % ",
-    end="",
-)
+print(f"The own laws predict to {100 * own_error:.2g} % (free weight) and {100 * fixed_error:.2g} % ", end="")
 print(f"(weight g); the linear one to {100 * errors['linear']:.2g} %.")
 print(f"The own effect is a gradient to {own_gradient:.0e}, keeps its energy to order ", end="")
 print(f"{energy_order:.2f},")

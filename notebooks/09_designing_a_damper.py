@@ -69,9 +69,7 @@ maps.view()
 published = maps.predict(Candidate(mass=7.5, grains=368, drag=0.1))
 print(f"rests at {published.rest_height / 0.006:.2f} D")
 print(f"{published.frequency:.3f} Hz, damping ratio {published.damping_ratio:.4f}")
-print(
-    f"lam = {published.lam:.3g} 1/s, k1 = {published.k1:.4g} 1/s², k2 = {published.k2:.3g} 1/(m s²)"
-)
+print(f"lam = {published.lam:.3g} 1/s, k1 = {published.k1:.4g} 1/s², k2 = {published.k2:.3g} 1/(m s²)")
 
 # %% [markdown]
 # ## A design

@@ -74,8 +74,7 @@ axes.legend(loc="upper right")
 plt.show()
 greatest_share = float(moving.max() / lost[-1])
 print(
-    f"lost: {lost[-1]:.3g} J; the grains' motion never holds more than "
-    f"{100 * greatest_share:.2g} % of that"
+    f"lost: {lost[-1]:.3g} J; the grains' motion never holds more than {100 * greatest_share:.2g} % of that"
 )
 
 # %% [markdown]
@@ -103,9 +102,7 @@ axes.plot(
     linewidth=1.2,
     label="lattice: height$^{-5/2}$",
 )
-axes.set(
-    xscale="log", yscale="log", xlabel="height of the piston [mm]", ylabel="force on the piston [N]"
-)
+axes.set(xscale="log", yscale="log", xlabel="height of the piston [mm]", ylabel="force on the piston [N]")
 axes.set_xticks([40, 60, 80, 100, 120], labels=["40", "60", "80", "100", "120"])
 axes.minorticks_off()
 axes.legend(markerscale=3)
@@ -129,8 +126,16 @@ squeeze = float(data["frame_height"][second] / data["frame_height"][first])
 beside = after - before * [1.0, squeeze]
 figure, axes = plt.subplots(figsize=(8, 2.9), layout="constrained")
 size = np.hypot(*beside.T) / DIAMETER
-arrows = axes.quiver(*(1e3 * after.T), *(1e3 * beside.T), size, angles="xy", scale_units="xy",
-                     scale=1.0, width=0.004, cmap="cividis")  # fmt: skip
+arrows = axes.quiver(
+    *(1e3 * after.T),
+    *(1e3 * beside.T),
+    size,
+    angles="xy",
+    scale_units="xy",
+    scale=1.0,
+    width=0.004,
+    cmap="cividis",
+)
 axes.axhline(1e3 * height.min(), color="#666666", linewidth=2)
 axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(100, 220))
 figure.colorbar(arrows, label="beside the even squeeze [D]")

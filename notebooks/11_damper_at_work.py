@@ -62,9 +62,7 @@ if QUICK:
             "piston.mass": "3.75 kg",
             "arrangement.height": "7.5 D",
             "effects.drag.coefficient": "0.2 kg/s",
-            "effects.host.bodies": [
-                {"mass": "50 kg", "stiffness": "41.8 kN/m", "damping": "14.4 kg/s"}
-            ],
+            "effects.host.bodies": [{"mass": "50 kg", "stiffness": "41.8 kN/m", "damping": "14.4 kg/s"}],
             "effects.host.excitation.frequency": "4.2 Hz",
             "protocol.shake.duration": "9 s",
         }
@@ -119,9 +117,7 @@ stages = [
     {"kind": "free", "name": "before", "duration": "5 s"},
     {"kind": "free", "name": "shown", "duration": "0.75 s"},
 ]
-seen = simulate(
-    SCENE.replace(**{"output.frames": "15 ms", "protocol": stages}), "auto*4", progress=False
-)
+seen = simulate(SCENE.replace(**{"output.frames": "15 ms", "protocol": stages}), "auto*4", progress=False)
 movie(seen, folder / "bed.gif", colour="speed", stage="shown", speed=0.5, fps=16, progress=False)
 Image(folder / "bed.gif")
 

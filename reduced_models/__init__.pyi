@@ -59,4 +59,4 @@ __all__ = [
     "score_drops",
     "shaking_range",
     "whole_fall",
-]  # fmt: skip
+]

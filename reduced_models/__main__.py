@@ -19,11 +19,8 @@ from a lab record to its equation, judged on what it has not seen:
   %(prog)s identify lab.csv -o out
   %(prog)s compare lift-1.csv lift-2.csv --law all --test-records lift-3.csv
   %(prog)s simulate out/model.json --until 3 -o motion.csv""",
-    (
-        identify, look, example, fit, discover, compare, calibrate, design, fall, simulate,
-        export_model,
-    ),
-)  # fmt: skip
+    (identify, look, example, fit, discover, compare, calibrate, design, fall, simulate, export_model),
+)
 parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":

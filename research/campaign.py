@@ -114,24 +114,28 @@ class Campaign(Generic[Results]):
         add_version_option(item)
         out = f"out/{self.name}"
         item.add_argument(
-            "-o", "--out", metavar="DIR", default=out,
+            "-o",
+            "--out",
+            metavar="DIR",
+            default=out,
             help=f"directory of runs and results; what was run is found again ({out} if not given)",
-        )  # fmt: skip
+        )
         length = item.add_mutually_exclusive_group()
         length.add_argument("--quick", action="store_true", help=self.quick)
         length.add_argument(
-            "--full", action="store_true",
-            help=f"{self.full}; without any of these nothing is run",
-        )  # fmt: skip
+            "--full", action="store_true", help=f"{self.full}; without any of these nothing is run"
+        )
         length.add_argument(
-            "--check", action="store_true",
+            "--check",
+            action="store_true",
             help="name committed results that are stale, and blocks of pages that say something "
             "else than these",
-        )  # fmt: skip
+        )
         length.add_argument(
-            "--guide", action="store_true",
+            "--guide",
+            action="store_true",
             help="write blocks and pictures of the committed results into the pages",
-        )  # fmt: skip
+        )
         self.add_options(item)
         OUTPUT(item)
         return item
@@ -205,9 +209,7 @@ def committed_file(name: str) -> Path:
 
 def add_workers(item: argparse.ArgumentParser, default: int | None, words: str) -> None:
     """How many processes run; see `checked_workers`."""
-    item.add_argument(
-        "--workers", type=int, default=default, metavar="N", help=f"processes ({words})"
-    )
+    item.add_argument("--workers", type=int, default=default, metavar="N", help=f"processes ({words})")
 
 
 def checked_workers(options: Any) -> None:

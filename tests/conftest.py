@@ -106,12 +106,7 @@ def damper() -> Scene:
 def small_bed(bed: Scene) -> Scene:
     """A bed of 23 grains, for tests that need many runs."""
     return bed.replace(
-        **{
-            "grains.count": 23,
-            "cell.width": "15 D",
-            "piston.height": "6 D",
-            "arrangement.height": "5.5 D",
-        }
+        **{"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     )
 
 

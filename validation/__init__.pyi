@@ -9,7 +9,17 @@ from .stability import outcome
 from .trend import energy_trend
 
 __all__ = [
-    "SolverSettings", "catalogue", "convergence", "convergence_table", "energy_change",
-    "energy_trend", "exact_problem", "head_on", "method_report", "near_limit", "outcome",
-    "recommend_settings", "work_precision",
-]  # fmt: skip
+    "SolverSettings",
+    "catalogue",
+    "convergence",
+    "convergence_table",
+    "energy_change",
+    "energy_trend",
+    "exact_problem",
+    "head_on",
+    "method_report",
+    "near_limit",
+    "outcome",
+    "recommend_settings",
+    "work_precision",
+]

@@ -38,9 +38,7 @@ REPORT = "out/validation"
 METHOD_REPORT = "out/method"
 """The same, of a user's own methods."""
 
-UNTIL = option(
-    "--t-end", type=quantity_reader("s"), metavar="T", help="stop each run at this time [s]"
-)
+UNTIL = option("--t-end", type=quantity_reader("s"), metavar="T", help="stop each run at this time [s]")
 
 
 def _full_or_quick_option(parser: argparse._ActionsContainer) -> None:
@@ -58,13 +56,17 @@ def _measuring_options(default: str = "") -> Option:
 
 
 @command(
-    "report", "all parts: report.html, and report.json next to it",
+    "report",
+    "all parts: report.html, and report.json next to it",
     option(
-        "scenes", metavar="SCENE", nargs="*",
+        "scenes",
+        metavar="SCENE",
+        nargs="*",
         help="only what accuracy and effects cost, in these scenes: packaged names, or TOML files",
     ),
     option(
-        "--overview", action="store_true",
+        "--overview",
+        action="store_true",
         help="only what accuracy and effects cost, in the packaged damper and in a compression; "
         "printed, and written where -o says so",
     ),
@@ -75,7 +77,7 @@ examples:
   %(prog)s damper --quick                # what accuracy and effects cost in one scene
   %(prog)s mine.toml bed -o out/mine
   %(prog)s --full -o out/validation      # goes on where it was stopped""",
-)  # fmt: skip
+)
 def report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
@@ -111,9 +113,7 @@ def _section_command(name: str, summary: str, *options: Option, examples: str = 
 def _measure_sections(options: Any, sections: Iterable[Section], out: str | None) -> None:
     from validation.report import report as measure
 
-    _show_sections(
-        measure(out, tuple(sections), full=options.full, progress=not options.quiet), out, options
-    )
+    _show_sections(measure(out, tuple(sections), full=options.full, progress=not options.quiet), out, options)
 
 
 def _show_sections(result: dict[str, Any], out: str | None, options: Any) -> None:
@@ -126,18 +126,25 @@ def _show_sections(result: dict[str, Any], out: str | None, options: Any) -> Non
 
 
 @command(
-    "method", "methods of your own: order, energy, and error against wall time",
+    "method",
+    "methods of your own: order, energy, and error against wall time",
     option("names", metavar="NAME", nargs="+", help="of a method, also of a built-in one"),
     IMPORT,
     option("--scene", help="measure errors over wall time on it: a name, or a TOML file"),
     CHANGES,
     option(
-        "--quantity", dest="quantities", metavar="Q", action="append",
+        "--quantity",
+        dest="quantities",
+        metavar="Q",
+        action="append",
         help="what the error is in, such as energy or 'rest height' (repeatable)",
     ),
     UNTIL,
     option(
-        "-o", "--out", metavar="DIR", default=METHOD_REPORT,
+        "-o",
+        "--out",
+        metavar="DIR",
+        default=METHOD_REPORT,
         help=f"directory for the report ({METHOD_REPORT} if not given)",
     ),
     OUTPUT,
@@ -149,7 +156,7 @@ mine.py:
   from granular import Method
   z = 0.1931833275037836
   method = Method("mclachlan-2", 2, kicks=(0, 0.5, 0.5, 0), drifts=(z, 1 - 2*z, z))""",
-)  # fmt: skip
+)
 def method(options: Any) -> None:
     """Measure methods of the user's own."""
     from granular.user_code import import_user_code
@@ -159,9 +166,13 @@ def method(options: Any) -> None:
     if options.scene is None and options.changes:
         raise InputError("--set changes a scene; give one by --scene")
     result = method_report(
-        options.out, options.names, scene=options.scene and scene_from_options(options),
-        quantities=options.quantities, until=options.t_end, progress=not options.quiet,
-    )  # fmt: skip
+        options.out,
+        options.names,
+        scene=options.scene and scene_from_options(options),
+        quantities=options.quantities,
+        until=options.t_end,
+        progress=not options.quiet,
+    )
     _show_sections(result, options.out, options)
 
 
@@ -171,9 +182,7 @@ def method(options: Any) -> None:
     SCENE,
     CHANGES,
     option("quantity", help="such as energy, positions, 'rest height', period"),
-    option(
-        "tolerance", type=quantity_reader("1"), help="error that is allowed, such as 0.01 or '1 %%'"
-    ),
+    option("tolerance", type=quantity_reader("1"), help="error that is allowed, such as 0.01 or '1 %%'"),
     UNTIL,
     OUTPUT,
     examples="example:\n  %(prog)s damper 'rest height' 0.01",
@@ -183,16 +192,17 @@ def cheapest(options: Any) -> None:
     from validation.recommendation import recommend_settings
 
     result = recommend_settings(
-        scene_from_options(options), options.quantity, options.tolerance, until=options.t_end,
+        scene_from_options(options),
+        options.quantity,
+        options.tolerance,
+        until=options.t_end,
         progress=not options.quiet,
-    )  # fmt: skip
+    )
     print_result(result.to_plain(), str(result), options.json)
 
 
 DEPAULA = option(
-    "--depaula",
-    action="store_true",
-    help="instead, de Paula's test of its method, with and without rounding",
+    "--depaula", action="store_true", help="instead, de Paula's test of its method, with and without rounding"
 )
 
 PROGRAM = Program(
@@ -205,15 +215,18 @@ how far to trust it, and what accuracy costs:
     (
         report,
         _section_command(
-            "convergence", "orders of convergence against exact solutions", DEPAULA,
+            "convergence",
+            "orders of convergence against exact solutions",
+            DEPAULA,
             examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick",
         ),
         _section_command("energy", "energy over long runs, tested for trends"),
         _section_command("work-precision", "error against wall time"),
         _section_command("stability", "the catalogue of hard cases"),
-        method, cheapest,
+        method,
+        cheapest,
     ),
-)  # fmt: skip
+)
 parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":

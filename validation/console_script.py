@@ -34,11 +34,15 @@ _PACKAGES = {
 }
 
 _FORMER = {
-    "methods": "scenes --methods", "warm-up": "scenes --warm-up",
-    "impulse": "response --impulse", "laws": "fit --laws", "response-law": "compare --response",
-    "maps": "design --maps", "glance": "report --overview",
+    "methods": "scenes --methods",
+    "warm-up": "scenes --warm-up",
+    "impulse": "response --impulse",
+    "laws": "fit --laws",
+    "response-law": "compare --response",
+    "maps": "design --maps",
+    "glance": "report --overview",
     "source-experiment": "convergence --depaula",
-}  # fmt: skip
+}
 """Commands that are options of others now."""
 
 _VALIDATE = "validate"
@@ -78,9 +82,7 @@ def run(arguments: Sequence[str]) -> None:
             words if named else ["report", *words], f"{PROG} {_VALIDATE}" if named else PROG
         )
         return
-    homes = {
-        name: package for package, program in programs.items() for name in _command_names(program)
-    }
+    homes = {name: package for package, program in programs.items() for name in _command_names(program)}
     if command not in homes:
         raise InputError(f"{unknown(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)")
     programs[homes[command]].main(arguments, PROG)
@@ -131,11 +133,12 @@ def _list_all_commands(programs: dict[str, Program]) -> str:
 
 
 @command(
-    "cite", "print the papers behind scenes, runs, methods, laws and models, as BibTeX",
+    "cite",
+    "print the papers behind scenes, runs, methods, laws and models, as BibTeX",
     option("things", nargs="*", metavar="THING", help="scene, run, method, law or model.json"),
     OUTPUT,
     examples="examples:\n  %(prog)s\n  %(prog)s damper blanes-moan-4 van-der-pol-like > used.bib",
-)  # fmt: skip
+)
 def cite(options: Any) -> None:
     """Print BibTeX entries."""
     from granular.shared.citing import cite as bibtex
@@ -167,21 +170,20 @@ def _resolve_cited_name(name: str) -> Any:
 
 
 @command(
-    "completion", "print a script by which a shell completes commands and options",
+    "completion",
+    "print a script by which a shell completes commands and options",
     option("shell", choices=_SHELLS, help="shell that is to complete them"),
     examples="""\
 examples:
   eval "$(%(prog)s bash)"                                        # in ~/.bashrc
   %(prog)s fish > ~/.config/fish/completions/granular-damper.fish""",
-)  # fmt: skip
+)
 def completion(options: Any) -> None:
     """Print a completion script."""
     try:
         import shtab
     except ImportError:
-        raise InputError(
-            "completion needs shtab: pip install 'granular-damper[completion]'"
-        ) from None
+        raise InputError("completion needs shtab: pip install 'granular-damper[completion]'") from None
     top = Parser(prog=PROG)
     add_version_option(top)
     parsers = top.add_subparsers(metavar="COMMAND")

@@ -85,9 +85,7 @@ class ConvergenceResult(PlainData):
         """Slope from each step to the next finer one; NaN where an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
-            for h0, h1, e0, e1 in zip(
-                self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False
-            )
+            for h0, h1, e0, e1 in zip(self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False)
         )
 
     @property
@@ -119,9 +117,15 @@ class ConvergenceResult(PlainData):
             steps_range = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
         declared = str(self.order) if self.smooth else f"{self.order}, motion not smooth"
         return (
-            self.problem, self.method, declared, measured, interval, steps_range,
-            f"{min(self.errors):.2g}", f"{self.rounding:.1g}",
-        )  # fmt: skip
+            self.problem,
+            self.method,
+            declared,
+            measured,
+            interval,
+            steps_range,
+            f"{min(self.errors):.2g}",
+            f"{self.rounding:.1g}",
+        )
 
     def table(self) -> TextTable:
         """Step, error, local slope and wall time of each run."""
@@ -152,9 +156,8 @@ class ConvergenceResult(PlainData):
         if self.fit is not None:
             chosen = slice(self.fit.first, self.fit.last + 1)
             axes.loglog(
-                self.steps[chosen], shown[chosen], linewidth=3.0, alpha=0.35,
-                color=axes.lines[-1].get_color(),
-            )  # fmt: skip
+                self.steps[chosen], shown[chosen], linewidth=3.0, alpha=0.35, color=axes.lines[-1].get_color()
+            )
         axes.set_xlabel("time step [s]")
         axes.set_ylabel("error [m]")
         for line in (axes.xaxis, axes.yaxis):
@@ -163,9 +166,15 @@ class ConvergenceResult(PlainData):
 
 
 HEADER = (
-    "problem", "method", "order", "slope", "95 % interval", "steps of the fit [s]",
-    "least error [m]", "rounding [m]",
-)  # fmt: skip
+    "problem",
+    "method",
+    "order",
+    "slope",
+    "95 % interval",
+    "steps of the fit [s]",
+    "least error [m]",
+    "rounding [m]",
+)
 
 
 def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
@@ -266,10 +275,8 @@ def convergence_holds(convergence_result: ConvergenceResult) -> bool:
         and convergence_result.fit.value > convergence_result.order
     ):
         # On a motion that is symmetric in time the leading error of an odd order may cancel.
-        return (
-            clear
-            and convergence_result.fit.value
-            < convergence_result.order + 1 + _slope_tolerance(convergence_result.order)
+        return clear and convergence_result.fit.value < convergence_result.order + 1 + _slope_tolerance(
+            convergence_result.order
         )
     return clear and convergence_result.holds(_slope_tolerance(convergence_result.order))
 

@@ -84,17 +84,12 @@ def method_report(
     register_methods(
         method for method in methods if isinstance(method, Method) and method.name not in METHODS
     )
-    names = [
-        method.name if isinstance(method, Method) else method_named(method).name
-        for method in methods
-    ]
+    names = [method.name if isinstance(method, Method) else method_named(method).name for method in methods]
     every = tuple(dict.fromkeys((*names, *BESIDE)))
     sections = (
         CONVERGENCE._replace(tasks=lambda full: list(_convergence_of_methods(every, full))),
         ENERGY._replace(tasks=lambda _: list(_energy_of_methods((*every, CONTROL)))),
-        WORK_PRECISION._replace(
-            tasks=lambda _: [_cost_of_methods(every, scene, quantities, until)]
-        ),
+        WORK_PRECISION._replace(tasks=lambda _: [_cost_of_methods(every, scene, quantities, until)]),
     )
     return report(directory, sections, progress=progress)
 
@@ -113,10 +108,7 @@ def _energy_of_methods(names: Sequence[str]) -> Iterator[Task]:
 
 
 def _cost_of_methods(
-    names: Sequence[str],
-    scene: Scene | None,
-    quantities: Sequence[str] | None,
-    until: float | None,
+    names: Sequence[str], scene: Scene | None, quantities: Sequence[str] | None, until: float | None
 ) -> Task:
     if scene is None:
         scene, until = frictionless_bed(), HORIZON if until is None else until

@@ -176,13 +176,15 @@ class DepaulaExperiment(PlainData):
         rounding = self.rounding()
         rows = [
             (
-                run.form, f"{run.step:g}", f"{run.error:.2e}",
+                run.form,
+                f"{run.step:g}",
+                f"{run.error:.2e}",
                 f"{rounding[run.step]:.1e}" if run.form == PLAIN else "",
                 "" if run.peak_difference is None else f"{run.peak_difference:.1e}",
                 f"{run.seconds:.2g}",
             )
             for run in self.runs
-        ]  # fmt: skip
+        ]
         header = ("form", "step [s]", "error [m]", "rounding [m]", "peak difference [m]", "seconds")
         return text_table(header, rows)
 
@@ -193,15 +195,26 @@ class DepaulaExperiment(PlainData):
             runs = self.of(form)
             steps = [run.step for run in runs]
             axes.loglog(
-                steps, [run.error for run in runs], marker="o", markersize=3.5,
-                linestyle=":" if form == TOOLKIT else "-", color=COLOURS[k], label=form,
-            )  # fmt: skip
+                steps,
+                [run.error for run in runs],
+                marker="o",
+                markersize=3.5,
+                linestyle=":" if form == TOOLKIT else "-",
+                color=COLOURS[k],
+                label=form,
+            )
             if form != TOOLKIT:
                 away = [abs(run.end - runs[-1].end) for run in runs[:-1]]
                 axes.loglog(
-                    steps[:-1], away, marker="o", markersize=7.0, markerfacecolor="none",
-                    linestyle="none", color=COLOURS[k], label=f"{form}, relative to the finest",
-                )  # fmt: skip
+                    steps[:-1],
+                    away,
+                    marker="o",
+                    markersize=7.0,
+                    markerfacecolor="none",
+                    linestyle="none",
+                    color=COLOURS[k],
+                    label=f"{form}, relative to the finest",
+                )
         axes.set_xlabel("time step [s]")
         axes.set_ylabel("error after 2 s [m]")
         return axes
@@ -215,8 +228,15 @@ class DepaulaExperiment(PlainData):
         gravity = bounce.bounce_problem().scene.effects.gravity
         assert gravity is not None
         fallen = run.path[0] - 0.5 * gravity.acceleration * time**2
-        axes.plot(time[fallen > 0.0], 1e3 * fallen[fallen > 0.0], "--", color=GREY, linewidth=2.5,
-                  zorder=0, label="free fall")  # fmt: skip
+        axes.plot(
+            time[fallen > 0.0],
+            1e3 * fallen[fallen > 0.0],
+            "--",
+            color=GREY,
+            linewidth=2.5,
+            zorder=0,
+            label="free fall",
+        )
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")
         return axes
@@ -227,12 +247,19 @@ class DepaulaExperiment(PlainData):
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             run = self.of(form)[-1]
             away = np.abs(run.peaks)
-            axes.semilogy(1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o",
-                          color=colour, label=form)  # fmt: skip
+            axes.semilogy(
+                1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o", color=colour, label=form
+            )
         axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
-        axes.annotate("printed by de Paula", (0.99, PRINTED_PEAKS),
-                      xycoords=("axes fraction", "data"), xytext=(0, 3),
-                      textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+        axes.annotate(
+            "printed by de Paula",
+            (0.99, PRINTED_PEAKS),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+        )
         axes.set_xlabel("bounce")
         axes.set_ylabel("peak off the start [m]")
         axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
@@ -274,10 +301,14 @@ def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     seconds = time.perf_counter() - start_time
     end *= scales.length
     return DepaulaRun(
-        form, step, end, abs(end - exact), seconds,
+        form,
+        step,
+        end,
+        abs(end - exact),
+        seconds,
         tuple(((peaks[:result] - start) * scales.length).tolist()),
         tuple((path * scales.length).tolist()),
-    )  # fmt: skip
+    )
 
 
 def _run_toolkit(step: float, exact: float) -> DepaulaRun:
@@ -338,8 +369,7 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
             below.legend(fontsize=8, loc="center right")
             page.figure(
                 drawing,
-                "Height over time at the finest step, and how far each peak is from the start's "
-                "height.",
+                "Height over time at the finest step, and how far each peak is from the start's height.",
             )
 
 
@@ -355,7 +385,12 @@ def _tasks(full: bool) -> list[Task]:
 
 
 DEPAULA = Section(
-    "depaula", "De Paula's test of its method", _tasks, DepaulaExperiment.from_plain,
+    "depaula",
+    "De Paula's test of its method",
+    _tasks,
+    DepaulaExperiment.from_plain,
     lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
-    _verdict, show_depaula, behind=False,
-)  # fmt: skip
+    _verdict,
+    show_depaula,
+    behind=False,
+)

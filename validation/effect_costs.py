@@ -48,9 +48,16 @@ class EngineSteps:
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
         advance_ticks(
-            Window(0.0, 0.0, math.inf, 0, 1), schedule, run.plan, run.state, run.constants,
-            run.motion, run.measurement, self.watch, self.rows,
-        )  # fmt: skip
+            Window(0.0, 0.0, math.inf, 0, 1),
+            schedule,
+            run.plan,
+            run.state,
+            run.constants,
+            run.motion,
+            run.measurement,
+            self.watch,
+            self.rows,
+        )
 
 
 STILL = 1e-5
@@ -107,13 +114,23 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     for name in names:
         first = _median_difference(value.get(f"{name} alone"), value[NOTHING])
         last = _median_difference(value[FULL], value.get(f"without {name}"))
-        rows.append({"effect": name, "first": first[0], "first_doubt": first[1],
-                     "last": last[0], "last_doubt": last[1]})  # fmt: skip
+        rows.append(
+            {
+                "effect": name,
+                "first": first[0],
+                "first_doubt": first[1],
+                "last": last[0],
+                "last_doubt": last[1],
+            }
+        )
     return {
-        "scene": scene.name, "grains": scene.grains.count, "step": float(np.median(value[FULL])),
-        "nothing": float(np.median(value[NOTHING])), "effects": rows,
+        "scene": scene.name,
+        "grains": scene.grains.count,
+        "step": float(np.median(value[FULL])),
+        "nothing": float(np.median(value[NOTHING])),
+        "effects": rows,
         "sums": {name: float(np.median(value[name])) for name in SUMS if name in value},
-    }  # fmt: skip
+    }
 
 
 def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
@@ -128,10 +145,9 @@ def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
             )
             for name in names
         },
-        **{f"without {name}": partial(_replace_effect, scene, {f"effects.{name}": None})
-           for name in names},
+        **{f"without {name}": partial(_replace_effect, scene, {f"effects.{name}": None}) for name in names},
         **{name: partial(_replace_effect, scene, {"pairs.method": name}) for name in SUMS},
-    }  # fmt: skip
+    }
     result = {}
     for name, made in wanted.items():
         try:
@@ -149,9 +165,7 @@ def _compile_engine(scene: Scene) -> None:
     EngineSteps(scene, step=STILL).make(1)
 
 
-def _timed_calls(
-    builds: Mapping[str, Scene],
-) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
+def _timed_calls(builds: Mapping[str, Scene]) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
     """Return the calls that take about `BURST` each, and the steps of each."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}

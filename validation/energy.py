@@ -102,9 +102,7 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
     and 1e6 of the frictionless bed, with the controls next to them.
     """
-    swings = tuple(
-        wall_swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
-    )
+    swings = tuple(wall_swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable)
     if not full:
         return swings
     bounces = tuple(_bounce_run(*bounce) for bounce in _BOUNCES)
@@ -118,11 +116,7 @@ _BOUNCES = (
     ("explicit-euler", 1e-6, 20.0),
     ("runge-kutta-4", 1e-3, 100.0),
 )
-_BEDS = (
-    ("stormer-verlet", 2e-5, 20.0),
-    ("explicit-euler", 5e-7, 0.1),
-    ("runge-kutta-4", 2e-4, 20.0),
-)
+_BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-kutta-4", 2e-4, 20.0))
 """Method, step [s] and time [s]; the controls at steps that show their trend."""
 
 
@@ -198,11 +192,17 @@ def _study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy
             "velocities": tuple(data["velocity"].values[:, 0, 1].tolist()),
         }
     return EnergyStudy(
-        run.system, run.method, method.symplectic or method.variable, run.dt,
-        int(done.settings()["steps"]), stopped, tuple(time[:count:every].tolist()),
-        tuple(energy[:count:every].tolist()), energy_trend(time[:count], energy[:count]),
+        run.system,
+        run.method,
+        method.symplectic or method.variable,
+        run.dt,
+        int(done.settings()["steps"]),
+        stopped,
+        tuple(time[:count:every].tolist()),
+        tuple(energy[:count:every].tolist()),
+        energy_trend(time[:count], energy[:count]),
         **portrait,
-    )  # fmt: skip
+    )
 
 
 def _method_kind(name: str) -> str:
@@ -220,17 +220,31 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
     """Return a table with a row a study."""
     rows = [
         (
-            study.system, study.method, _method_kind(study.method), _step_text(study.dt),
+            study.system,
+            study.method,
+            _method_kind(study.method),
+            _step_text(study.dt),
             study.steps,
-            f"{study.trend.swing:.1e}", f"{study.trend.drift:+.1e}", f"{study.trend.p_value:.2g}",
-            study.trend.verdict(), "" if study.stopped is None else study.stopped.split(":", 1)[0],
+            f"{study.trend.swing:.1e}",
+            f"{study.trend.drift:+.1e}",
+            f"{study.trend.p_value:.2g}",
+            study.trend.verdict(),
+            "" if study.stopped is None else study.stopped.split(":", 1)[0],
         )
         for study in studies
-    ]  # fmt: skip
+    ]
     header = (
-        "system", "method", "kind", "step [s]", "steps", "swing", "drift over the run",
-        "p", "trend", "stopped by",
-    )  # fmt: skip
+        "system",
+        "method",
+        "kind",
+        "step [s]",
+        "steps",
+        "swing",
+        "drift over the run",
+        "p",
+        "trend",
+        "stopped by",
+    )
     return text_table(header, rows)
 
 
@@ -250,9 +264,7 @@ def energy_holds(energy_study: EnergyStudy) -> bool:
     """
     if not energy_study.keeps and energy_study.method not in CONTROLS:
         return True
-    return energy_study.trend.verdict() == (
-        "none" if energy_study.keeps else CONTROLS[energy_study.method]
-    )
+    return energy_study.trend.verdict() == ("none" if energy_study.keeps else CONTROLS[energy_study.method])
 
 
 def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
@@ -351,15 +363,23 @@ def _verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
 def energy_task(run: EnergyRun, **more: Any) -> Task:
     """Long run; ``more`` tells it from others with a method of the name."""
     key = {
-        "system": run.system, "scene": run.scene.digest(), "method": run.method, "dt": run.dt,
-        "time": run.time, **more,
-    }  # fmt: skip
+        "system": run.system,
+        "scene": run.scene.digest(),
+        "method": run.method,
+        "dt": run.dt,
+        "time": run.time,
+        **more,
+    }
     return Task(f"{run.method}: {run.system}", key, lambda: energy_study(run).to_plain())
 
 
 ENERGY = Section(
-    "energy", "Energy over long runs",
-    lambda full: [energy_task(run) for run in energy_runs(full=full)], EnergyStudy.from_plain,
-    lambda studies: [("Energy over long runs.", energy_table(studies))], _verdict, show_energy,
+    "energy",
+    "Energy over long runs",
+    lambda full: [energy_task(run) for run in energy_runs(full=full)],
+    EnergyStudy.from_plain,
+    lambda studies: [("Energy over long runs.", energy_table(studies))],
+    _verdict,
+    show_energy,
     behind=False,
-)  # fmt: skip
+)

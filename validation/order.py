@@ -94,16 +94,12 @@ def toolkit_solver(method: str) -> Solver:
             scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the error is measured here, and shown
-            return simulate(
-                scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False
-            )
+            return simulate(scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False)
 
     def solve(problem: Problem, count: int) -> Snapshot:
         done = run(problem, step(problem, count))
         data, steps = done.dataset, int(done.settings()["steps"])
-        return Snapshot(
-            data["position"].values[-1], data["velocity"].values[-1], steps if variable else None
-        )
+        return Snapshot(data["position"].values[-1], data["velocity"].values[-1], steps if variable else None)
 
     return solve
 
@@ -117,17 +113,13 @@ def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) 
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest / (LONGER if order >= HIGH_ORDER else 1.0)
-    while start < MOST_STEPS / 16 and not _is_resolved(
-        problem, solver, round(start), exact, coarse
-    ):
+    while start < MOST_STEPS / 16 and not _is_resolved(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
     start *= LATER if order == 1 else 1.0
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
 
 
-def _is_resolved(
-    problem: Problem, solver: Solver, count: int, exact: np.ndarray, coarse: float
-) -> bool:
+def _is_resolved(problem: Problem, solver: Solver, count: int, exact: np.ndarray, coarse: float) -> bool:
     try:
         return bool(np.abs(solver(problem, count).positions - exact).max() < coarse)
     except (RunError, InputError):
@@ -202,9 +194,16 @@ def convergence(
         steps.append(problem.time / (neighbours[0].steps or count))
     rounding = _rounding_error(problem, solve, counts[-1], neighbours[0].positions)
     return ConvergenceResult(
-        problem.name, method, order, problem.smooth, tuple(steps), tuple(errors), rounding,
-        fitted_slope(steps, errors, rounding), tuple(seconds),
-    )  # fmt: skip
+        problem.name,
+        method,
+        order,
+        problem.smooth,
+        tuple(steps),
+        tuple(errors),
+        rounding,
+        fitted_slope(steps, errors, rounding),
+        tuple(seconds),
+    )
 
 
 def _neighbouring_counts(problem: Problem, count: int) -> range:
@@ -323,7 +322,11 @@ def _is_shown_briefly(method: str) -> bool:
 
 
 CONVERGENCE = Section(
-    "convergence", "Order of convergence", convergence_tasks, ConvergenceResult.from_plain,
+    "convergence",
+    "Order of convergence",
+    convergence_tasks,
+    ConvergenceResult.from_plain,
     lambda results: [("Orders of convergence.", convergence_table(results))],
-    convergence_verdict, show_convergence,
-)  # fmt: skip
+    convergence_verdict,
+    show_convergence,
+)

@@ -152,9 +152,7 @@ def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
     )
 
 
-def _solve_with_scipy(
-    scene: Scene, time: float, count: int | None, tolerance: float | None
-) -> Snapshot:
+def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
     from scipy.integrate import DOP853
 
     begin = initial_state(scene)
@@ -179,9 +177,7 @@ _SOLVES: dict[str, Any] = {}
 """Compiled by JAX, for each set of forces and kind of step."""
 
 
-def _solve_with_diffrax(
-    scene: Scene, time: float, count: int | None, tolerance: float | None
-) -> Snapshot:
+def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
     begin = initial_state(scene)
     until = time / begin.scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
@@ -201,13 +197,18 @@ def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
     term = diffrax.ODETerm(lambda t, state, _: motion(t, state))
 
     def solve(state: Any, until: Any, given: Any) -> Any:
-        control = (
-            diffrax.ConstantStepSize() if equal else diffrax.PIDController(rtol=given, atol=given)
-        )
+        control = diffrax.ConstantStepSize() if equal else diffrax.PIDController(rtol=given, atol=given)
         result = diffrax.diffeqsolve(
-            term, diffrax.Tsit5(), 0.0, until, given if equal else None, state,
-            stepsize_controller=control, max_steps=MOST_STEPS, adjoint=diffrax.ForwardMode(),
-        )  # fmt: skip
+            term,
+            diffrax.Tsit5(),
+            0.0,
+            until,
+            given if equal else None,
+            state,
+            stepsize_controller=control,
+            max_steps=MOST_STEPS,
+            adjoint=diffrax.ForwardMode(),
+        )
         assert result.ys is not None
         return result.ys[-1], result.stats["num_steps"]
 

@@ -69,11 +69,13 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
     for scene in scenes:
         key = {"scene": scene.digest(), "name": scene.name}
         tasks += [
-            Task(f"{scene.name}: accuracy", {**key, "seconds": seconds},
-                 partial(_measure_accuracy, scene, seconds)),
-            Task(f"{scene.name}: effects", {**key, "what": "effects"},
-                 partial(_measure_effects, scene)),
-        ]  # fmt: skip
+            Task(
+                f"{scene.name}: accuracy",
+                {**key, "seconds": seconds},
+                partial(_measure_accuracy, scene, seconds),
+            ),
+            Task(f"{scene.name}: effects", {**key, "what": "effects"}, partial(_measure_effects, scene)),
+        ]
     return [*tasks, Task("hard cases", {"what": "hard cases"}, _run_hard_cases)] if hard else tasks
 
 
@@ -108,14 +110,8 @@ def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
         make_study(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
     ]
-    fresh = (
-        _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
-    )
-    return {
-        "studies": [study.to_plain() for study in studies],
-        "fresh": fresh,
-        "starts": len(scenes),
-    }
+    fresh = _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
+    return {"studies": [study.to_plain() for study in studies], "fresh": fresh, "starts": len(scenes)}
 
 
 def plan_runs(
@@ -138,9 +134,7 @@ def plan_runs(
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
-    reference = (
-        SolverSettings("stormer-verlet", steps[entries]) if random else finest_setting(scene)
-    )
+    reference = SolverSettings("stormer-verlet", steps[entries]) if random else finest_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
@@ -180,8 +174,16 @@ def _check_with_fresh_start(
                 runs[label] = run_setting(other, best.setting, until)
             mean = sum(item.values) / len(item.values)
             error = _error_of_quantity(quantity, runs[label], mean)
-            result.append({"scene": other.name, "quantity": quantity.name, "level": words,
-                          "setting": label, "error": error, "holds": error <= level})  # fmt: skip
+            result.append(
+                {
+                    "scene": other.name,
+                    "quantity": quantity.name,
+                    "level": words,
+                    "setting": label,
+                    "error": error,
+                    "holds": error <= level,
+                }
+            )
     return result
 
 
@@ -249,11 +251,22 @@ def plot_error_over_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
             seconds = [point.seconds for point in done]
             words = study.quantity if j == 0 else f"{study.quantity}, {name}"
             axes.loglog(
-                seconds, [point.error for point in done], marker="os^vD"[j % 5], markersize=3.5,
-                color=colour, linestyle=STYLES[j % len(STYLES)], linewidth=1.2, label=words,
-            )  # fmt: skip
-            axes.vlines(seconds, [point.error for point in done], [point.bound for point in done],
-                        color=colour, linewidth=0.8)  # fmt: skip
+                seconds,
+                [point.error for point in done],
+                marker="os^vD"[j % 5],
+                markersize=3.5,
+                color=colour,
+                linestyle=STYLES[j % len(STYLES)],
+                linewidth=1.2,
+                label=words,
+            )
+            axes.vlines(
+                seconds,
+                [point.error for point in done],
+                [point.bound for point in done],
+                color=colour,
+                linewidth=0.8,
+            )
         if study.floor > 0.0:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
     for level in LEVELS.values():
@@ -317,8 +330,12 @@ def effect_table(plain: Mapping[str, Any]) -> TextTable:
         both = effect["first"] is not None and effect["last"] is not None
         shown = "yes" if both and costs_agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
-    header = ("effect", "adds when it comes first [us]", "saves when taken away last [us]",
-              "alike within a fifth")  # fmt: skip
+    header = (
+        "effect",
+        "adds when it comes first [us]",
+        "saves when taken away last [us]",
+        "alike within a fifth",
+    )
     return text_table(header, rows)
 
 
@@ -335,8 +352,13 @@ def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
     counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [item.case for item in outcomes if not item.allowed]
     row = (len(outcomes), *counts, ", ".join(wrong) or "none")
-    header = ("hard cases", "accurate", "degraded and said so", "stopped by a typed error",
-              "ended as they must not")  # fmt: skip
+    header = (
+        "hard cases",
+        "accurate",
+        "degraded and said so",
+        "stopped by a typed error",
+        "ended as they must not",
+    )
     return text_table(header, [row])
 
 
@@ -357,8 +379,11 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
 def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     fresh = [row for outcome in results for row in outcome.get("fresh", ())]
     hard = _outcomes(results)
-    missed = [f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
-              for row in fresh if not row["holds"]]  # fmt: skip
+    missed = [
+        f"{row['quantity']} of {row['scene']} to {row['level']} by {row['setting']}"
+        for row in fresh
+        if not row["holds"]
+    ]
     words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a fresh start"
     if missed:
         words += f", not {'; '.join(missed)}"

@@ -84,12 +84,9 @@ def small_swing(record: PistonRecord) -> tuple[float, float]:
     displacements = displacements[: int(np.argmin(clear)) if not clear.all() else len(clear)]
     if len(displacements) < 2 * _LEAST_SWINGS:
         raise RecordError(
-            f"the record holds {len(displacements) / 2:g} swings; {_LEAST_SWINGS} are needed: "
-            "record longer"
+            f"the record holds {len(displacements) / 2:g} swings; {_LEAST_SWINGS} are needed: record longer"
         )
-    half = float(
-        np.polyfit(np.arange(len(displacements) + 1), times[: len(displacements) + 1], 1)[0]
-    )
+    half = float(np.polyfit(np.arange(len(displacements) + 1), times[: len(displacements) + 1], 1)[0])
     decrement = -float(np.polyfit(np.arange(len(displacements)), np.log(displacements), 1)[0])
     return 2.0 * half, decrement / float(np.hypot(np.pi, decrement))
 

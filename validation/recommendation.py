@@ -115,8 +115,10 @@ class Recommendation(PlainData):
     def to_plain(self) -> dict[str, Any]:
         """Return the recommendation as plain data, with its command."""
         return super().to_plain() | {
-            "command": self.command, "floor": self.study.floor, "below_floor": self.below_floor,
-        }  # fmt: skip
+            "command": self.command,
+            "floor": self.study.floor,
+            "below_floor": self.below_floor,
+        }
 
 
 def recommend_settings(
@@ -184,11 +186,7 @@ def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
 
 
 def _study_by_halving(
-    scenes: Sequence[Scene],
-    quantity: MeasuredQuantity,
-    tolerance: float,
-    until: float | None,
-    progress: bool,
+    scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
     """Study against the longest reference step that tells whether a tolerance is met.
 
@@ -199,9 +197,7 @@ def _study_by_halving(
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
         coarse = steps[: steps.index(dt) - APART + 1]
-        settings = [
-            candidate for candidate in candidate_settings(scenes[0]) if candidate.dt in coarse
-        ]
+        settings = [candidate for candidate in candidate_settings(scenes[0]) if candidate.dt in coarse]
         if not any(setting.method == REFERENCE for setting in settings):
             continue
         study = _measure_until_decided(
@@ -297,7 +293,14 @@ def recommendation(study: WorkPrecision, tolerance: float) -> Recommendation:
         )
     setting = advised.point.setting
     return Recommendation(
-        study.scene, study.quantity, tolerance, advised.point.error, advised.point.seconds,
-        {"dt": setting.dt, "method": setting.method}, dict(setting.changes), study,
-        advised.point.doubt, advised.starts,
-    )  # fmt: skip
+        study.scene,
+        study.quantity,
+        tolerance,
+        advised.point.error,
+        advised.point.seconds,
+        {"dt": setting.dt, "method": setting.method},
+        dict(setting.changes),
+        study,
+        advised.point.doubt,
+        advised.starts,
+    )

@@ -21,8 +21,7 @@ from validation.table import tabulate
 Results = Mapping[str, Sequence[Plain]]
 
 SECTIONS = {
-    section.name: section
-    for section in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
+    section.name: section for section in (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
 }
 
 
@@ -74,10 +73,7 @@ def report(
 
 def report_page(results: Results, *, full: bool) -> Page:
     """Return the report as a page."""
-    read = {
-        SECTIONS[name]: _read_results(name, section_entries)
-        for name, section_entries in results.items()
-    }
+    read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
     verdicts = summarise(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
@@ -91,16 +87,9 @@ def report_page(results: Results, *, full: bool) -> Page:
     words = {True: "yes", False: "NO"}
     shown.table(
         ("part", "holds", "what was found"),
-        [
-            (name, words[verdicts["held"][name]], verdict)
-            for name, verdict in verdicts["verdicts"].items()
-        ],
+        [(name, words[verdicts["held"][name]], verdict) for name, verdict in verdicts["verdicts"].items()],
     )
-    below = {
-        section: section_entries
-        for section, section_entries in read.items()
-        if section is not OVERVIEW
-    }
+    below = {section: section_entries for section, section_entries in read.items() if section is not OVERVIEW}
     for section, section_entries in below.items():
         _add_section(shown, section, section_entries, results)
     if any(section.behind for section in below):
@@ -112,9 +101,7 @@ def report_page(results: Results, *, full: bool) -> Page:
                 tabulate(shown, table)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
-    shown.footer(
-        f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items())
-    )
+    shown.footer(f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items()))
     return shown
 
 
@@ -155,9 +142,7 @@ def summarise(results: Results) -> dict[str, Any]:
 def report_text(plain: Mapping[str, Any]) -> str:
     """Return the tables of a report for the console, what failed, and the verdicts."""
     lines = [section_text(name, group) for name, group in plain["parts"].items()]
-    return "\n".join(
-        [*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())]
-    )
+    return "\n".join([*lines, *(f"{name}: {verdict}" for name, verdict in plain["verdicts"].items())])
 
 
 def section_text(name: str, results: Sequence[Plain]) -> str:

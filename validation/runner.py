@@ -42,9 +42,7 @@ class PlainData:
 
 def _to_plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
-        return {
-            entry.name: _to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)
-        }
+        return {entry.name: _to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)}
     if hasattr(value, "_asdict"):
         return {name: _to_plain(entry) for name, entry in value._asdict().items()}
     if isinstance(value, tuple):
@@ -62,9 +60,7 @@ def _from_plain(kind: Any, value: Any) -> Any:
     records = [entry for entry in (kind, *get_args(kind)) if _is_record(entry)]
     if isinstance(value, Mapping) and records:
         hints = get_type_hints(records[0])
-        return records[0](
-            **{name: _from_plain(hints[name], entry) for name, entry in value.items()}
-        )
+        return records[0](**{name: _from_plain(hints[name], entry) for name, entry in value.items()})
     return value
 
 
@@ -168,9 +164,11 @@ def _run_in_turn(name: str, tasks: Sequence[Task], progress: bool) -> Iterator[T
     from granular.shared.progress import progress_bar
 
     with progress_bar(
-        total=len(tasks), desc=name, wanted=progress,
+        total=len(tasks),
+        desc=name,
+        wanted=progress,
         bar_format="{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]",
-    ) as bar:  # fmt: skip
+    ) as bar:
         for task in tasks:
             bar.set_postfix_str(task.label)
             yield task
@@ -207,11 +205,7 @@ def machine_info() -> dict[str, str]:
 
     from granular.shared.version import versions
 
-    here = {
-        "processor": _processor_name(),
-        "cores": str(os.cpu_count()),
-        "system": platform.system(),
-    }
+    here = {"processor": _processor_name(), "cores": str(os.cpu_count()), "system": platform.system()}
     return here | versions()
 
 

@@ -64,11 +64,7 @@ class Outcome(PlainData):
 
 
 def outcome(
-    case: HardCase,
-    method: str = "stormer-verlet",
-    dt: float | str | None = None,
-    *,
-    full: bool = False,
+    case: HardCase, method: str = "stormer-verlet", dt: float | str | None = None, *, full: bool = False
 ) -> Outcome:
     """Run a case and judge how it ended.
 
@@ -98,9 +94,17 @@ def outcome(
         or (kind == STOPPED and name in case.errors)
     )
     return Outcome(
-        case.name, method, str(dt), kind, error, case.limit, said, allowed,
-        time.perf_counter() - started, case.measure.words,
-    )  # fmt: skip
+        case.name,
+        method,
+        str(dt),
+        kind,
+        error,
+        case.limit,
+        said,
+        allowed,
+        time.perf_counter() - started,
+        case.measure.words,
+    )
 
 
 def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
@@ -130,10 +134,7 @@ def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
     page.text(stability_verdict(outcomes))
     for outcome in outcomes:
         if not outcome.allowed:
-            page.note(
-                f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. "
-                f"{outcome.said}"
-            )
+            page.note(f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}")
     page.text(
         "Each run's ending and its error, in the unit of the second column; the third says up to "
         "what the case's own run counts as accurate (ten times that for other methods, sixteen "
@@ -168,11 +169,15 @@ def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
     return text_table(
         ("case", "error of what [unit]", "accurate up to", *columns),
         [
-            (case, _split_unit(first[case].measured), f"{first[case].limit:.0e}",
-             *(row.get(column, "") for column in columns))
+            (
+                case,
+                _split_unit(first[case].measured),
+                f"{first[case].limit:.0e}",
+                *(row.get(column, "") for column in columns),
+            )
             for case, row in rows.items()
         ],
-    )  # fmt: skip
+    )
 
 
 def _split_unit(words: str) -> str:
@@ -194,23 +199,24 @@ def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
     """One row an outcome."""
     rows = [
         (
-            outcome.case, outcome.method, outcome.dt,
+            outcome.case,
+            outcome.method,
+            outcome.dt,
             outcome.kind if outcome.allowed else f"{outcome.kind} (!)",
             "" if outcome.error != outcome.error else f"{outcome.error:.1e}",
             f"{outcome.limit:.1e}",
-            outcome.said, f"{outcome.seconds:.2g}",
+            outcome.said,
+            f"{outcome.seconds:.2g}",
         )
         for outcome in outcomes
-    ]  # fmt: skip
+    ]
     header = ("case", "method", "dt", "outcome", "error", "limit", "said", "seconds")
     return text_table(header, rows)
 
 
 def case_table(names: Collection[str]) -> TextTable:
     """Return a table of what is hard about each case, and of what its error is."""
-    rows = [
-        (case.name, case.what, case.measure.words) for case in catalogue() if case.name in names
-    ]
+    rows = [(case.name, case.what, case.measure.words) for case in catalogue() if case.name in names]
     return text_table(("case", "what is hard", "error"), rows)
 
 
@@ -250,9 +256,8 @@ def stability_tasks(full: bool) -> list[Task]:
 def _vary_settings(case: HardCase, times: float) -> HardCase:
     """Case with other settings than its own, which may end it, but never silently."""
     return dataclasses.replace(
-        case, limit=case.limit * times, may_degrade=True,
-        errors=(*case.errors, *BROKEN, "InputError"),
-    )  # fmt: skip
+        case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
+    )
 
 
 def _verdict(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
@@ -267,6 +272,5 @@ def _tables(outcomes: Sequence[Outcome]) -> list[tuple[str, TextTable]]:
 
 
 STABILITY = Section(
-    "stability", "Hard cases", stability_tasks, Outcome.from_plain, _tables,
-    _verdict, show_outcomes,
-)  # fmt: skip
+    "stability", "Hard cases", stability_tasks, Outcome.from_plain, _tables, _verdict, show_outcomes
+)

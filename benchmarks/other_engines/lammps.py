@@ -50,9 +50,14 @@ def _program() -> Path:
 
 
 def steps(
-    positions: np.ndarray, style: str, *, count: int, cut: float | None = None,
-    velocities: np.ndarray | None = None, dt: float = 1e-6,
-) -> Steps:  # fmt: skip
+    positions: np.ndarray,
+    style: str,
+    *,
+    count: int,
+    cut: float | None = None,
+    velocities: np.ndarray | None = None,
+    dt: float = 1e-6,
+) -> Steps:
     """Time of a step on one core.
 
     Parameters
@@ -121,10 +126,16 @@ def _data(positions: np.ndarray, velocities: np.ndarray, style: str) -> str:
     """Grains of the mass 1e12, with the moment that makes the force (3/4)/r^4."""
     low, high = (positions.min(axis=0) - 1.0).tolist(), (positions.max(axis=0) + 1.0).tolist()
     lines = [
-        "arrangement", "", f"{len(positions)} atoms", "1 atom types", "",
-        f"{low[0]!r} {high[0]!r} xlo xhi", f"{low[1]!r} {high[1]!r} ylo yhi", "-0.5 0.5 zlo zhi",
+        "arrangement",
         "",
-    ]  # fmt: skip
+        f"{len(positions)} atoms",
+        "1 atom types",
+        "",
+        f"{low[0]!r} {high[0]!r} xlo xhi",
+        f"{low[1]!r} {high[1]!r} ylo yhi",
+        "-0.5 0.5 zlo zhi",
+        "",
+    ]
     table = style == TABLE
     lines += ["Masses", "", "1 1e12", ""] if table else []
     lines += ["Atoms # " + ("atomic" if table else "hybrid sphere dipole"), ""]

@@ -21,9 +21,7 @@ def missing() -> str | None:
     return None
 
 
-def steps(
-    positions: np.ndarray, platform: str
-) -> tuple[Callable[[], None], Callable[[], np.ndarray]]:
+def steps(positions: np.ndarray, platform: str) -> tuple[Callable[[], None], Callable[[], np.ndarray]]:
     """A call that makes one step on one core, and the forces (n, 2) [F*].
 
     Lengths are in D in place of nm; the grains are so heavy that they stay.
@@ -38,9 +36,7 @@ def steps(
     system.addForce(force)
     threads = {"Threads": "1"} if platform == "CPU" else {}
     integrator = openmm.VerletIntegrator(1e-6)
-    context = openmm.Context(
-        system, integrator, openmm.Platform.getPlatformByName(platform), threads
-    )
+    context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), threads)
     context.setPositions(np.column_stack([positions, np.zeros(len(positions))]))
 
     def forces() -> np.ndarray:

@@ -18,9 +18,7 @@ ROOT = Path(__file__).parents[2]
 NOTEBOOKS = ROOT / "notebooks"
 IN_BROWSER = ("01_first_bed", "04_damper_to_equation", "05_laboratory_record")
 """Notebooks with links to run them elsewhere, once the sources have a public address."""
-SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"][
-    "Source"
-]
+SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
 PICTURES = {"image/png": "png", "image/gif": "gif"}
 FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
 """A page that a cell shows: sliders, or a run in motion."""

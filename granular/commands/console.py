@@ -35,13 +35,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 from granular.schema.sections import unknown
-from granular.shared.errors import (
-    GranularError,
-    InputError,
-    Interrupted,
-    Terminated,
-    missing_module_message,
-)
+from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_module_message
 from granular.shared.files import finite_or_none
 from granular.shared.messages import one_line, printable, sanitize
 from granular.shared.stops import handle_sigterm
@@ -85,9 +79,11 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         return _print_error(str(error), FAILED)
     except Interrupted as stop:
         path = getattr(stop.trajectory, "path", None)
-        saved = "nothing was written" if path is None else (
-            f"what was done is in {path}; the same command goes on (run with --resume)"
-        )  # fmt: skip
+        saved = (
+            "nothing was written"
+            if path is None
+            else (f"what was done is in {path}; the same command goes on (run with --resume)")
+        )
         return _print_error(f"{stop}: {saved}", TERMINATED if stop.terminated else INTERRUPTED)
     except ModuleNotFoundError as error:
         advice = missing_module_message(error)
@@ -205,18 +201,20 @@ class Program(NamedTuple):
         """Grammar of the command line."""
         raw = argparse.RawDescriptionHelpFormatter
         top = Parser(
-            prog=name or self.name, description=self.description, epilog=self.examples,
-            formatter_class=raw,
-        )  # fmt: skip
+            prog=name or self.name, description=self.description, epilog=self.examples, formatter_class=raw
+        )
         add_version_option(top)
         top.commands = {offered.name: offered.summary for offered in self.commands}
         top.parsers = {}
         parsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
         for offered in self.commands:
             parser = parsers.add_parser(
-                offered.name, help=offered.summary, epilog=offered.examples, formatter_class=raw,
+                offered.name,
+                help=offered.summary,
+                epilog=offered.examples,
+                formatter_class=raw,
                 description=offered.summary[0].upper() + offered.summary[1:] + ".",
-            )  # fmt: skip
+            )
             parser.set_defaults(prog=parser.prog)
             option_group(*offered.options)(parser)
             top.parsers[offered.name] = parser
@@ -293,9 +291,11 @@ def refuse_options(options: Any, form: str, *names: str, **written: str) -> None
 def add_version_option(parser: argparse.ArgumentParser) -> None:
     """Toolkit's version, on request."""
     parser.add_argument(
-        "--version", action="version", version=f"granular-damper {__version__}",
+        "--version",
+        action="version",
+        version=f"granular-damper {__version__}",
         help="print the version and exit",
-    )  # fmt: skip
+    )
 
 
 def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
@@ -313,9 +313,7 @@ def _fit_note(line: str) -> str:
     """Return a line, a note in several of at most a hundred columns."""
     if not line.lstrip().startswith("note: "):
         return line
-    return textwrap.fill(
-        line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-    )
+    return textwrap.fill(line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
 
 
 def _check_working_directory() -> None:
@@ -329,9 +327,7 @@ def _check_working_directory() -> None:
     try:
         os.getcwd()
     except OSError:
-        raise InputError(
-            "the working directory is not there any more; change to one that is"
-        ) from None
+        raise InputError("the working directory is not there any more; change to one that is") from None
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if threads.lstrip("+-").isdecimal() and not float(threads) > 0:
         raise InputError(f"NUMBA_NUM_THREADS = {threads!r}; give at least 1, or leave it out")

@@ -12,24 +12,24 @@ from granular.shared.errors import InputError
 
 
 @command(
-    "export", "write a run for other programs",
-    option(
-        "run", metavar="RUN", help="directory that a run was written to; for 'lammps' also a scene"
-    ),
+    "export",
+    "write a run for other programs",
+    option("run", metavar="RUN", help="directory that a run was written to; for 'lammps' also a scene"),
     CHANGES,
     option(
-        "--format", required=True,
+        "--format",
+        required=True,
         choices=("gsd", "extxyz", "vtk", "csv", "parquet", "source", "lammps"),
         help="GSD, extended XYZ, VTK files for ParaView, tables, the .dat files of de Paula's "
         "program, or a LAMMPS input deck",
     ),
     option(
-        "-o", "--out", metavar="PATH", required=True,
-        help="file; a directory for all but 'gsd' and 'extxyz'",
+        "-o", "--out", metavar="PATH", required=True, help="file; a directory for all but 'gsd' and 'extxyz'"
     ),
     option("--dt", help="longest time step of the LAMMPS deck [s], or such as auto/2"),
     option("--force", action="store_true", help="replace what is there"),
-    IMPORT, OUTPUT,
+    IMPORT,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s runs/bed --format gsd -o bed.gsd          # for OVITO
@@ -38,7 +38,7 @@ examples:
   %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
   %(prog)s runs/bed --format source -o dat           # posPart.dat and the rest
   %(prog)s bed --format lammps -o deck               # also of a scene""",
-)  # fmt: skip
+)
 def export(options: Any) -> None:
     """Write a run, or a LAMMPS deck of a scene."""
     from granular.user_code import import_user_code
@@ -76,9 +76,13 @@ def _export_frames(options: Any) -> None:
         raise InputError("--set and --dt are for --format lammps; leave them out")
     run, progress = load_trajectory(options.run), not options.quiet
     writers: dict[str, Any] = {
-        "gsd": to_gsd, "extxyz": to_extxyz, "vtk": to_vtk, "source": to_depaula_files,
-        "csv": to_tables, "parquet": partial(to_tables, kind="parquet"),
-    }  # fmt: skip
+        "gsd": to_gsd,
+        "extxyz": to_extxyz,
+        "vtk": to_vtk,
+        "source": to_depaula_files,
+        "csv": to_tables,
+        "parquet": partial(to_tables, kind="parquet"),
+    }
     write = writers[options.format]
     result = write(run, options.out, overwrite=options.force, progress=progress)
     files = result if isinstance(result, tuple) else (result,)

@@ -70,12 +70,7 @@ def observe(options: Any) -> None:
     RUN,
     option("--start", type=quantity_reader("s"), metavar="T", default=0.0, help="first time"),
     option("--stop", type=quantity_reader("s"), metavar="T", help="last time"),
-    option(
-        "--reach",
-        type=float,
-        metavar="A",
-        help="largest displacement from frame to frame, in spacings",
-    ),
+    option("--reach", type=float, metavar="A", help="largest displacement from frame to frame, in spacings"),
     option("--memory", type=int, metavar="N", help="frames that a defect may be out of sight"),
     option("--least", type=int, metavar="N", help="leave out what was seen in fewer frames"),
     option("-o", "--out", metavar="DIR", help="write tables and a picture there"),
@@ -106,8 +101,12 @@ def defects(options: Any) -> None:
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
         positions = run.scene.cell.inside(run.dataset["position"].values[last])
         _write(Path(options.out), motion, positions)
-    result = {"tracks": tracks.to_dict("list"), "events": events.to_dict("list"),
-              "conserved": motion.attrs["conserved"], "out": options.out}  # fmt: skip
+    result = {
+        "tracks": tracks.to_dict("list"),
+        "events": events.to_dict("list"),
+        "conserved": motion.attrs["conserved"],
+        "out": options.out,
+    }
     words = tracks.to_string(index=False, na_rep="", float_format="%.4g") if len(tracks) else ""
     text = f"{len(tracks)} defects, {len(events)} events\n{words}"
     print_result(result, text if options.out is None else f"written to {options.out}", options.json)

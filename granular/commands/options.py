@@ -16,29 +16,33 @@ if TYPE_CHECKING:
 
 SCENE = option("scene", metavar="SCENE", help="name of a packaged scene, or path to a TOML file")
 CHANGES = option(
-    "--set", dest="changes", metavar="KEY=VALUE", action="append", default=[],
+    "--set",
+    dest="changes",
+    metavar="KEY=VALUE",
+    action="append",
+    default=[],
     help="change the scene: dotted key and value, such as piston.mass=6.5 or "
     "'effects.drag.coefficient=0.2 kg/s'; 'none' takes a part away (repeatable)",
-)  # fmt: skip
+)
 IMPORT = option(
-    "--import", dest="user_files", metavar="FILE", action="append", default=[],
+    "--import",
+    dest="user_files",
+    metavar="FILE",
+    action="append",
+    default=[],
     help="run this Python file of yours first: its effects, methods and measures are then "
     "known by their names (repeatable)",
-)  # fmt: skip
+)
 RUN = option("run", metavar="RUN", help="directory that a run was written to")
 
-DT = option(
-    "--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2"
-)
+DT = option("--dt", default="auto", help="time step [s], 'auto' (default), or a multiple such as auto/2")
 METHOD = option(
     "--method",
     default="stormer-verlet",
     help="integration method, by name (stormer-verlet); 'granular scenes --methods' lists them",
 )
 THREADS = option(
-    "--threads",
-    type=int,
-    help="number of threads; the result is the same to the last bit with any number",
+    "--threads", type=int, help="number of threads; the result is the same to the last bit with any number"
 )
 ACCURACY = option(
     "--accuracy",
@@ -81,9 +85,7 @@ def parse_changes(items: Sequence[str]) -> dict[str, Any]:
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():
-            raise InputError(
-                f"--set {quote(item)} is not KEY=VALUE; write for instance piston.mass=6.5"
-            )
+            raise InputError(f"--set {quote(item)} is not KEY=VALUE; write for instance piston.mass=6.5")
         try:
             changes[key.strip()] = parse_toml(f"value = {value}")["value"]
         except ValueError:

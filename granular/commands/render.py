@@ -12,29 +12,31 @@ from granular.shared.messages import quote
 
 
 @command(
-    "render", "draw a still or a movie of a run",
+    "render",
+    "draw a still or a movie of a run",
     RUN,
     option(
-        "-o", "--out", metavar="FILE", required=True,
+        "-o",
+        "--out",
+        metavar="FILE",
+        required=True,
         help="a still (.png, .svg, .pdf) or a movie (.mp4, .gif)",
     ),
     option("--colour", default="species", help="what the colours show; see below"),
-    option(
-        "--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"
-    ),
+    option("--frame", type=int, metavar="N", help="number of the still's frame, -1 for the last"),
     option("--time", metavar="T", help="take the frame nearest to this time [s]"),
     option("--stage", metavar="NAME", help="the movie shows this stage only"),
+    option("--fps", type=quantity_reader("Hz"), metavar="F", help="pictures a second of the movie (25)"),
     option(
-        "--fps", type=quantity_reader("Hz"), metavar="F", help="pictures a second of the movie (25)"
-    ),
-    option(
-        "--speed", metavar="X",
+        "--speed",
+        metavar="X",
         help="seconds of the run in a second of the movie (1: real time); 'frames' for a picture a "
         "frame of the run",
     ),
     option("--width", type=int, metavar="PIXELS", help="width of the movie, 760 to 960 (960)"),
     option("--force", action="store_true", help="replace the file if it is there"),
-    IMPORT, OUTPUT,
+    IMPORT,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s runs/bed -o force.png --colour force
@@ -51,7 +53,7 @@ colours:
   sides         number of sides of the Voronoi cells, drawn
   regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
   fluctuation   |F - mean|/mean of the force, within the species""",
-)  # fmt: skip
+)
 def render(options: Any) -> None:
     """Draw a still or a movie."""
     from granular.render.movie import WRITERS
@@ -110,6 +112,4 @@ def _parse_playback_speed(words: str | None) -> float | None:
     try:
         return 1.0 if words is None else si_value(words, "1")
     except SceneError:
-        raise InputError(
-            f"--speed {quote(words)}; give a number such as 0.1, or 'frames'"
-        ) from None
+        raise InputError(f"--speed {quote(words)}; give a number such as 0.1, or 'frames'") from None

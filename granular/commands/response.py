@@ -36,44 +36,68 @@ long it is observed [s], if not given."""
 
 
 @command(
-    "response", "frequency response of a machine that carries a damper, or how soon it settles",
-    SCENE, CHANGES,
-    option("--from", dest="lowest", type=quantity_reader("Hz"), metavar="F",
-           help="lowest frequency of the sine"),
-    option("--to", dest="highest", type=quantity_reader("Hz"), metavar="F",
-           help="highest frequency of the sine"),
+    "response",
+    "frequency response of a machine that carries a damper, or how soon it settles",
+    SCENE,
+    CHANGES,
+    option(
+        "--from", dest="lowest", type=quantity_reader("Hz"), metavar="F", help="lowest frequency of the sine"
+    ),
+    option(
+        "--to", dest="highest", type=quantity_reader("Hz"), metavar="F", help="highest frequency of the sine"
+    ),
     option("--points", type=int, metavar="N", help="frequencies (25; 200 read off a sweep)"),
     *(
-        option(f"--{name}", type=quantity_reader(unit), action="append", metavar="X",
-               help=f"amplitude of the {name} (repeatable){more}")
+        option(
+            f"--{name}",
+            type=quantity_reader(unit),
+            action="append",
+            metavar="X",
+            help=f"amplitude of the {name} (repeatable){more}",
+        )
         for name, unit, more in (
-            ("force", "N", "; peak of an impulse"), ("acceleration", "m/s^2", ""),
+            ("force", "N", "; peak of an impulse"),
+            ("acceleration", "m/s^2", ""),
             ("displacement", "m", ""),
         )
     ),
-    option("--duration", type=quantity_reader("s"), metavar="T",
-           help="how long each sine acts (20 s), or a struck machine is looked at (10 s)"),
     option(
-        "--sweep", type=quantity_reader("s"), metavar="T",
+        "--duration",
+        type=quantity_reader("s"),
+        metavar="T",
+        help="how long each sine acts (20 s), or a struck machine is looked at (10 s)",
+    ),
+    option(
+        "--sweep",
+        type=quantity_reader("s"),
+        metavar="T",
         help="in place of sines, one run under a sweep from the lowest to the highest frequency "
         "that takes this long, of the first amplitude",
     ),
     option(
-        "--impulse", action="store_true",
+        "--impulse",
+        action="store_true",
         help="in place of sines, strike the machine once, by half a sine in time, and say how soon "
         "it is down",
     ),
     option("--length", type=quantity_reader("s"), metavar="T", help="of the impulse (20 ms)"),
     option(
-        "--fraction", type=quantity_reader("1"), metavar="S",
+        "--fraction",
+        type=quantity_reader("1"),
+        metavar="S",
         help="fraction of its peak within which a struck machine is down: 0.1 (default) or '10 %%'",
     ),
     option(
-        "-o", "--out", metavar="DIR",
+        "-o",
+        "--out",
+        metavar="DIR",
         help="directory for report.html, response.csv and response.png, or for impulse.csv and "
         "impulse.png, which keeps what is done",
     ),
-    DT, WORKERS, IMPORT, OUTPUT,
+    DT,
+    WORKERS,
+    IMPORT,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s machine --from 2.6Hz --to 3.6Hz --points 9 --dt 'auto*4' -o out/machine
@@ -83,7 +107,7 @@ examples:
   %(prog)s machine --impulse --force 500N --fraction 0.5 --duration 6s --dt 'auto*4'
 
 Each sine is a run; --sweep makes one run of all. report.html in DIR shows what was found.""",
-)  # fmt: skip
+)
 def response(options: Any) -> None:
     """Shake or strike the machine, and say what is left."""
     if options.impulse:
@@ -103,9 +127,7 @@ def _measure_frequency_response(options: Any) -> None:
             "two frequencies, the lower one first, and at least 2 points"
         )
     scene, sizes = _driven_scene(options)
-    result = (
-        _run_stepped(options, scene, sizes) if options.sweep is None else _run_swept(options, scene)
-    )
+    result = _run_stepped(options, scene, sizes) if options.sweep is None else _run_swept(options, scene)
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
         from granular.response.transients import sweep_rate_at_peak
@@ -131,16 +153,22 @@ def _measure_impulse_response(options: Any) -> None:
     if len(options.force) > 1:
         raise InputError(f"--force is given {len(options.force)} times; an impulse has one")
     result = run_impulse(
-        scene_from_options(options), options.force[0],
+        scene_from_options(options),
+        options.force[0],
         fraction=FRACTION if options.fraction is None else options.fraction,
         length=LENGTH if options.length is None else options.length,
         duration=WATCHED if options.duration is None else options.duration,
-        dt=parse_time_step(options.dt), out=options.out, progress=not options.quiet,
-    )  # fmt: skip
+        dt=parse_time_step(options.dt),
+        out=options.out,
+        progress=not options.quiet,
+    )
     figures: dict[str, Any] = {
-        "seconds": result.seconds, "alone": result.alone if math.isfinite(result.alone) else None,
-        "fraction": result.fraction, "peak": result.peak, "out": options.out,
-    }  # fmt: skip
+        "seconds": result.seconds,
+        "alone": result.alone if math.isfinite(result.alone) else None,
+        "fraction": result.fraction,
+        "peak": result.peak,
+        "out": options.out,
+    }
     lines = [str(result)]
     if options.out is not None:
         lines.append(_write_impulse(result, Path(options.out)))
@@ -174,8 +202,7 @@ def _driven_scene(options: Any) -> tuple[Scene, list[float] | None]:
         )
     if not given and host.excitation is None:
         raise InputError(
-            f"nothing shakes the host of {quote(scene.name)}; give --force, --acceleration or "
-            "--displacement"
+            f"nothing shakes the host of {quote(scene.name)}; give --force, --acceleration or --displacement"
         )
     for name, sizes in given.items():
         saved = {"kind": "sine", "frequency": 1.0, name: sizes[0]}
@@ -196,9 +223,11 @@ def _run_stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Respo
         np.geomspace(options.lowest, options.highest, points).tolist(),
         amplitudes=sizes,
         duration=SINE if options.duration is None else options.duration,
-        dt=parse_time_step(options.dt), out=options.out,
-        workers=options.workers, progress=not options.quiet,
-    )  # fmt: skip
+        dt=parse_time_step(options.dt),
+        out=options.out,
+        workers=options.workers,
+        progress=not options.quiet,
+    )
 
 
 def _run_swept(options: Any, scene: Scene) -> Response:
@@ -211,10 +240,15 @@ def _run_swept(options: Any, scene: Scene) -> Response:
                 f"--{name} is for sines; a sweep is one run as long as --sweep says: leave it out"
             )
     return run_sweep(
-        scene, options.lowest, options.highest, options.sweep,
+        scene,
+        options.lowest,
+        options.highest,
+        options.sweep,
         points=READ if options.points is None else options.points,
-        dt=parse_time_step(options.dt), out=options.out, progress=not options.quiet,
-    )  # fmt: skip
+        dt=parse_time_step(options.dt),
+        out=options.out,
+        progress=not options.quiet,
+    )
 
 
 def _write_response(result: Response, path: Path) -> str:

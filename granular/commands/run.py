@@ -34,12 +34,7 @@ if TYPE_CHECKING:
     SCENE,
     CHANGES,
     option("-o", "--out", metavar="DIR", help="directory to write the run to"),
-    option(
-        "--t-end",
-        type=quantity_reader("s"),
-        metavar="T",
-        help="stop at this time, as 0.5 or '500 ms'",
-    ),
+    option("--t-end", type=quantity_reader("s"), metavar="T", help="stop at this time, as 0.5 or '500 ms'"),
     option("--resume", action="store_true", help="go on with the run in DIR"),
     DT,
     METHOD,
@@ -81,14 +76,16 @@ def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
 
 
 @command(
-    "sweep", "run a scene under many changes, from a study's file",
+    "sweep",
+    "run a scene under many changes, from a study's file",
     option("study", metavar="STUDY", help="the study's TOML file"),
     option("-o", "--out", metavar="DIR", required=True, help="directory that keeps what is done"),
     WORKERS,
     option("--dask", metavar="ADDRESS", help="run on the Dask cluster at this address"),
     option("--mpi", action="store_true", help="run on the ranks of mpi4py.futures"),
     option("--keep-runs", action="store_true", help="keep the whole runs too"),
-    IMPORT, OUTPUT,
+    IMPORT,
+    OUTPUT,
     examples="""\
 example:
   %(prog)s study.toml -o studies/mass      # again: goes on where it was
@@ -101,7 +98,7 @@ study.toml:
   "arrangement.seed" = [1, 2, 3]
   [[cases]]                    # and one by one
   "piston.mass" = "9 kg" """,
-)  # fmt: skip
+)
 def sweep(options: Any) -> None:
     """Run a study."""
     from granular.studies.sweep import load_study
@@ -123,9 +120,12 @@ def sweep(options: Any) -> None:
     path = Path(options.out) / "table.csv"
     write_text(path, done.table.to_csv(index=False))
     figures = {
-        "cases": len(done.cases), "reused": done.reused, "failed": len(done.failed),
-        "unfinished": len(done.unfinished), "table": str(path),
-    }  # fmt: skip
+        "cases": len(done.cases),
+        "reused": done.reused,
+        "failed": len(done.failed),
+        "unfinished": len(done.unfinished),
+        "table": str(path),
+    }
     text = (
         f"{len(done.cases)} cases, {done.reused} of them done before, {len(done.failed)} "
         f"failed; table in {path}"

@@ -7,33 +7,31 @@ from pathlib import Path
 from typing import Any
 
 from granular.commands.console import command, option, print_result, refuse_options
-from granular.commands.options import (
-    CHANGES,
-    IMPORT,
-    OUTPUT,
-    SCENE,
-    parse_changes,
-    scene_from_options,
-)
+from granular.commands.options import CHANGES, IMPORT, OUTPUT, SCENE, parse_changes, scene_from_options
 from granular.shared.errors import InputError
 
 
 @command(
-    "scenes", "list the packaged scenes",
+    "scenes",
+    "list the packaged scenes",
     option("--methods", action="store_true", help="list the integration methods instead"),
     option(
-        "--warm-up", metavar="SCENE", nargs="*",
+        "--warm-up",
+        metavar="SCENE",
+        nargs="*",
         help="compile what these scenes need, once and for all later starts: names or TOML files "
         "(all packaged scenes)",
     ),
-    CHANGES, IMPORT, OUTPUT,
+    CHANGES,
+    IMPORT,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s
   %(prog)s --methods
   %(prog)s --warm-up          # all packaged scenes; for images and continuous integration
   %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""",
-)  # fmt: skip
+)
 def scenes(options: Any) -> None:
     """List the packaged scenes or the methods, or compile what scenes need."""
     from granular.user_code import import_user_code
@@ -80,9 +78,7 @@ def _list_methods(options: Any) -> None:
     from granular.methods.named import all_methods
 
     methods = all_methods()
-    print_result(
-        {name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json
-    )
+    print_result({name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json)
 
 
 def _warm_up(options: Any) -> None:
@@ -108,10 +104,14 @@ def _warm_up(options: Any) -> None:
 
 
 @command(
-    "show", "tell what a scene holds, in SI and in natural units",
-    SCENE, CHANGES, IMPORT, OUTPUT,
+    "show",
+    "tell what a scene holds, in SI and in natural units",
+    SCENE,
+    CHANGES,
+    IMPORT,
+    OUTPUT,
     examples="example:\n  %(prog)s damper --set piston.mass=6.5",
-)  # fmt: skip
+)
 def show(options: Any) -> None:
     """Tell what a scene holds."""
     from granular.run.summary import derived_scene_values, scene_text

@@ -28,12 +28,7 @@ from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
 from granular.compiled.linking import rebuild_kernel
-from granular.compiled.source import (
-    PACKAGE,
-    digest_of_bytes,
-    digest_of_syntax,
-    read_compiled_sources,
-)
+from granular.compiled.source import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 from granular.shared.locks import lock_file
 
@@ -94,9 +89,7 @@ def _delete_outdated_files(folder: Path) -> None:
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             stale = path.suffix == ".kernel" and not path.stem.endswith(stamp)
-            part = (
-                path.suffix in (".part", ".lock") and path.stat().st_mtime < time.time() - ABANDONED
-            )
+            part = path.suffix in (".part", ".lock") and path.stat().st_mtime < time.time() - ABANDONED
             if stale or part:
                 path.unlink(missing_ok=True)
 

@@ -55,9 +55,7 @@ def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = Fal
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
         indices = _indices_with(hook, _law_classes(laws), backward)
-        calls = [
-            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
-        ]
+        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, empty, _emit_sum, (laws, workspaces, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
@@ -77,9 +75,7 @@ def greatest_of_hooks(hook: str, rest: str) -> Kernel:
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
         indices = _indices_with(hook, _law_classes(laws))
-        calls = [
-            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
-        ]
+        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         return _emit_unrolled_calls(calls, 0.0, _emit_maximum, (laws, workspaces, *others))
 
     return _make_intrinsic_wrapper(call, choose, f"laws rooms {rest}")
@@ -98,9 +94,7 @@ def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
 
     def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
         indices = _indices_with(hook, _law_classes(laws), backward=True)[:1]
-        calls = [
-            _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices
-        ]
+        calls = [_resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices]
         calls = calls or [_emit_kernel_call(context, otherwise, others, range(2, 2 + len(others)))]
         return _emit_unrolled_calls(calls, 0, _emit_sum, (laws, workspaces, *others))
 
@@ -154,9 +148,12 @@ class _Call(NamedTuple):
 
 
 def _emit_kernel_call(
-    context: Any, kernel: Kernel, given: Sequence[Any], sources: Sequence[int | tuple[int, int]],
+    context: Any,
+    kernel: Kernel,
+    given: Sequence[Any],
+    sources: Sequence[int | tuple[int, int]],
     number: int | None = None,
-) -> _Call:  # fmt: skip
+) -> _Call:
     known = context.resolve_value_type(kernel)
     return _Call(known, known.get_call_type(context, tuple(given), {}), sources, number)
 
@@ -204,16 +201,12 @@ def _emit_unrolled_calls(
     return signature(result, *given), write
 
 
-def _emit_call(
-    context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]
-) -> Any:
+def _emit_call(context: Any, builder: Any, call: _Call, values: Sequence[Any], given: Sequence[Any]) -> Any:
     arguments = []
     for source in call.sources:
         if isinstance(source, tuple):
             which, entry = source
-            arguments.append(
-                (builder.extract_value(values[which], entry), given[which].types[entry])
-            )
+            arguments.append((builder.extract_value(values[which], entry), given[which].types[entry]))
         else:
             arguments.append((values[source], given[source]))
     if call.number is not None:

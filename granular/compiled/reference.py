@@ -92,11 +92,7 @@ def _store_fields(context: Any, builder: Any, kind: Any, value: Any, pointer: An
         for position, field_type in enumerate(kind.types):
             part = builder.extract_value(value, position)
             _store_fields(
-                context,
-                builder,
-                field_type,
-                part,
-                cgutils.gep_inbounds(builder, pointer, 0, position),
+                context, builder, field_type, part, cgutils.gep_inbounds(builder, pointer, 0, position)
             )
     else:
         builder.store(context.data_model_manager[kind].as_data(builder, value), pointer)
@@ -126,7 +122,5 @@ def _return_unchanged(total: T) -> T:
     return total
 
 
-by_reference: Any = (
-    numba.njit(_return_unchanged) if PLAIN or numba.config.DISABLE_JIT else _pass_by_reference
-)
+by_reference: Any = numba.njit(_return_unchanged) if PLAIN or numba.config.DISABLE_JIT else _pass_by_reference
 """The address of a named tuple, good until the kernel returns; of anything else, that itself."""

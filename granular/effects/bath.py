@@ -75,22 +75,17 @@ class Bath(Frame, Flow):
         """Speed that a grain of a few hundred has now and then."""
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         """Raise unless nothing rubs: a grain at rest would be kicked loose at each step."""
         for other in others.values():
             if other.dry:
                 raise FieldError(
-                    f"kicks grains that {other.key!r} holds at rest; leave one of them out",
-                    "effects", "bath",
-                )  # fmt: skip
+                    f"kicks grains that {other.key!r} holds at rest; leave one of them out", "effects", "bath"
+                )
 
     def law(self, setting: EffectContext) -> BathLaw:
         """Law in natural units."""
-        return BathLaw(
-            self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed
-        )
+        return BathLaw(self.decay_rate(setting.scales), self.temperature / setting.scales.energy, self.seed)
 
 
 class BathLaw(NamedTuple):

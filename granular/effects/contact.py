@@ -94,9 +94,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def add_forces(
-        law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float
-    ) -> int:
+    def add_forces(law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed, time: float) -> int:
         """Add the forces of the grains in contact; 1 where the buffer is too short for them."""
         state, constants = bed.state, bed.constants
         find_close_pairs(workspace, state.x, state.y, constants.grains, law.widest, law.radius)
@@ -117,9 +115,14 @@ class ContactLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: ContactLaw, workspace: ClosePairs, index: int, bed: Bed,
-        time: float, stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: ContactLaw,
+        workspace: ClosePairs,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
+        energies: Array,
+    ) -> int:
         """Enter the energy of the contacts."""
         state, constants = bed.state, bed.constants
         total = 0.0
@@ -139,9 +142,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def flow(
-        law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opening: bool
-    ) -> int:
+    def flow(law: ContactLaw, workspace: ClosePairs, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Apply the dashpots to the normal velocities of grains in contact."""
         state, constants = bed.state, bed.constants
         masses = constants.masses
@@ -169,9 +170,7 @@ class ContactLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def collision(
-        law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
-    ) -> float:
+    def collision(law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants) -> float:
         """Square of the highest angular frequency in an impact at that speed."""
         barrier = 0.0
         if constants.acting.dipole is not None:
@@ -204,9 +203,7 @@ def _stiffness(k: float, overlap: float) -> float:
 
 
 @compiled
-def dashpot_decay_factor(
-    law: ContactLaw, k: float, overlap: float, mass: float, dt: float
-) -> float:
+def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
     """Fraction of the normal velocity that the dashpot leaves after ``dt``, for a reduced mass."""
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)

@@ -219,12 +219,8 @@ def effect(written: type) -> Any:
         key=key,
         damps="flow" in functions,
         example=vars(written).get("example", True),
-        energy_record=energy_variable(f"{key}_energy", f"energy of: {meaning}")
-        if has_energy
-        else None,
-        loss_record=energy_variable(f"{key}_loss", f"lost to: {meaning}")
-        if "flow" in functions
-        else None,
+        energy_record=energy_variable(f"{key}_energy", f"energy of: {meaning}") if has_energy else None,
+        loss_record=energy_variable(f"{key}_loss", f"lost to: {meaning}") if "flow" in functions else None,
     )
     if not is_built_in(made):  # which the registry knows by its file
         register_effect(made)
@@ -232,10 +228,15 @@ def effect(written: type) -> Any:
 
 
 _NEED = {
-    "force": "energy", "energy": "force", "stiffness": "energy", "power": "energy",
-    "pair_force": "pair_energy", "pair_energy": "pair_force", "pair_stiffness": "pair_energy",
+    "force": "energy",
+    "energy": "force",
+    "stiffness": "energy",
+    "power": "energy",
+    "pair_force": "pair_energy",
+    "pair_energy": "pair_force",
+    "pair_stiffness": "pair_energy",
     "reach": "pair_energy",
-}  # fmt: skip
+}
 """What a function cannot be without."""
 
 
@@ -281,16 +282,19 @@ def _definition_from_module(made: type, values: dict[str, Any]) -> Any:
     return made(**values)
 
 
-def _definition_from_script(
-    made_by: Callable[[type], Any], written: type, values: dict[str, Any]
-) -> Any:
+def _definition_from_script(made_by: Callable[[type], Any], written: type, values: dict[str, Any]) -> Any:
     return made_by(written)(**values)
 
 
 def make_section_class(
-    written: type, base: type[CustomSection], known: Sequence[str], needed: Sequence[str],
-    what: str, /, **more: Any,
-) -> Any:  # fmt: skip
+    written: type,
+    base: type[CustomSection],
+    known: Sequence[str],
+    needed: Sequence[str],
+    what: str,
+    /,
+    **more: Any,
+) -> Any:
     """Subclass of ``base`` with the class's parameters, and its functions as ``definition``.
 
     Parameters
@@ -312,9 +316,7 @@ def make_section_class(
     """
     key = scene_name(written)
     content = {
-        name: value
-        for name, value in vars(written).items()
-        if name not in ("__dict__", "__weakref__")
+        name: value for name, value in vars(written).items() if name not in ("__dict__", "__weakref__")
     }
     functions = static_methods_of(content)
     for name in functions:
@@ -345,9 +347,7 @@ def make_section_class(
     DEFINITIONS[definition.digest] = definition
     for name in functions:
         del content[name]
-    made = type(
-        written.__name__, (base,), content | {"definition": definition, "written": written} | more
-    )
+    made = type(written.__name__, (base,), content | {"definition": definition, "written": written} | more)
     for field in dataclasses.fields(made):
         if not isinstance(field.metadata.get("kind"), Quantity | Integer):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
@@ -361,17 +361,13 @@ def is_built_in(made: type) -> bool:
 
 def scene_name(written: type) -> str:
     """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
-    words = "".join(
-        f"_{letter.lower()}" if letter.isupper() else letter for letter in written.__name__
-    )
+    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in written.__name__)
     return words.lstrip("_")
 
 
 def static_methods_of(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
     """Return the static methods of a class by their names."""
-    return {
-        name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)
-    }
+    return {name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)}
 
 
 def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:

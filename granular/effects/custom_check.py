@@ -62,9 +62,13 @@ def check_compiling(definition: Definition, p: Any) -> None:
     grain = Grain(1.5, 1.5, 1.0, 1.0)
     pair = (p, 1.5, grain, grain)
     arguments: dict[str, tuple[Any, ...]] = {
-        "flow": (p, grain, 0.1, 0.1, 0.1), "pair_energy": pair, "pair_force": pair,
-        "pair_stiffness": pair, "reach": (p,), "frequency": (p,),
-    }  # fmt: skip
+        "flow": (p, grain, 0.1, 0.1, 0.1),
+        "pair_energy": pair,
+        "pair_force": pair,
+        "pair_stiffness": pair,
+        "reach": (p,),
+        "frequency": (p,),
+    }
     for name, kernel in definition.kernels.items():
         if name in ("reach", "frequency"):
             continue  # called by Python alone
@@ -80,9 +84,7 @@ def check_compiling(definition: Definition, p: Any) -> None:
 def _most_telling_line(error: BaseException) -> str:
     """Line of the compiler's message that tells the most."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
-    shown = [
-        line for line in lines if line and not line.startswith(("Failed in", "During", "File"))
-    ]
+    shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]
     return one_line(shown[0] if shown else type(error).__name__)
 
 
@@ -129,11 +131,7 @@ def _check_force(definition: Definition, p: Any, grain: Grain, time: float) -> N
     _compare_with_derivative(definition, "force", fx, -across, size + 1e-3 * abs(fy))
     _compare_with_derivative(definition, "force", fy, -along, size + 1e-3 * abs(fx))
     rate = _numerical_derivative(lambda moment: energy(grain, moment), time)
-    power = (
-        _call_with_grain(definition, "power", p, grain, time)
-        if "power" in definition.functions
-        else 0.0
-    )
+    power = _call_with_grain(definition, "power", p, grain, time) if "power" in definition.functions else 0.0
     _compare_with_derivative(definition, "power", power, rate, size)
     if "stiffness" in definition.functions:
         _call_with_grain(definition, "stiffness", p, grain, time)
@@ -147,11 +145,7 @@ def _check_pair(definition: Definition, p: Any, r: float, grains: list[Grain]) -
 
         result = _call_with_grain(definition, "pair_force", p, r, first, second)
         _compare_with_derivative(
-            definition,
-            "pair_force",
-            result,
-            -_numerical_derivative(energy, r),
-            1e-6 * abs(energy(r)),
+            definition, "pair_force", result, -_numerical_derivative(energy, r), 1e-6 * abs(energy(r))
         )
         other = _call_with_grain(definition, "pair_force", p, r, second, first)
         if not np.isclose(result, other, rtol=1e-9, atol=0.0, equal_nan=True):
@@ -167,9 +161,7 @@ def _check_flow(definition: Definition, p: Any, grain: Grain) -> None:
     for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
         wx, wy = _call_with_grain(definition, "flow", p, grain, vx, vy, dt, count=2)
         if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
-            raise InputError(
-                f"{definition.title}: 'flow' makes a grain faster; it may only take energy"
-            )
+            raise InputError(f"{definition.title}: 'flow' makes a grain faster; it may only take energy")
         twice = _call_with_grain(definition, "flow", p, grain, wx, wy, dt, count=2)
         total = _call_with_grain(definition, "flow", p, grain, vx, vy, 2.0 * dt, count=2)
         if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):

@@ -15,9 +15,17 @@ from granular.shared.errors import InputError
 from granular.shared.messages import one_line
 
 FUNCTIONS = (
-    "energy", "force", "stiffness", "power", "flow", "pair_energy", "pair_force", "pair_stiffness",
-    "reach", "frequency",
-)  # fmt: skip
+    "energy",
+    "force",
+    "stiffness",
+    "power",
+    "flow",
+    "pair_energy",
+    "pair_force",
+    "pair_stiffness",
+    "reach",
+    "frequency",
+)
 """Names of the functions that an effect may have."""
 
 WALL_FUNCTIONS = ("energy", "force", "stiffness")
@@ -147,6 +155,4 @@ def _iterate_code_constants(code: Any, names: dict[str, Any], seen: set[int]) ->
 
 def user_code_error(definition: Definition, what: str, error: BaseException) -> InputError:
     """Error of a user's code, in one line."""
-    return InputError(
-        f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it"
-    )
+    return InputError(f"{definition.title}: {what}: {type(error).__name__}: {one_line(error)}; correct it")

@@ -44,9 +44,7 @@ class CustomLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: CustomLaw, workspace: Cells | None, index: int, bed: Bed, time: float
-    ) -> int:
+    def add_forces(law: CustomLaw, workspace: Cells | None, index: int, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
         return _pair_forces(law.kind, law, workspace, state, constants)
@@ -54,9 +52,14 @@ class CustomLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: CustomLaw, workspace: Cells | None, index: int, bed: Bed,
-        time: float, stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: CustomLaw,
+        workspace: Cells | None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
+        energies: Array,
+    ) -> int:
         state, constants = bed.state, bed.constants
         energies[index] = _grain_energy(law.kind, law, state, constants, time, stiffness)
         energies[index] += _pair_energy(law.kind, law, workspace, state, constants, stiffness)
@@ -64,17 +67,13 @@ class CustomLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(
-        law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, opening: bool
-    ) -> int:
+    def flow(law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(
-        law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, time: float
-    ) -> int:
+    def work(law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0
@@ -152,15 +151,11 @@ def _make_work(definition: Definition) -> Loop:
     if power is None:
         return lambda kind, law, dt, state, constants, time: None
 
-    def work(
-        kind: Any, law: CustomLaw, dt: float, state: State, constants: Constants, time: float
-    ) -> None:
+    def work(kind: Any, law: CustomLaw, dt: float, state: State, constants: Constants, time: float) -> None:
         p, total = values_of(*law.values), 0.0
         masses, moments = constants.masses, relative_moments(constants)
         for i in range(constants.grains):
-            total += value_or_one(law.factor, i) * power(
-                p, make_grain(state, masses, moments, i), time
-            )
+            total += value_or_one(law.factor, i) * power(p, make_grain(state, masses, moments, i), time)
         state.ledger[WORK] += dt * total
 
     return work
@@ -210,9 +205,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
     if force is None:
         return lambda kind, law, cells, state, constants: 0
 
-    def add(
-        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants
-    ) -> int:
+    def add(kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants) -> int:
         p, count = values_of(*law.values), constants.grains
         masses, moments = constants.masses, relative_moments(constants)
         if not _sort_grains_into_cells(law, cells, state, count):
@@ -241,9 +234,8 @@ def _make_pair_energy(definition: Definition) -> Loop:
         return lambda kind, law, cells, state, constants, slopes: 0.0
 
     def measure(
-        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants,
-        slopes: Array,
-    ) -> float:  # fmt: skip
+        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants, slopes: Array
+    ) -> float:
         p, count, total = values_of(*law.values), constants.grains, 0.0
         masses, moments = constants.masses, relative_moments(constants)
         if not _sort_grains_into_cells(law, cells, state, count):

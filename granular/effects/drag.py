@@ -116,16 +116,13 @@ class DragLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(
-        law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opening: bool
-    ) -> int:
+    def kick(law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
         for k in range(rate_count(law.rates)):
             _kick_with_drag(
-                state.rounding, workspace.values[k], law, k, dt, state, constants.grains,
-                constants.masses,
-            )  # fmt: skip
+                state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
+            )
         state.ledger[LOSSES + index] += lane_sum(state.scratch)
         return 0
 
@@ -152,9 +149,15 @@ class DragLaw(NamedTuple):
 
 @compiled(inline=True)
 def _kick_with_drag(
-    rounding: Array | None, last: Array, law: DragLaw, k: int, dt: float, state: State, count: int,
+    rounding: Array | None,
+    last: Array,
+    law: DragLaw,
+    k: int,
+    dt: float,
+    state: State,
+    count: int,
     masses: Array | None,
-) -> None:  # fmt: skip
+) -> None:
     if last[0] != dt:
         rate = rate_at(law.rate, law.rates, k)
         last[0] = dt
@@ -202,9 +205,7 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 
 
 @compiled
-def displacement_under_drag(
-    rate: float, dt: float, gain: float, speed: float, push: float
-) -> float:
+def displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
     """Displacement in ``dt`` under drag and a push; ``gain`` of `drag_flow_coefficients`."""
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push

@@ -83,9 +83,7 @@ class Eddy(Flow):
                 "thickness",
             )
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         """Raise if discs reach into the plate."""
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
         tallest = 0.5 * float(grains.of_species("thickness").max())
@@ -93,8 +91,9 @@ class Eddy(Flow):
             raise FieldError(
                 f"{self.distance:g} m must be above {half + tallest:g} m, where discs touch the "
                 "plate; give a larger distance",
-                "effects", "eddy",
-            )  # fmt: skip
+                "effects",
+                "eddy",
+            )
 
     def to_plain(self) -> dict[str, Any]:
         """Plain data as of `Section.to_plain`; the last two keys stand there where they are set."""
@@ -182,9 +181,7 @@ class EddyLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def damping_slope(
-        law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed
-    ) -> int:
+    def damping_slope(law: EddyLaw, workspace: None, index: int, slopes: Array, dt: float, bed: Bed) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0

@@ -140,12 +140,7 @@ class MutualEddyLaw(NamedTuple):
     @staticmethod
     @compiled
     def damping_slope(
-        law: MutualEddyLaw,
-        workspace: EddyWorkspace,
-        index: int,
-        slopes: Array,
-        dt: float,
-        bed: Bed,
+        law: MutualEddyLaw, workspace: EddyWorkspace, index: int, slopes: Array, dt: float, bed: Bed
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         rows, count, lost = workspace.rows, bed.constants.grains, 0.0
@@ -203,10 +198,20 @@ def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
             at_x, at_y = rows[PX, j] + shifts[image, 0], y[j] + shifts[image, 1]
             for kind in range(law.kinds):
                 _add_row(
-                    rows[PX], y, rows[CHARGE + kind], rows[OUTPUT_X], rows[OUTPUT_Y], begin, end,
-                    at_x, at_y, vx, vy, law.square,
+                    rows[PX],
+                    y,
+                    rows[CHARGE + kind],
+                    rows[OUTPUT_X],
+                    rows[OUTPUT_Y],
+                    begin,
+                    end,
+                    at_x,
+                    at_y,
+                    vx,
+                    vy,
+                    law.square,
                     _terms_of(series, kind, own),
-                )  # fmt: skip
+                )
         spare = law.spare * rows[CHARGE + own, j]
         rows[OUTPUT_X, j] += spare * vx
         rows[OUTPUT_Y, j] += spare * vy
@@ -224,9 +229,20 @@ def _terms_of(series: Array | None, kind: int, other: int) -> Array | None:
 
 @compiled
 def _add_row(
-    x: Array, y: Array, charges: Array, sum_x: Array, sum_y: Array, begin: int, end: int,
-    at_x: float, at_y: float, vx: float, vy: float, square: float, terms: Array | None,
-) -> None:  # fmt: skip
+    x: Array,
+    y: Array,
+    charges: Array,
+    sum_x: Array,
+    sum_y: Array,
+    begin: int,
+    end: int,
+    at_x: float,
+    at_y: float,
+    vx: float,
+    vy: float,
+    square: float,
+    terms: Array | None,
+) -> None:
     """Add what the motion of a grain does to grains of a kind."""
     # Slices begin at 0: an index that might be negative keeps Numba from vectorising.
     x, y, charges = x[begin:end], y[begin:end], charges[begin:end]
@@ -269,9 +285,7 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
     return low + w * (middle + w * high)
 
 
-def mutual_law(
-    rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext
-) -> MutualEddyLaw:
+def mutual_law(rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext) -> MutualEddyLaw:
     """Make the law of a bed.
 
     Parameters
@@ -289,9 +303,7 @@ def mutual_law(
     shifts, reach = np.zeros((1, 2)), math.inf
     if periods is not None:
         sides = np.array(periods) / length
-        numbers = [
-            range(-math.ceil(FARTHEST / side), math.ceil(FARTHEST / side) + 1) for side in sides
-        ]
+        numbers = [range(-math.ceil(FARTHEST / side), math.ceil(FARTHEST / side) + 1) for side in sides]
         shifts = np.array([(i * sides[0], j * sides[1]) for i in numbers[0] for j in numbers[1]])
     else:
         reach = (32.0 / 9.0 * USUAL * square**2.5 / LEFT_OUT) ** (1.0 / 3.0)
@@ -304,12 +316,15 @@ def mutual_law(
     masses = setting.grains.mass_ratios()[setting.species]
     heaviest = float((moments**2 / masses).max())
     return MutualEddyLaw(
-        rate=rate, square=square, reach=reach,
+        rate=rate,
+        square=square,
+        reach=reach,
         spare=0.0 if reach == math.inf else LEFT_OUT * factor,
-        stiffest=heaviest * factor * (1.0 + DENSEST * square), kinds=max(len(discs), 1),
+        stiffest=heaviest * factor * (1.0 + DENSEST * square),
+        kinds=max(len(discs), 1),
         kind=padded_values(setting.species) if discs else None,
         table=EddyTable(made, shifts),
-    )  # fmt: skip
+    )
 
 
 def _pair_series(plate: Plate, discs: tuple[Disc, ...]) -> np.ndarray | None:

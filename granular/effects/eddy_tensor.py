@@ -67,9 +67,7 @@ class Plate(NamedTuple):
         return h**4 * ((h - half) ** -3 - (h + half) ** -3) / (6.0 * half)
 
 
-def tensor(
-    plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()
-) -> tuple[np.ndarray, np.ndarray]:
+def tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Compute the tensor over the drag of a lone dipole along a thin plate.
 
     Parameters

@@ -146,9 +146,7 @@ class Effect(Section):
         """Law in natural units; None for what is no law of its own."""
         raise NotImplementedError
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         """Raise `FieldError`, with the path from the scene, unless it fits apparatus and others."""
 
     def load_weight(self, setting: EffectContext) -> np.ndarray | None:

@@ -91,8 +91,7 @@ class Excitation(Section):
                 raise FieldError(f"must be given for {quote(self.kind)}", name)
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
-                f"only a sine or a sweep has one; {quote(self.kind)} takes an acceleration",
-                "displacement",
+                f"only a sine or a sweep has one; {quote(self.kind)} takes an acceleration", "displacement"
             )
         if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
             raise FieldError(f"{self.to:g} Hz must be above {self.frequency:g} Hz", "to")
@@ -113,8 +112,7 @@ class Excitation(Section):
             raise FieldError(str(error), "file") from None
         if len(times) < LEAST_ROWS:
             raise FieldError(
-                f"{quote(self.file)} holds {len(times)} times with a number; give at least "
-                f"{LEAST_ROWS}",
+                f"{quote(self.file)} holds {len(times)} times with a number; give at least {LEAST_ROWS}",
                 "file",
             )
         object.__setattr__(self, "kind", "table")
@@ -124,9 +122,7 @@ class Excitation(Section):
 
     def _check_table(self) -> None:
         if len(self.times) != len(self.values):
-            raise FieldError(
-                f"holds {len(self.values)} numbers for {len(self.times)} times", "values"
-            )
+            raise FieldError(f"holds {len(self.values)} numbers for {len(self.times)} times", "values")
         if len(self.times) < LEAST_ROWS or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase, with at least four values", "times")
         _table_point_count(self)
@@ -152,9 +148,7 @@ class Excitation(Section):
         start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
-            times, values, slopes = (
-                _noise_sines(self) if self.kind == "noise" else _spline_table(self)
-            )
+            times, values, slopes = _noise_sines(self) if self.kind == "noise" else _spline_table(self)
             start, duration = start + times[0], times[-1] - times[0]
             times = times - times[0]
         return Drive(
@@ -310,12 +304,9 @@ def _noise_sines(excitation: Excitation) -> Knots:
     assert excitation.frequency is not None
     assert excitation.to is not None
     assert excitation.duration is not None
-    lines = int(
-        min(max((excitation.to - excitation.frequency) * excitation.duration, 1.0), MOST_LINES)
-    )
+    lines = int(min(max((excitation.to - excitation.frequency) * excitation.duration, 1.0), MOST_LINES))
     omega = math.tau * (
-        excitation.frequency
-        + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
+        excitation.frequency + (excitation.to - excitation.frequency) * (np.arange(lines) + 0.5) / lines
     )
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)
     times = np.linspace(0.0, excitation.duration, _table_knots(excitation))

@@ -109,9 +109,7 @@ class FieldText(Formula, Force):
 
         return {"energy": energy, "force": force, "stiffness": stiffness, "power": power}
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         known = tuple(specy.name for specy in grains.species)
         for name, _ in self.factor:
             if name not in known:

@@ -81,9 +81,7 @@ class Formula(Parametric):
     def definition(self) -> Definition:
         """Definition by which kernels know the formula."""
         kind: Any = type(self)
-        result: Definition = _make_definition(
-            kind, self.energy, tuple(name for name, _ in self.values)
-        )
+        result: Definition = _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
         DEFINITIONS[result.digest] = result
         return result
 
@@ -117,9 +115,7 @@ class FormulaList(Force):
     def parts(self) -> tuple[Effect, ...]:
         return self.fields
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         for part in self.parts:
             part.check(grains, cell, piston, others)
 
@@ -130,9 +126,7 @@ def _make_definition(kind: type[Formula], energy: str, parameters: tuple[str, ..
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
     functions = _Derived(kind, energy, parameters)
-    return Definition(
-        "effect", key, f"{key}_{digest}", _given_value_field, functions, _Compiled(functions)
-    )
+    return Definition("effect", key, f"{key}_{digest}", _given_value_field, functions, _Compiled(functions))
 
 
 def _given_value_field(*values: float) -> tuple[float, ...]:
@@ -172,8 +166,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
 
         symbols = {name: sympy.Symbol(name, real=True) for name in self.kind.variables}
         given = {
-            name: sympy.Symbol(f"parameter{index}", real=True)
-            for index, name in enumerate(self.parameters)
+            name: sympy.Symbol(f"parameter{index}", real=True) for index, name in enumerate(self.parameters)
         }
         tree = sympy_expression(parse(self.energy), symbols | given)
         forms = self.kind.derived(tree, symbols)
@@ -181,8 +174,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
             raise InputError(f"the energy {quote(self.energy)} jumps; write one without jumps")
         arguments = [*symbols.values(), *given.values()]
         made = {
-            name: compile_function(arguments, _remove_delta_of_kink(form))
-            for name, form in forms.items()
+            name: compile_function(arguments, _remove_delta_of_kink(form)) for name, form in forms.items()
         }
         if not numba.config.DISABLE_JIT:
             made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}

@@ -73,8 +73,7 @@ class Friction(Flow):
     def validate(self) -> None:
         if self.dynamic > self.static:
             raise FieldError(
-                f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}",
-                "dynamic",
+                f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
             )
 
     def factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
@@ -109,9 +108,7 @@ class Friction(Flow):
         own = moments * 0.75 * diameter[0] * arm / (np.cos(lean + tilt) * diagonal)
         return own, moments * np.sin(tilt)
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         self.factors(grains, cell)
 
     def law(self, setting: EffectContext) -> FrictionLaw:

@@ -45,9 +45,7 @@ class FrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def kick(
-        law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
-    ) -> int:
+    def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
         for k in range(drag.rate_count(law.rates)):
             rate = drag.rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
@@ -87,9 +85,7 @@ def _length(x: float, y: float) -> float:
 
 
 @compiled(inline=True)
-def _push_grain(
-    entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float
-) -> None:
+def _push_grain(entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float) -> None:
     """Kick and drag of a grain under a fraction of its force."""
     decay, gain, a, b, c = flow
     ax, ay = fraction * state.fx[i] / mass, fraction * state.fy[i] / mass
@@ -102,9 +98,8 @@ def _push_grain(
 
 @compiled
 def _start_grain(
-    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float,
-    load: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float, load: float
+) -> None:
     """Grain at rest: it stays, or starts to slide along the force on it."""
     force = _length(state.fx[i], state.fy[i])
     if force <= law.static * load:
@@ -145,9 +140,8 @@ def _fast_grain(
 
 @compiled
 def _slide_grain(
-    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float,
-    load: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float, load: float
+) -> None:
     """Force, drag and friction together, friction against the mean direction of the motion.
 
     One after the other, as fast grains take them, they would give a creeping grain more energy in
@@ -174,9 +168,7 @@ def _slide_grain(
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     drag.record_drag_loss(law.drag, state, mass * lost)
-    displacement = drag.displacement_under_drag(
-        rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy
-    )
+    displacement = drag.displacement_under_drag(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
@@ -249,26 +241,21 @@ def _sticks(
 
 
 @compiled
-def _stop_grain(
-    law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float
-) -> None:
+def _stop_grain(law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float) -> None:
     """Stop a grain; friction and drag take their parts, the rest becomes potential energy."""
     speed = _length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
     displacement = drag.stopping_distance(rate, speed, (friction + against) / mass)
     state.ledger[law.entry] += friction * displacement
-    drag.record_drag_loss(
-        law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement
-    )
+    drag.record_drag_loss(law.drag, state, 0.5 * mass * speed * speed - (friction + against) * displacement)
     state.vx[i] = state.vy[i] = 0.0
 
 
 @compiled
 def _kick_regularised(
-    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None,
-    threshold: float,
-) -> None:  # fmt: skip
+    law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, masses: Array | None, threshold: float
+) -> None:
     """De Paula's law: friction as one more force, from the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
@@ -299,9 +286,8 @@ def _kick_regularised(
 
 @compiled
 def _dry_kick(
-    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed,
-    opening: bool,
-) -> None:  # fmt: skip
+    threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, opening: bool
+) -> None:
     constants = bed.constants
     if threshold is None:
         _kick_with_friction(law, k, rate, dt, bed, constants.masses, opening)

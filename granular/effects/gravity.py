@@ -60,9 +60,8 @@ class GravityLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: GravityLaw, workspace: None, index: int, bed: Bed, time: float,
-        stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: GravityLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
+    ) -> int:
         """Enter the sum of m g y over the grains [F* D], zero at the bottom."""
         state, constants = bed.state, bed.constants
         energies[index] = _weight_energy(law.pull, constants.grains, constants.masses, state.y)

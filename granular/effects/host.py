@@ -115,9 +115,7 @@ class Host(Frame):
         ]
         drive = self.excitation
         if drive is not None and drive.of_base:
-            result.append(
-                Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration")
-            )
+            result.append(Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration"))
         elif drive is not None:
             result.append(Record("host_force", "N", "force on the host from outside", "force"))
         return tuple(result)
@@ -125,21 +123,16 @@ class Host(Frame):
     def validate(self) -> None:
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
-                "a cell on the base has no bodies" if self.bodies else "give at least one body",
-                "bodies",
+                "a cell on the base has no bodies" if self.bodies else "give at least one body", "bodies"
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
-            raise FieldError(
-                "is to be given where the cell is free (mount = 'piston')", "cell_mass"
-            )
+            raise FieldError("is to be given where the cell is free (mount = 'piston')", "cell_mass")
         if self.mount == "base" and self.excitation is not None and not self.excitation.of_base:
             raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
             raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         if "shaking" in others:
             raise FieldError(
                 "the cell is shaken already; take effects.shaking away, or move the host's base",
@@ -308,9 +301,14 @@ class HostLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: HostLaw, workspace: HostWorkspace, index: int, bed: Bed, time: float,
-        stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: HostLaw,
+        workspace: HostWorkspace,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
+        energies: Array,
+    ) -> int:
         """Enter the energy of the bodies and springs, and of the frame's motion."""
         state = bed.state
         chain, last = law.chain, law.chain.masses.size - 1

@@ -77,13 +77,7 @@ class ShakingLaw(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def measure(
-        law: ShakingLaw,
-        workspace: None,
-        index: int,
-        bed: Bed,
-        time: float,
-        stiffness: Array,
-        energies: Array,
+        law: ShakingLaw, workspace: None, index: int, bed: Bed, time: float, stiffness: Array, energies: Array
     ) -> int:
         """Enter -m A(t) . r of the grains [F* D]."""
         energies[index] = _inertia_energy(law, time, bed)

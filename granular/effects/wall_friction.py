@@ -45,27 +45,20 @@ class WallFriction(Flow):
 
     coefficient: float = quantity("1", least=0.0)
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         walls: Any = others.get("walls")
         sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
         if not any(sides):
-            raise FieldError(
-                "there is no side wall to rub at; give effects.walls", "effects", self.key
-            )
+            raise FieldError("there is no side wall to rub at; give effects.walls", "effects", self.key)
         if any(side is not None and side.law == "slab" for side in sides):
-            raise FieldError(
-                "a slab has no law of the distance; take 'infinite'", "effects", self.key
-            )
+            raise FieldError("a slab has no law of the distance; take 'infinite'", "effects", self.key)
 
     def law(self, setting: EffectContext) -> WallFrictionLaw:
         """Law in natural units; it takes the drag along."""
         scales, width = setting.scales, setting.cell.width
         walls, other = setting.effects["walls"], setting.effects.get("drag")
         left, right = (
-            None if side is None else side.law_of(width, scales)
-            for side in (walls.left, walls.right)
+            None if side is None else side.law_of(width, scales) for side in (walls.left, walls.right)
         )
         rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
         return WallFrictionLaw(
@@ -104,9 +97,7 @@ class WallFrictionLaw(NamedTuple):
 
     @staticmethod
     @compiled
-    def kick(
-        law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool
-    ) -> int:
+    def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction, together and exactly."""
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
@@ -118,9 +109,7 @@ class WallFrictionLaw(NamedTuple):
                 if not drag.has_rate(law.kind, i, k):
                     continue
                 mass, x = value_or_one(masses, i), state.x[i]
-                normal = _wall_normal_force(law.left, x) + _wall_normal_force(
-                    law.right, constants.width - x
-                )
+                normal = _wall_normal_force(law.left, x) + _wall_normal_force(law.right, constants.width - x)
                 hold = law.coefficient * value_or_one(moments, i) * normal
                 v, push = state.vx[i], state.fx[i] / mass
                 state.vx[i] = decay * v + gain * push
@@ -152,9 +141,7 @@ def _wall_normal_force(law: Any, w: float) -> float:
 def _coast_with_drag(rate: float, dt: float, v: float, push: float) -> tuple[float, float, float]:
     """Velocity after ``dt`` under acceleration and drag; path, and loss to drag per mass."""
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
-    displacement = drag.displacement_under_drag(
-        rate, dt, gain, abs(v), math.copysign(1.0, v) * push
-    )
+    displacement = drag.displacement_under_drag(rate, dt, gain, abs(v), math.copysign(1.0, v) * push)
     return decay * v + gain * push, displacement, a * v * v + b * v * push + c * push * push
 
 

@@ -54,9 +54,14 @@ _force, _energy, _stiffness = (
 
 @compiled(inline=True)
 def add_distance_forces(
-    law: Any, count: int, moments: Array | None, side: Side, force: Array, normal: Array,
+    law: Any,
+    count: int,
+    moments: Array | None,
+    side: Side,
+    force: Array,
+    normal: Array,
     tangential: Array | None,
-) -> int:  # fmt: skip
+) -> int:
     """Add the forces away from the wall; how many grains are behind it."""
     outside = 0
     for i in range(count):
@@ -70,9 +75,7 @@ def add_distance_forces(
 
 
 @compiled
-def add_distance_energies(
-    law: Any, count: int, side: Side, stiffness: Array, energies: Array
-) -> None:
+def add_distance_energies(law: Any, count: int, side: Side, stiffness: Array, energies: Array) -> None:
     """Energies at the wall, for grains of moment 1; adds its stiffness over the grain's mass."""
     for i in range(count):
         w = side.sign * (side.position[i] - side.offset)

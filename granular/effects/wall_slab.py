@@ -97,9 +97,14 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def add_forces(
-        law: SlabWall, count: int, moments: Array | None, side: Side, force: Array, normal: Array,
+        law: SlabWall,
+        count: int,
+        moments: Array | None,
+        side: Side,
+        force: Array,
+        normal: Array,
         tangential: Array,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """Add the forces away from the slabs; those along them are left in ``tangential``."""
         outside = 0
         for i in range(count):

@@ -134,9 +134,7 @@ class Wall(Section):
         if (self.gap_start is None) != (self.gap_end is None):
             raise FieldError("give both ends of the gap", "gap_start")
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
-            raise FieldError(
-                f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end"
-            )
+            raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
     def law_of(self, width: float, scales: Scales) -> Any:
         """Law in natural units, for a cell of that width [m]."""
@@ -178,9 +176,7 @@ class Walls(Force):
             if wall.length is not None and not upright:
                 raise FieldError("is the cell's width here; leave it out", side, "length")
 
-    def check(
-        self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
-    ) -> None:
+    def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         """Raise `FieldError` unless slabs fit the cell and the piston's height."""
         try:
             self._check_size(cell.width, None if piston is None else piston.height)
@@ -191,9 +187,7 @@ class Walls(Force):
         bottom = self.bottom
         if bottom is not None and bottom.gap_end is not None and bottom.gap_end > width:
             raise FieldError(
-                f"{bottom.gap_end:g} m must be at most the cell's width, {width:g} m",
-                "bottom",
-                "gap_end",
+                f"{bottom.gap_end:g} m must be at most the cell's width, {width:g} m", "bottom", "gap_end"
             )
         for side in ("left", "right"):
             wall = getattr(self, side)
@@ -226,6 +220,4 @@ class Walls(Force):
     def law(self, setting: EffectContext) -> WallLaws:
         """Laws in natural units; see `Wall.law_of`."""
         width, scales = setting.cell.width, setting.scales
-        return WallLaws(
-            *(None if wall is None else wall.law_of(width, scales) for wall in self.sides)
-        )
+        return WallLaws(*(None if wall is None else wall.law_of(width, scales) for wall in self.sides))

@@ -43,9 +43,7 @@ class WallLaws(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(
-        law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float
-    ) -> int:
+    def add_forces(law: WallLaws, workspace: Array | None, index: int, bed: Bed, time: float) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall.
 
         The count is of grains on the wrong side of a wall, or at no number.
@@ -69,24 +67,34 @@ class WallLaws(NamedTuple):
     @staticmethod
     @compiled
     def measure(
-        law: WallLaws, workspace: Array | None, index: int, bed: Bed,
-        time: float, stiffness: Array, energies: Array,
-    ) -> int:  # fmt: skip
+        law: WallLaws,
+        workspace: Array | None,
+        index: int,
+        bed: Bed,
+        time: float,
+        stiffness: Array,
+        energies: Array,
+    ) -> int:
         """Enter the energy of the grains at the walls."""
         state, constants = bed.state, bed.constants
         _multiply_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
         energies[index] = _measure_walls(
-            law, constants.grains, relative_moments(constants), state.x, state.y,
-            constants.width, state.piston[HEIGHT], stiffness, state.scratch,
-        )  # fmt: skip
+            law,
+            constants.grains,
+            relative_moments(constants),
+            state.x,
+            state.y,
+            constants.width,
+            state.piston[HEIGHT],
+            stiffness,
+            state.scratch,
+        )
         divide_by_mass(stiffness, constants.moments, constants.masses, constants.grains)
         return 0
 
     @staticmethod
     @compiled
-    def collision(
-        law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
-    ) -> float:
+    def collision(law: WallLaws, workspace: None, index: int, speed: float, constants: Constants) -> float:
         """Largest stiffness per mass [1/tau^2] that a grain of this speed meets at any wall."""
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
@@ -108,9 +116,7 @@ def add_piston_stiffness(law: Any, bed: Bed, slopes: Array) -> None:
 
 
 @compiled
-def _multiply_by_mass(
-    stiffness: Array, moments: Array | None, masses: Array | None, count: int
-) -> None:
+def _multiply_by_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
     """Undo `divide_by_mass`: for terms of the walls that count a grain's moment as 1."""
     if moments is not None:
         for i in range(count):
@@ -125,9 +131,7 @@ def _no_tangent(
 
 
 _forces = call_hook("add_forces", "count moments side force normal tangential", add_distance_forces)
-_tangential_forces = call_hook(
-    "add_tangential_forces", "count moments along_force tangential", _no_tangent
-)
+_tangential_forces = call_hook("add_tangential_forces", "count moments along_force tangential", _no_tangent)
 _energies = call_hook("measure", "count side stiffness energies", add_distance_energies)
 
 
@@ -141,9 +145,17 @@ _turning = call_hook("turning_stiffness", "speed", _unknown)
 
 @compiled(inline=True)
 def _add_side(
-    law: Any, which: int, count: int, moments: Array | None, side: Side, force: Array,
-    along_force: Array, normal: Array, tangential: Array | None, wall_forces: Array,
-) -> int:  # fmt: skip
+    law: Any,
+    which: int,
+    count: int,
+    moments: Array | None,
+    side: Side,
+    force: Array,
+    along_force: Array,
+    normal: Array,
+    tangential: Array | None,
+    wall_forces: Array,
+) -> int:
     if law is None:
         return 0
     outside = _forces(law, count, moments, side, force, normal, tangential)
@@ -187,24 +199,15 @@ def _add_wall_forces(
     bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
     return (
         _add_side(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
-        + _add_side(
-            laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces
-        )
-        + _add_side(
-            laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces
-        )
+        + _add_side(laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces)
+        + _add_side(laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces)
         + _add_side(laws.top, TOP, count, moments, top, fy, fx, normal, tangential, wall_forces)
     )
 
 
 @compiled
 def _measure_side(
-    law: Any,
-    count: int,
-    moments: Array | None,
-    side: Side,
-    stiffness: Array,
-    energies: Array,
+    law: Any, count: int, moments: Array | None, side: Side, stiffness: Array, energies: Array
 ) -> float:
     if law is None:
         return 0.0

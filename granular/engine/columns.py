@@ -113,6 +113,4 @@ def _middle_columns(rows: np.ndarray) -> int:
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
     """Potential energies in each record: of the pairs, and of the laws from the last one on."""
-    return np.concatenate(
-        [rows[:, [PAIR]], rows[:, ENERGIES : _middle_columns(rows)][:, ::-1]], axis=1
-    )
+    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _middle_columns(rows)][:, ::-1]], axis=1)

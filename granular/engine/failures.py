@@ -34,15 +34,20 @@ def misplaced_grain_error(
     if lost.any():
         return NotFiniteError(
             "the position is not finite any more",
-            step=step, time=time, grain=int(state.label[np.argmax(lost)]), remedy=remedy,
-        )  # fmt: skip
+            step=step,
+            time=time,
+            grain=int(state.label[np.argmax(lost)]),
+            remedy=remedy,
+        )
     if state.piston[HEIGHT] < 0.0:
         value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
             f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
-            step=step, time=time, value=value,
+            step=step,
+            time=time,
+            value=value,
             remedy="give it a wall ('effects.walls.top'), or a path that stays above the bottom",
-        )  # fmt: skip
+        )
     left, right, bottom, top = constants.acting.walls
     gaps = {
         "the left wall": (left, position[:, 0]),
@@ -55,23 +60,30 @@ def misplaced_grain_error(
             value = -float(gap.min()) * scales.length
             return OutsideError(
                 f"the grain is {value:.3g} m behind {name}, 0 m is the limit",
-                step=step, time=time, grain=int(state.label[gap.argmin()]), value=value,
+                step=step,
+                time=time,
+                grain=int(state.label[gap.argmin()]),
+                value=value,
                 remedy=remedy,
-            )  # fmt: skip
+            )
     if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
         return OutsideError(
             "the bed has spread beyond the mesh of its far field",
-            step=step, time=time, remedy="sum the pairs directly ('pairs.method = \"direct\"')",
-        )  # fmt: skip
+            step=step,
+            time=time,
+            remedy="sum the pairs directly ('pairs.method = \"direct\"')",
+        )
     if constants.acting.discs is not None and state.close is not None:
         ratio, grain = closest_over_contact(constants.acting.discs, state.close, state.x, state.y)
         if ratio < CLOSEST:
             return OutsideError(
-                f"two discs are at {ratio:.3g} of the distance at which they touch, "
-                f"{CLOSEST:g} is the limit",
-                step=step, time=time, grain=int(state.label[grain]), value=ratio,
+                f"two discs are at {ratio:.3g} of the distance at which they touch, {CLOSEST:g} is the limit",
+                step=step,
+                time=time,
+                grain=int(state.label[grain]),
+                value=ratio,
                 remedy="give them a contact that is stiff enough ('effects.contact.modulus')",
-            )  # fmt: skip
+            )
     return NotFiniteError("a force is not finite any more", step=step, time=time, remedy=remedy)
 
 
@@ -80,8 +92,7 @@ def unbalanced_energy_error(
 ) -> EnergyError:
     """Error for an energy ledger that is off by that fraction of the energy turned over."""
     return EnergyError(
-        f"the energy ledger is off by {residual:.2g} of the energy turned over, "
-        f"{limit:g} is the limit",
+        f"the energy ledger is off by {residual:.2g} of the energy turned over, {limit:g} is the limit",
         step=step,
         time=time,
         value=residual,
@@ -112,9 +123,7 @@ def not_at_rest_error(
     )
 
 
-def too_many_steps_error(
-    what: str, steps: float, limit: float, step: int, time: float
-) -> StepCountError:
+def too_many_steps_error(what: str, steps: float, limit: float, step: int, time: float) -> StepCountError:
     """More steps than can be made, or counted."""
     return StepCountError(
         f"{what} takes {steps:.3g} steps, {limit:.3g} is the limit",

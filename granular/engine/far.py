@@ -133,9 +133,7 @@ def add_far_field(far: FarForces | None, state: State, count: int, time: float) 
     if far is not None:
         _add_held_forces(far.held, far, state.load, state, count)
         if far.moment[CHANGING] > 0.0:
-            _add_extrapolated_forces(
-                far.trajectory, state.load, time - far.moment[TIME], state, count
-            )
+            _add_extrapolated_forces(far.trajectory, state.load, time - far.moment[TIME], state, count)
 
 
 @compiled
@@ -179,16 +177,19 @@ def kick_by_far_field(far: FarForces | None, dt: float, bed: Bed) -> None:
     """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
-        _kick_by_held_forces(
-            state.rounding, far.held, far, dt, state, constants.masses, constants.grains
-        )
+        _kick_by_held_forces(state.rounding, far.held, far, dt, state, constants.masses, constants.grains)
 
 
 @compiled
 def _kick_by_held_forces(
-    rounding: Array | None, held: Array | None, far: FarForces, dt: float, state: State,
-    masses: Array | None, count: int,
-) -> None:  # fmt: skip
+    rounding: Array | None,
+    held: Array | None,
+    far: FarForces,
+    dt: float,
+    state: State,
+    masses: Array | None,
+    count: int,
+) -> None:
     if held is not None:
         for i in range(count):
             gain = dt

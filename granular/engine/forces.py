@@ -6,12 +6,7 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.dispatch import sum_of_hooks
 from granular.compiled.reference import by_reference
 from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
-from granular.kernel_data.constants import (
-    Constants,
-    divide_by_mass,
-    relative_moments,
-    stiffness_bound,
-)
+from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments, stiffness_bound
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.close_discs import CloseDiscs, add_close_discs
 from granular.pairs.cut_off import cut_sum
@@ -41,9 +36,7 @@ def _magnetic_forces(
 
 
 @compiled(inline=True)
-def _pair_forces(
-    dipole: bool | None, bed: Bed, stiffness: Array | None, extremes: Array | None
-) -> int:
+def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extremes: Array | None) -> int:
     """Compute the magnetic forces; the number of pairs that are where none can be."""
     state, constants = bed.state, bed.constants
     weight = constants.acting.weight
@@ -68,9 +61,7 @@ def _pair_forces(
 
 
 @compiled(inline=True)
-def _close_forces(
-    discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: PairArrays
-) -> int:
+def _close_forces(discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: PairArrays) -> int:
     if discs is None or close is None:
         return 0
     return add_close_discs(discs, close, grains, arrays)

@@ -53,9 +53,15 @@ from granular.protocol.motion import Motion, outer_force
 
 @compiled(inline=True)
 def kick_host(
-    law: HostLaw, workspace: HostWorkspace, dt: float, bed: Bed, motion: Motion,
-    time: float, start: float, opening: bool,
-) -> None:  # fmt: skip
+    law: HostLaw,
+    workspace: HostWorkspace,
+    dt: float,
+    bed: Bed,
+    motion: Motion,
+    time: float,
+    start: float,
+    opening: bool,
+) -> None:
     """Kick host, grains and piston."""
     state = bed.state
     apart = law.mount == PISTON_MOUNT and motion.free
@@ -67,9 +73,7 @@ def kick_host(
 
 
 @compiled(inline=True)
-def drift_host(
-    law: HostLaw | None, workspace: HostWorkspace | None, dt: float, state: State
-) -> None:
+def drift_host(law: HostLaw | None, workspace: HostWorkspace | None, dt: float, state: State) -> None:
     """Move the bodies, where there is a host."""
     if law is not None and workspace is not None:
         last = law.chain.masses.size - 1
@@ -123,9 +127,15 @@ def _driven_velocity(law: HostLaw, workspace: HostWorkspace, state: State) -> fl
 
 @compiled
 def _kick_in_frame(
-    push: float, workspace: HostWorkspace, dt: float, bed: Bed, motion: Motion,
-    time: float, start: float, opening: bool,
-) -> None:  # fmt: skip
+    push: float,
+    workspace: HostWorkspace,
+    dt: float,
+    bed: Bed,
+    motion: Motion,
+    time: float,
+    start: float,
+    opening: bool,
+) -> None:
     """Kick grains and piston in a frame of the acceleration ``push``."""
     state, constants = bed.state, bed.constants
     workspace.present[PUSH] = push
@@ -166,9 +176,15 @@ def _restore_velocities(workspace: HostWorkspace, bed: Bed, speed: float) -> Non
 
 @compiled
 def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
-    law: HostLaw, workspace: HostWorkspace, dt: float, bed: Bed,
-    motion: Motion, time: float, start: float, opening: bool,
-) -> None:  # fmt: skip
+    law: HostLaw,
+    workspace: HostWorkspace,
+    dt: float,
+    bed: Bed,
+    motion: Motion,
+    time: float,
+    start: float,
+    opening: bool,
+) -> None:
     state, constants = bed.state, bed.constants
     shake = excitation_during_kick(law.drive, start + time, dt, opening)
     base = shake if law.drive.base else 0.0
@@ -196,10 +212,7 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
         weight += law.piston_mass
         push = (chain - bed_force) / weight
     grains, speed = bed_momentum(bed), state.piston[SPEED]
-    power, total = (
-        _driven_velocity(law, workspace, state),
-        _coupled_momentum(law, workspace, grains, speed),
-    )
+    power, total = (_driven_velocity(law, workspace, state), _coupled_momentum(law, workspace, grains, speed))
     frame = workspace.persistent[1, max(last, 0)]
     # What the passes but the last one are for is how much of the momentum is taken.
     passes = 3 if law.reacts and law.mount != FIXED else 1
@@ -253,8 +266,7 @@ def _damp_chain(law: HostLaw, workspace: HostWorkspace, dt: float, state: State)
         )
         if k + 1 < count:
             drag += above * (
-                _body_velocity(law, workspace, state, k + 1)
-                - _body_velocity(law, workspace, state, k)
+                _body_velocity(law, workspace, state, k + 1) - _body_velocity(law, workspace, state, k)
             )
         workspace.diagonal[k] = mass + half * (chain.damping[k] + above)
         workspace.changes[k] = dt * drag
@@ -335,9 +347,7 @@ def _kick_bodies(
     if last < 0 or not dashpots:
         return 0.0
     workspace.changes[last] = change
-    below = (
-        workspace.persistent[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
-    )
+    below = workspace.persistent[1, last - 1] + 0.5 * workspace.changes[last - 1] if last > 0 else 0.0
     return -chain.damping[last] * (workspace.persistent[1, last] + 0.5 * change - below)
 
 

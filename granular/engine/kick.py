@@ -15,9 +15,7 @@ from granular.kernel_data.state import Bed, State
 
 
 @compiled(inline=True)
-def _kick_freely(
-    rounding: Array | None, dt: float, state: State, count: int, masses: Array | None
-) -> None:
+def _kick_freely(rounding: Array | None, dt: float, state: State, count: int, masses: Array | None) -> None:
     if masses is None:
         for i in range(count):
             add_to_velocity(rounding, state, i, dt * state.fx[i], dt * state.fy[i])

@@ -87,13 +87,7 @@ class StopCriteria(NamedTuple):
 
 
 @compiled
-def record_measurement(
-    time: float,
-    bed: Bed,
-    motion: Motion,
-    measurement: Measurement,
-    row: Array,
-) -> None:
+def record_measurement(time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> None:
     """Fill one record after a measuring pass, at a time [tau]."""
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy(bed)
@@ -178,9 +172,16 @@ def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
 
 @compiled
 def _advance_one_tick(
-    fraction: float | None, every: int | None, tick: int, window: Window, schedule: StepSchedule,
-    plan: Plan, bed: Bed, motion: Motion, measurement: Measurement,
-) -> int:  # fmt: skip
+    fraction: float | None,
+    every: int | None,
+    tick: int,
+    window: Window,
+    schedule: StepSchedule,
+    plan: Plan,
+    bed: Bed,
+    motion: Motion,
+    measurement: Measurement,
+) -> int:
     """Make the steps of a tick; not zero where a grain is where it cannot be.
 
     Variable steps go up to the first moment behind the tick's end; the last one of a stage is cut.
@@ -221,9 +222,7 @@ def _advance_one_tick(
             else:
                 state.clock[SHORTEST] = min(state.clock[SHORTEST], h)
                 state.clock[LONGEST] = max(state.clock[LONGEST], h)
-        outside = make_step(
-            plan.tableau, plan, h, time, window.start, bed, motion, measurement, last
-        )
+        outside = make_step(plan.tableau, plan, h, time, window.start, bed, motion, measurement, last)
         if every is not None and step == span_end:
             if not last:
                 outside += compute_far_field(state.far_forces, bed, next_time)
@@ -262,16 +261,19 @@ def advance_ticks(
         Status; ticks made; records written.
     """
     return _advance_window(
-        by_reference(window), by_reference(schedule), by_reference(plan),
-        by_reference(Bed(state, constants)), by_reference(motion), by_reference(measurement),
-        by_reference(watch), rows,
-    )  # fmt: skip
+        by_reference(window),
+        by_reference(schedule),
+        by_reference(plan),
+        by_reference(Bed(state, constants)),
+        by_reference(motion),
+        by_reference(measurement),
+        by_reference(watch),
+        rows,
+    )
 
 
 @compiled
-def _check_and_record(
-    window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array
-) -> int:
+def _check_and_record(window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
     outside = compute_forces_and_sums(bed, time, measurement)
@@ -281,24 +283,22 @@ def _check_and_record(
 
 @compiled
 def _advance_window(
-    window: Window, schedule: StepSchedule, plan: Plan, bed: Bed, motion: Motion,
-    measurement: Measurement, watch: StopCriteria, rows: Array,
-) -> tuple[int, int, int]:  # fmt: skip
+    window: Window,
+    schedule: StepSchedule,
+    plan: Plan,
+    bed: Bed,
+    motion: Motion,
+    measurement: Measurement,
+    watch: StopCriteria,
+    rows: Array,
+) -> tuple[int, int, int]:
     state, constants = bed.state, bed.constants
     if window.ticks == 0:
         return _check_and_record(window, bed, motion, measurement, rows[0]), 0, 0
     saved, laws = 0, state.ledger.size - LOSSES
     for tick in range(window.first, window.first + window.ticks):
         outside = _advance_one_tick(
-            plan.fraction,
-            plan.far_every,
-            tick,
-            window,
-            schedule,
-            plan,
-            bed,
-            motion,
-            measurement,
+            plan.fraction, plan.far_every, tick, window, schedule, plan, bed, motion, measurement
         )
         if outside > 0 or state.piston[HEIGHT] < watch.floor:
             return OUTSIDE, tick - window.first, saved
@@ -325,17 +325,28 @@ def _advance_window(
 
 
 def record_present_state(
-    start: float, plan: Plan, state: State, constants: Constants, motion: Motion,
-    measurement: Measurement, row: Array,
-) -> bool:  # fmt: skip
+    start: float,
+    plan: Plan,
+    state: State,
+    constants: Constants,
+    motion: Motion,
+    measurement: Measurement,
+    row: Array,
+) -> bool:
     """Find forces and a record of the present moment; whether a grain is where none can be.
 
     In a stage that began at ``start`` [tau]. It is a call of the loop without ticks: a kernel of
     its own would be compiled besides.
     """
     status, _, _ = advance_ticks(
-        Window(start, 0.0, math.inf, 0, 0), StepSchedule(1.0, 1.0, 1, 1, 1, 0), plan, state,
-        constants, motion, measurement,
-        StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf), row[None],
-    )  # fmt: skip
+        Window(start, 0.0, math.inf, 0, 0),
+        StepSchedule(1.0, 1.0, 1, 1, 1, 0),
+        plan,
+        state,
+        constants,
+        motion,
+        measurement,
+        StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf),
+        row[None],
+    )
     return bool(status == OUTSIDE)

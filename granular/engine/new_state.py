@@ -26,11 +26,7 @@ def new_state(
     count = len(positions)
     x, y = padded_coordinates(positions)
     workspaces = tuple(_workspace(law, x.size, count) for law in acting.laws)
-    hosts = [
-        workspace
-        for law, workspace in zip(acting.laws, workspaces, strict=True)
-        if law is acting.host
-    ]
+    hosts = [workspace for law, workspace in zip(acting.laws, workspaces, strict=True) if law is acting.host]
     vx, vy = np.zeros_like(x), np.zeros_like(x)
     vx[:count], vy[:count] = velocities[:, 0], velocities[:, 1]
     return State(
@@ -47,9 +43,7 @@ def new_state(
         label=np.arange(x.size),
         load=None if acting.weight is None else np.zeros_like(x),
         stripes=_new_stripes(x.size, acting),
-        verlet_list=None
-        if acting.listing is None
-        else verlet_list_workspace(x.size, acting.listing.radius),
+        verlet_list=None if acting.listing is None else verlet_list_workspace(x.size, acting.listing.radius),
         far_forces=_new_far_forces(x.size, acting),
         close=None
         if acting.discs is None

@@ -61,9 +61,8 @@ def _add_to_piston_height(rounding: Array | None, by: float, state: State) -> No
 
 @compiled(inline=True)
 def _kick_against_resistance(
-    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State,
-    opening: bool,
-) -> None:  # fmt: skip
+    resistance: PistonResistance | None, force: float, dt: float, mass: float, state: State, opening: bool
+) -> None:
     if resistance is None:
         _add_to_piston_speed(state.rounding, dt * force / mass, state)
     elif _stops_within_step(resistance, force, dt, mass, state):
@@ -124,9 +123,7 @@ def _slide_with_friction(
     if abs(force) > friction:
         net = force - math.copysign(friction, force)
         _, gain, _, _, _ = drag.drag_flow_coefficients(rate, dt)
-        state.ledger[PISTON] += friction * drag.displacement_under_drag(
-            rate, dt, gain, 0.0, abs(net) / mass
-        )
+        state.ledger[PISTON] += friction * drag.displacement_under_drag(rate, dt, gain, 0.0, abs(net) / mass)
         _accelerate_with_drag(resistance, net, dt, mass, state)
 
 
@@ -154,9 +151,7 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opening: bool) -> 
 
 
 @compiled(inline=True)
-def kick_piston(
-    dt: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool
-) -> None:
+def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, opening: bool) -> None:
     """Change the piston's velocity by ``dt`` [tau]; enter the work done from outside meanwhile.
 
     Work is the conjugate of what depends on time (the path, an outer force, the shaking), so that
@@ -170,14 +165,10 @@ def kick_piston(
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
         before = state.piston[SPEED]
-        _kick_against_resistance(
-            constants.resistance, force, dt, constants.piston_mass, state, opening
-        )
+        _kick_against_resistance(constants.resistance, force, dt, constants.piston_mass, state, opening)
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= (
-            dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opening)
-        )
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * _prescribed_speed(motion, time, dt, opening)
     enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 

@@ -51,17 +51,13 @@ def _grain_slopes(slopes: Array, dt: float, bed: Bed) -> None:
 
 
 @compiled
-def _piston_slopes(
-    slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion
-) -> None:
+def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
         swing = lift(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force(motion, time)
         rate = _resistance_rate(constants.resistance)
-        force = (
-            state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
-        )
+        force = state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         speed = state.piston[SPEED]
         slopes[HEIGHT] = speed
         slopes[SPEED] = force / constants.piston_mass - rate * speed
@@ -86,13 +82,7 @@ def _store_start(state: State, slopes: StageSlopes, count: int) -> None:
 
 @compiled
 def _move_to_stage(
-    weights: Array,
-    slopes: StageSlopes,
-    h: float,
-    time: float,
-    state: State,
-    count: int,
-    motion: Motion,
+    weights: Array, slopes: StageSlopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
     """State at a stage: the base and the weighted slopes so far."""
     base = slopes.grains[-1]
@@ -116,9 +106,16 @@ def _move_to_stage(
 
 @compiled
 def runge_kutta_step(
-    tableau: Array, slopes: StageSlopes, h: float, time: float, start: float, bed: Bed,
-    motion: Motion, measurement: Measurement, measuring: bool,
-) -> int:  # fmt: skip
+    tableau: Array,
+    slopes: StageSlopes,
+    h: float,
+    time: float,
+    start: float,
+    bed: Bed,
+    motion: Motion,
+    measurement: Measurement,
+    measuring: bool,
+) -> int:
     """See `granular.engine.step.make_step`; the work and the losses are integrated alike.
 
     Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), II.1.

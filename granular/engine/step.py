@@ -68,9 +68,15 @@ def drift_grains(rounding: Array | None, dt: float, state: State, count: int) ->
 
 @compiled(inline=True)
 def _kick_bed(
-    host: HostLaw | None, workspace: HostWorkspace | None, dt: float, bed: Bed,
-    motion: Motion, time: float, start: float, opening: bool,
-) -> None:  # fmt: skip
+    host: HostLaw | None,
+    workspace: HostWorkspace | None,
+    dt: float,
+    bed: Bed,
+    motion: Motion,
+    time: float,
+    start: float,
+    opening: bool,
+) -> None:
     if host is not None and workspace is not None:
         kick_host(host, workspace, dt, bed, motion, time, start, opening)
     else:
@@ -91,9 +97,16 @@ _drift_all = call_last_hook("drift", "dt bed", _drift_freely)
 # One function, though long: each level of calls is optimised anew and costs seconds to compile.
 @compiled(inline=True)
 def make_step(
-    tableau: Array | None, plan: Plan, h: float, time: float, start: float, bed: Bed,
-    motion: Motion, measurement: Measurement, measuring: bool,
-) -> int:  # fmt: skip
+    tableau: Array | None,
+    plan: Plan,
+    h: float,
+    time: float,
+    start: float,
+    bed: Bed,
+    motion: Motion,
+    measurement: Measurement,
+    measuring: bool,
+) -> int:
     """Make one step, from ``time`` in the stage, which began at ``start`` [tau].
 
     Parameters
@@ -112,9 +125,7 @@ def make_step(
     outside = 0
     if tableau is not None:
         assert state.slopes is not None
-        outside = runge_kutta_step(
-            tableau, state.slopes, h, time, start, bed, motion, measurement, measuring
-        )
+        outside = runge_kutta_step(tableau, state.slopes, h, time, start, bed, motion, measurement, measuring)
     else:
         stage = time
         kicks, drifts = plan.kicks, plan.drifts
@@ -126,9 +137,7 @@ def make_step(
                 if kicks[k] != 0.0:
                     opening = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    _kick_bed(
-                        constants.acting.host, state.host, dt, bed, motion, stage, start, opening
-                    )
+                    _kick_bed(constants.acting.host, state.host, dt, bed, motion, stage, start, opening)
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt

@@ -51,9 +51,7 @@ def _total_and_largest(slopes: Array, count: int, masses: Array | None) -> tuple
 
 
 @compiled
-def highest_frequency_bound(
-    speed: float, bed: Bed, motion: Motion, measurement: Measurement
-) -> float:
+def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
     """Bound of the highest angular frequency [1/tau] of bed and free piston, and of collisions.
 
     Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin's theorem); they are

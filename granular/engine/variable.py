@@ -25,9 +25,7 @@ _POWER = 4
 
 
 @compiled
-def _fourth_power_and_rate(
-    gap: float, rate: float, fraction: float, square: float
-) -> tuple[float, float]:
+def _fourth_power_and_rate(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
     """kappa^4 and its rate, for kappa = share/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
@@ -38,9 +36,18 @@ def _fourth_power_and_rate(
 
 @compiled
 def step_density(
-    x: Array, y: Array, vx: Array, vy: Array, count: int, moments: Array | None, square: float,
-    least: float, sides: tuple[float, float, float, float], piston_speed: float, pairs: bool,
-) -> tuple[float, float]:  # fmt: skip
+    x: Array,
+    y: Array,
+    vx: Array,
+    vy: Array,
+    count: int,
+    moments: Array | None,
+    square: float,
+    least: float,
+    sides: tuple[float, float, float, float],
+    piston_speed: float,
+    pairs: bool,
+) -> tuple[float, float]:
     """Frequency omega [1/tau] and d ln(omega)/dt.
 
     With omega^8 = sum kappa^4 + least^8 over all pairs and walls.
@@ -88,9 +95,7 @@ def _add_wall_density(here: bool, value: float, away: float) -> float:
 
 
 @compiled
-def _wall_sides(
-    walls: tuple[Any, ...], width: float, height: float
-) -> tuple[float, float, float, float]:
+def _wall_sides(walls: tuple[Any, ...], width: float, height: float) -> tuple[float, float, float, float]:
     return (
         _add_wall_density(walls[LEFT] is not None, 0.0, -math.inf),
         _add_wall_density(walls[RIGHT] is not None, width, math.inf),
@@ -103,11 +108,18 @@ def _wall_sides(
 def _bed_step_density(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     return step_density(
-        state.x, state.y, state.vx, state.vy, constants.grains, relative_moments(constants),
-        state.clock[SQUARE], state.clock[LEAST],
+        state.x,
+        state.y,
+        state.vx,
+        state.vy,
+        constants.grains,
+        relative_moments(constants),
+        state.clock[SQUARE],
+        state.clock[LEAST],
         _wall_sides(constants.acting.walls, constants.width, state.piston[HEIGHT]),
-        state.piston[SPEED], constants.acting.dipole is not None,
-    )  # fmt: skip
+        state.piston[SPEED],
+        constants.acting.dipole is not None,
+    )
 
 
 @entry

@@ -16,11 +16,4 @@ from granular.export.lammps import to_lammps
 from granular.export.tables import to_tables
 from granular.export.vtk_files import to_vtk
 
-__all__ = [
-    "to_depaula_files",
-    "to_extxyz",
-    "to_gsd",
-    "to_lammps",
-    "to_tables",
-    "to_vtk",
-]
+__all__ = ["to_depaula_files", "to_extxyz", "to_gsd", "to_lammps", "to_tables", "to_vtk"]

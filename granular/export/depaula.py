@@ -84,9 +84,8 @@ def depaula_cadence(run: Trajectory) -> DepaulaCadence:
 
 
 def to_depaula_files(
-    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
-    progress: bool = False,
-) -> tuple[Path, ...]:  # fmt: skip
+    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False, progress: bool = False
+) -> tuple[Path, ...]:
     """Write the files of de Paula's program; see the module's text for what each holds.
 
     All files appear together when the last one is complete. A warning tells where the run was
@@ -158,9 +157,7 @@ def _table_lines(table: np.ndarray) -> str:
     return line * len(table) % tuple(table.ravel().tolist())
 
 
-def _particle_files(
-    run: Trajectory, cadence: DepaulaCadence, progress: bool
-) -> dict[str, Iterator[str]]:
+def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
     tables: dict[str, tuple[str, Callable[[BedFrame], np.ndarray]]] = {
@@ -170,14 +167,9 @@ def _particle_files(
     }
     apart = not unsupported_effects(run.scene)
     if apart:
-        tables["comPart"] = (
-            "compression [m D/T^2]",
-            lambda frame: _compression(run, frame) / force,
-        )
+        tables["comPart"] = ("compression [m D/T^2]", lambda frame: _compression(run, frame) / force)
     times = run.dataset["frame_time"].values
-    chosen = {
-        every: _nearest_record_indices(times, cadence, every) for every in (FINE, USUAL, COARSE)
-    }
+    chosen = {every: _nearest_record_indices(times, cadence, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}
 
     def add(name: str, every: int, table: tuple[str, Callable[[BedFrame], np.ndarray]]) -> None:
@@ -190,9 +182,7 @@ def _particle_files(
             add(f"{name}_0", FINE, table)
     if apart:
         coarse = iterate_frames(run, chosen[COARSE])
-        sizes = (
-            float(np.fmax.reduce(_compression(run, frame)[:, 0], initial=0.0)) for frame in coarse
-        )
+        sizes = (float(np.fmax.reduce(_compression(run, frame)[:, 0], initial=0.0)) for frame in coarse)
         greatest = max(sizes, default=0.0) or 1.0
         fraction = "compression/(its greatest)"
         add("comPart_norm", COARSE, (fraction, lambda frame: _compression(run, frame) / greatest))
@@ -254,16 +244,11 @@ def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iter
 
 def _constants(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
-    sizes = (
-        units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2,
-    )  # fmt: skip
+    sizes = (units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2)
     scales = run.scene.grains.diameters() / units.length
     return {
         "charUnits": iter(
-            [
-                "# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n",
-                _table_lines(np.array(sizes)[:, None]),
-            ]
+            ["# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n", _table_lines(np.array(sizes)[:, None])]
         ),
         "scales": iter(["# diameter of each grain [D]\n", _table_lines(scales[:, None])]),
     }

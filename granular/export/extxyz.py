@@ -16,9 +16,8 @@ NO_ELEMENT = 0
 
 
 def to_extxyz(
-    run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False,
-    progress: bool = False,
-) -> Path:  # fmt: skip
+    run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False, progress: bool = False
+) -> Path:
     """Write the frames of a run as extended XYZ, in SI and to the last bit (17 digits).
 
     The cell of each frame (``Lattice`` with its ``Origin``) is as wide as the bed's, as high as the
@@ -69,10 +68,7 @@ def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
     grains = run.scene.grains
     names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
     numbers = " ".join(["%.17g"] * 11)
-    forms = [
-        f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n"
-        for k in grains.assignment()
-    ]
+    forms = [f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k in grains.assignment()]
     radius, mass = grains.diameters() / 2.0, grains.masses()
 
     def lines(frame: BedFrame) -> str:

@@ -90,9 +90,7 @@ def _read_block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
         grains = np.flatnonzero(np.isfinite(frame.positions).all(axis=1))
         fields = frame.positions, frame.velocities, frame.forces, interaction_forces(frame)
         height = frame.piston_height if has_piston else None
-        yield BedFrame(
-            int(number), frame.time, height, grains, *(field[grains] for field in fields)
-        )
+        yield BedFrame(int(number), frame.time, height, grains, *(field[grains] for field in fields))
 
 
 def planar_to_spatial(plane: np.ndarray) -> np.ndarray:

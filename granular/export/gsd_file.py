@@ -14,9 +14,8 @@ from granular.shared.files import replace_when_written
 
 
 def to_gsd(
-    run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False,
-    progress: bool = False,
-) -> Path:  # fmt: skip
+    run: Trajectory | str | Path, path: str | Path, *, overwrite: bool = False, progress: bool = False
+) -> Path:
     """Write the frames of a run as GSD (schema ``hoomd``), in SI (m, kg, s).
 
     GSD holds positions, velocities, masses and diameters in single precision, and its box is
@@ -64,10 +63,7 @@ def to_gsd(
         ) from None
     run, path = open_run(run), Path(path)
     low, size = _bounding_box_of_run(run)
-    with (
-        replace_when_written(path, overwrite) as part,
-        gsd.hoomd.open(name=str(part), mode="w") as file,
-    ):
+    with replace_when_written(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
         unchanging = _constant_fields(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
             file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))
@@ -99,9 +95,7 @@ def _constant_fields(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def _frame(
-    new: Any, frame: BedFrame, unchanging: dict[str, Any], low: np.ndarray, size: np.ndarray
-) -> Any:
+def _frame(new: Any, frame: BedFrame, unchanging: dict[str, Any], low: np.ndarray, size: np.ndarray) -> Any:
     new.configuration.step = frame.number
     new.configuration.dimensions = 2
     new.configuration.box = [*(unchanging["box"] * size).tolist(), 0.0, 0.0, 0.0, 0.0]

@@ -54,9 +54,12 @@ class _Start(NamedTuple):
 
 
 def to_lammps(
-    source: Scene | Trajectory | str | Path, directory: str | Path, *, dt: float | str = "auto",
+    source: Scene | Trajectory | str | Path,
+    directory: str | Path,
+    *,
+    dt: float | str = "auto",
     overwrite: bool = False,
-) -> tuple[Path, ...]:  # fmt: skip
+) -> tuple[Path, ...]:
     """Write a LAMMPS deck: ``in.granular``, ``bed.data``, and the tables of pairs and walls, in SI.
 
     ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes
@@ -116,9 +119,7 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
 def _scene_start(scene: Scene) -> _Start:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
-    return _Start(
-        0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height))
-    )
+    return _Start(0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height)))
 
 
 def _run_start(run: Trajectory) -> _Start:
@@ -210,9 +211,7 @@ def _highest_run_collision_frequency(deck: Deck, start: _Start) -> float:
     gravity = deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
-    speed += max(
-        (each_leg.path.speed for each_leg in deck.legs if each_leg.path is not None), default=0.0
-    )
+    speed += max((each_leg.path.speed for each_leg in deck.legs if each_leg.path is not None), default=0.0)
     return collision_frequency(
         speed / deck.scales.velocity,
         deck.charges,
@@ -237,9 +236,7 @@ def _data_file_lines(deck: Deck, start: _Start) -> Iterator[str]:
     for row in zip(*(column.tolist() for column in columns), strict=True):
         yield "{} {} {!r} {!r} 0\n".format(*row)
     yield "\nVelocities\n\n"
-    for row in zip(
-        *(column.tolist() for column in (start.grains + 1, *start.velocities.T)), strict=True
-    ):
+    for row in zip(*(column.tolist() for column in (start.grains + 1, *start.velocities.T)), strict=True):
         yield "{} {!r} {!r} 0\n".format(*row)
 
 
@@ -267,9 +264,7 @@ def _wall_tables(deck: Deck) -> Iterator[str]:
             yield from wall_table(name, law, charge, nearest, farthest, deck.scales).lines("FP")
 
 
-def _write(
-    directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool
-) -> tuple[Path, ...]:
+def _write(directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool) -> tuple[Path, ...]:
     """All files appear together when the last one is complete."""
     paths = {name: directory / name for name in contents}
     make_directory(directory)
@@ -290,9 +285,15 @@ _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
 def highest_mode_frequency(
-    position: np.ndarray, charge: np.ndarray, mass: np.ndarray, walls: Mapping[str, str],
-    width: float, height: float, *, pairs: bool,
-) -> float:  # fmt: skip
+    position: np.ndarray,
+    charge: np.ndarray,
+    mass: np.ndarray,
+    walls: Mapping[str, str],
+    width: float,
+    height: float,
+    *,
+    pairs: bool,
+) -> float:
     """Bound of the highest angular frequency of a bed [1/tau], by Gershgorin's theorem.
 
     Parameters
@@ -318,9 +319,11 @@ def highest_mode_frequency(
     # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
     rows = np.multiply(8.0 * dipole.STRENGTH, sums)
     gaps = {
-        "left": position[:, 0], "right": width - position[:, 0],
-        "bottom": position[:, 1], "top": height - position[:, 1],
-    }  # fmt: skip
+        "left": position[:, 0],
+        "right": width - position[:, 0],
+        "bottom": position[:, 1],
+        "top": height - position[:, 1],
+    }
     for side, law in walls.items():
         rows += [_WALLS[law].stiffness(gap) for gap in gaps[side]]
     return math.sqrt(float((rows * (charge / mass)).max()))

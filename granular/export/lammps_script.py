@@ -60,9 +60,7 @@ class LawTable(NamedTuple):
         yield "\n"
 
 
-def pair_table(
-    name: str, charge: float, nearest: float, farthest: float, scales: Scales
-) -> LawTable:
+def pair_table(name: str, charge: float, nearest: float, farthest: float, scales: Scales) -> LawTable:
     """Dipole repulsion of two grains, with ``charge`` the product of theirs, up to ``farthest``.
 
     Distances are in units D.
@@ -84,12 +82,9 @@ def wall_table(
 
 
 def _law_table(
-    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float,
-    scales: Scales,
-) -> LawTable:  # fmt: skip
-    return LawTable(
-        name, distance * scales.length, energy * scales.energy, force * scales.force, exponent
-    )
+    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float, scales: Scales
+) -> LawTable:
+    return LawTable(name, distance * scales.length, energy * scales.energy, force * scales.force, exponent)
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000

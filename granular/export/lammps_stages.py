@@ -86,9 +86,7 @@ def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> St
     kind = type(stage).__name__.lower()
     duration = stage.total_duration(0.0 if height is None else height)
     if duration is None:
-        raise InputError(
-            f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS"
-        )
+        raise InputError(f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS")
     path = None if height is None else _piston_path_of_stage(stage, height, duration)
     return StagePart(stage.name, kind, path, done, duration)
 
@@ -124,8 +122,7 @@ def _path_as_ramp_sum(stage: Follow) -> PistonPath:
     slopes = (np.diff(heights) / np.diff(times)).tolist()
     changes = np.diff([0.0, *slopes]).tolist()
     terms = [
-        f"({change!r})*(v_t>{time!r})*(v_t-{time!r})"
-        for change, time in zip(changes, times, strict=False)
+        f"({change!r})*(v_t>{time!r})*(v_t-{time!r})" for change, time in zip(changes, times, strict=False)
     ]
     formula = "+".join([repr(heights[0]), *terms])
     fastest = max(map(abs, slopes))

@@ -21,9 +21,13 @@ Kind = Literal["csv", "parquet"]
 
 
 def to_tables(
-    run: Trajectory | str | Path, directory: str | Path, kind: Kind = "csv", *,
-    overwrite: bool = False, progress: bool = False,
-) -> tuple[Path, ...]:  # fmt: skip
+    run: Trajectory | str | Path,
+    directory: str | Path,
+    kind: Kind = "csv",
+    *,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> tuple[Path, ...]:
     """Write ``scalars`` and ``grains`` as tables, in SI and to the last bit.
 
     ``scalars`` has a row a record: the time, heights, forces and energies. ``grains`` has a row a
@@ -110,8 +114,7 @@ def _write_parquet(path: Path, parts: Iterator[pandas.DataFrame]) -> None:
         from pyarrow import parquet
     except ImportError:
         raise InputError(
-            "Parquet needs the library pyarrow; install it with: "
-            "pip install 'granular-damper[parquet]'"
+            "Parquet needs the library pyarrow; install it with: pip install 'granular-damper[parquet]'"
         ) from None
     with contextlib.ExitStack() as stack:
         writer = None

@@ -16,9 +16,8 @@ LIST = "bed.pvd"
 
 
 def to_vtk(
-    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False,
-    progress: bool = False,
-) -> tuple[Path, ...]:  # fmt: skip
+    run: Trajectory | str | Path, directory: str | Path, *, overwrite: bool = False, progress: bool = False
+) -> tuple[Path, ...]:
     """Write the frames of a run as VTK files, in SI and double precision.
 
     Open ``bed.pvd`` in ParaView, and draw the points as spheres scaled by ``radius``. Each frame is

@@ -12,6 +12,16 @@ from granular.formulas.tokens import MAX_CHARACTERS, FormulaError
 from granular.formulas.tree import Applied, Name, Node, Number, constant_names, variable_names
 
 __all__ = [
-    "CONSTANTS", "FUNCTIONS", "MAX_CHARACTERS", "Applied", "FormulaError", "Function", "Name",
-    "Node", "Number", "constant_names", "parse", "variable_names",
-]  # fmt: skip
+    "CONSTANTS",
+    "FUNCTIONS",
+    "MAX_CHARACTERS",
+    "Applied",
+    "FormulaError",
+    "Function",
+    "Name",
+    "Node",
+    "Number",
+    "constant_names",
+    "parse",
+    "variable_names",
+]

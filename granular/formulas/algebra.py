@@ -154,9 +154,7 @@ def compile_function(
     # about the x0, x1 ... that it makes up: the last bits stay what they are without new names.
     order = sorted(arguments, key=lambda symbol: symbol.name)
     safe = {
-        symbol: sympy.Symbol(
-            f"{'a' if symbol.name < 'x' else 'y'}{number:04d}", real=symbol.is_real
-        )
+        symbol: sympy.Symbol(f"{'a' if symbol.name < 'x' else 'y'}{number:04d}", real=symbol.is_real)
         for number, symbol in enumerate(order)
     }
     names = [safe[symbol] for symbol in arguments]

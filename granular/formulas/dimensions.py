@@ -13,8 +13,7 @@ Dimension = tuple[Fraction, ...]
 BASE = ("m", "kg", "s", "A")
 NONE: Dimension = (Fraction(0),) * len(BASE)
 LENGTH, TIME, MASS, MOMENT = (
-    tuple(map(Fraction, powers))
-    for powers in ((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1))
+    tuple(map(Fraction, powers)) for powers in ((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (2, 0, 0, 1))
 )
 _SAME = {"+", "-", "max", "min", "abs"}
 
@@ -61,9 +60,7 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
 def _dimension_of_equal_terms(tree: Applied, parts: list[Dimension]) -> Dimension:
     # A zero has every unit.
     result = [
-        part
-        for part, operand in zip(parts, tree.operands, strict=True)
-        if _constant_value(operand) != 0
+        part for part, operand in zip(parts, tree.operands, strict=True) if _constant_value(operand) != 0
     ]
     for part in result[1:]:
         if part != result[0]:

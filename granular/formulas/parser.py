@@ -29,9 +29,7 @@ MAX_TERMS, MAX_SIZE = 300, 5000
 within about a second."""
 
 
-def parse(
-    text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplied: bool = True
-) -> Node:
+def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplied: bool = True) -> Node:
     """Parse a formula.
 
     Numbers, names (Latin and Greek letters, digits, underscores), the constants ``pi`` and ``e``,
@@ -72,17 +70,13 @@ class _Part(NamedTuple):
 
 
 class _Parser:
-    def __init__(
-        self, tokens: list[Token], functions: Mapping[str, Function], multiplied: bool
-    ) -> None:
+    def __init__(self, tokens: list[Token], functions: Mapping[str, Function], multiplied: bool) -> None:
         self.tokens, self.functions, self.multiplied = tokens, functions, multiplied
         # Each number and name is a stand-in of its own: nothing that was written reaches Python.
         words = {"number": "1", "name": "n"}
         pieces = [words.get(str(token.lastgroup), token[0].replace("^", "**")) for token in tokens]
         self.source = " ".join(pieces)
-        self.starts = list(
-            itertools.accumulate((len(piece) + 1 for piece in pieces[:-1]), initial=0)
-        )
+        self.starts = list(itertools.accumulate((len(piece) + 1 for piece in pieces[:-1]), initial=0))
 
     def tree(self) -> Node:
         try:
@@ -175,8 +169,7 @@ class _Parser:
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
             what = f"{terms:.3g} terms ({size:.3g} numbers and names) when multiplied out"
             remedy = (
-                f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of "
-                "fewer sums"
+                f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of fewer sums"
             )
             raise syntax_error(token, what, remedy)
         return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)

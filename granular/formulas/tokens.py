@@ -35,9 +35,24 @@ _TOKEN = re.compile(
     r"|(?P<foreign>[^ \t\r\n])"
 )
 _INSTEAD = {
-    "−": "-", "–": "-", "×": "*", "·": "*", "⋅": "*", "÷": "/", "²": "**2", "³": "**3",
-    "′": "'", "’": "'", "″": "''", '"': "''", "√": "sqrt", "[": "(", "]": ")", "{": "(", "}": ")",
-}  # fmt: skip
+    "−": "-",
+    "–": "-",
+    "×": "*",
+    "·": "*",
+    "⋅": "*",
+    "÷": "/",
+    "²": "**2",
+    "³": "**3",
+    "′": "'",
+    "’": "'",
+    "″": "''",
+    '"': "''",
+    "√": "sqrt",
+    "[": "(",
+    "]": ")",
+    "{": "(",
+    "}": ")",
+}
 
 
 class FormulaError(InputError):
@@ -55,8 +70,7 @@ def tokenize(text: str, functions: Mapping[str, Function]) -> list[Token]:
     """
     if len(text) > MAX_CHARACTERS:
         raise FormulaError(
-            f"{len(text)} characters are too long; at most {MAX_CHARACTERS} make a formula: write "
-            "it shorter"
+            f"{len(text)} characters are too long; at most {MAX_CHARACTERS} make a formula: write it shorter"
         )
     tokens = list(_TOKEN.finditer(text.translate(_TWINS)))
     for token in tokens:

@@ -144,9 +144,7 @@ def _values_or_default(values: Array | None, otherwise: Array | None) -> Array |
 
 
 @compiled
-def divide_by_mass(
-    stiffness: Array, moments: Array | None, masses: Array | None, count: int
-) -> None:
+def divide_by_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
     """Make stiffnesses of grains of moment 1 such over the mass; the same if moments are masses."""
     if moments is not None:
         for i in range(count):

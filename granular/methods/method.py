@@ -116,9 +116,7 @@ class Method:
 
     def __str__(self) -> str:
         calls = f"{self.force_calls} force{'s' * (self.force_calls != 1)} a step"
-        return ", ".join(
-            [f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source]
-        )
+        return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:
         """Table as plain data, which `resolve_method` takes.

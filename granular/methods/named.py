@@ -132,9 +132,7 @@ def register_methods(methods: Iterable[Method]) -> None:
     for method in methods:
         former = _own.get(resolve_method(method).name, method)
         if former != method:
-            raise InputError(
-                f"two methods are called {quote(method.name)}; give each a name of its own"
-            )
+            raise InputError(f"two methods are called {quote(method.name)}; give each a name of its own")
         _own[method.name] = method
 
 
@@ -144,8 +142,6 @@ def _is_built_in(method: Method) -> bool:
 
 def _from_entry_point(name: str) -> Method | None:
     entry_point = load_entry_point(GROUP, name, "method")
-    if entry_point is not None and (
-        not isinstance(entry_point, Method) or entry_point.name != name
-    ):
+    if entry_point is not None and (not isinstance(entry_point, Method) or entry_point.name != name):
         raise InputError(f"method {quote(name)} is no granular.Method of that name")
     return entry_point

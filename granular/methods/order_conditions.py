@@ -31,9 +31,7 @@ Tree: TypeAlias = "tuple[Tree, ...]"
 """A rooted tree: the trees that hang on its root."""
 
 
-def failed_composition_condition(
-    kicks: Sequence[float], drifts: Sequence[float], order: int
-) -> str | None:
+def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
     """First condition up to an order that a composition fails, in words; None if it holds.
 
     Parameters
@@ -77,9 +75,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
     return None
 
 
-def _word_coefficients(
-    kicks: Sequence[float], drifts: Sequence[float], order: int
-) -> list[np.ndarray]:
+def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: int) -> list[np.ndarray]:
     """Coefficients of all words, by their length; a word's letters are bits, kicks 0, drifts 1."""
     result = [np.zeros(1 << length) for length in range(order + 1)]
     result[0][0] = 1.0
@@ -90,18 +86,14 @@ def _word_coefficients(
     return result
 
 
-def _multiply_by_exponential(
-    result: list[np.ndarray], letter: int, duration: float
-) -> list[np.ndarray]:
+def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
     """Coefficients after another exponential, of one letter's span, on the right."""
     made = []
     for length in range(len(result)):
         total = np.zeros(1 << length)
         for more in range(length + 1):
             last = (1 << more) - 1 if letter else 0
-            total[last :: 1 << more] += (
-                duration**more / math.factorial(more) * result[length - more]
-            )
+            total[last :: 1 << more] += duration**more / math.factorial(more) * result[length - more]
         made.append(total)
     return made
 

@@ -40,14 +40,10 @@ def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> 
     middle = 1.0 - 2.0 * math.fsum(steps)
     total = (*steps, middle, *reversed(steps))
     inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(total))
-    return Method(
-        name, order, source, kicks=(0.5 * total[0], *inner, 0.5 * total[-1]), drifts=total
-    )
+    return Method(name, order, source, kicks=(0.5 * total[0], *inner, 0.5 * total[-1]), drifts=total)
 
 
-def _blanes_moan(
-    name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]
-) -> Method:
+def _blanes_moan(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
     """Return the method from its printed fractions; the middle ones follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
@@ -67,12 +63,10 @@ _TABLES = (
         drifts=(1.0,),
     ),
     _ends_with_kicks(
-        "stormer-verlet", 2, "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144",
-        0.5, 1.0,
+        "stormer-verlet", 2, "Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144", 0.5, 1.0
     ),
     _ends_with_drifts(
-        "position-verlet", 2, "Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137",
-        0.5, 1.0,
+        "position-verlet", 2, "Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137", 0.5, 1.0
     ),
     Method(
         "adaptive-verlet",
@@ -83,39 +77,59 @@ _TABLES = (
         variable=True,
     ),
     _compose_verlet_steps(
-        "forest-ruth", 4, "Forest and Ruth 1990, doi:10.1016/0167-2789(90)90019-L",
-        1.0 / (2.0 - _CUBE_ROOT),
+        "forest-ruth", 4, "Forest and Ruth 1990, doi:10.1016/0167-2789(90)90019-L", 1.0 / (2.0 - _CUBE_ROOT)
     ),
     _ends_with_drifts(
-        "pefrl", 4, "Omelyan, Mryglod and Folk 2002, doi:10.1016/S0010-4655(02)00451-4",
-        0.1786178958448091, 0.5 * (1.0 - 2.0 * -0.2123418310626054), -0.06626458266981849,
-        -0.2123418310626054, 1.0 - 2.0 * (-0.06626458266981849 + 0.1786178958448091),
+        "pefrl",
+        4,
+        "Omelyan, Mryglod and Folk 2002, doi:10.1016/S0010-4655(02)00451-4",
+        0.1786178958448091,
+        0.5 * (1.0 - 2.0 * -0.2123418310626054),
+        -0.06626458266981849,
+        -0.2123418310626054,
+        1.0 - 2.0 * (-0.06626458266981849 + 0.1786178958448091),
     ),
     _blanes_moan(
-        "blanes-moan-4", 4,
+        "blanes-moan-4",
+        4,
         (0.0792036964311957, 0.353172906049774, -0.0420650803577195),
         (0.209515106613362, -0.143851773179818),
     ),
     _blanes_moan(
-        "blanes-moan-6", 6,
-        (0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569,
-         0.541960678450780),
+        "blanes-moan-6",
+        6,
+        (0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569, 0.541960678450780),
         (0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175),
     ),
     _compose_verlet_steps(
-        "yoshida-6", 6, "Yoshida 1990, solution A, doi:10.1016/0375-9601(90)90092-3",
-        0.784513610477560, 0.235573213359357, -1.17767998417887,
+        "yoshida-6",
+        6,
+        "Yoshida 1990, solution A, doi:10.1016/0375-9601(90)90092-3",
+        0.784513610477560,
+        0.235573213359357,
+        -1.17767998417887,
     ),
     _compose_verlet_steps(
-        "kahan-li-6", 6, _KAHAN_LI,
-        0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981,
+        "kahan-li-6",
+        6,
+        _KAHAN_LI,
+        0.39216144400731413928,
+        0.33259913678935943860,
+        -0.70624617255763935981,
         0.08221359629355080023,
     ),
     _compose_verlet_steps(
-        "kahan-li-8", 8, _KAHAN_LI,
-        0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641,
-        0.15884190655515560090, -0.39590389413323757734, 0.18453964097831570709,
-        0.25837438768632204729, 0.29501172360931029887,
+        "kahan-li-8",
+        8,
+        _KAHAN_LI,
+        0.13020248308889008088,
+        0.56116298177510838456,
+        -0.38947496264484728641,
+        0.15884190655515560090,
+        -0.39590389413323757734,
+        0.18453964097831570709,
+        0.25837438768632204729,
+        0.29501172360931029887,
     ),
     Method("explicit-euler", 1, "Euler 1768; not symplectic, a control", tableau=((0.0,), (1.0,))),
     Method(
@@ -130,6 +144,6 @@ _TABLES = (
             (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
         ),
     ),
-)  # fmt: skip
+)
 
 METHODS = Registry(((method.name, method) for method in _TABLES), str)

@@ -35,13 +35,7 @@ from .forces import (
 from .frame import Frame, frame_at, observable
 from .harmonics import harmonic_response, stage_response
 from .hysteresis import hysteresis_cycles, hysteresis_energy
-from .moduli import (
-    bed_moduli,
-    crystal_moduli,
-    dipole_strength,
-    interaction_parameter,
-    melting_theory_modulus,
-)
+from .moduli import bed_moduli, crystal_moduli, dipole_strength, interaction_parameter, melting_theory_modulus
 from .packing import (
     area_fraction_profile,
     depaula_pair_distance,
@@ -54,12 +48,7 @@ from .packing import (
 from .plasticity import drop_statistics, elastic_strain, plastic_distortion, plastic_events
 from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
 from .temperature import configurational_temperature, kinetic_temperature
-from .translation import (
-    lattice_vector,
-    structure_factor,
-    translational_correlation,
-    translational_order,
-)
+from .translation import lattice_vector, structure_factor, translational_correlation, translational_order
 from .voronoi import cell_polygons, hexagon_regularity, polygon_fractions, voronoi_cells
 
 __all__ = [
@@ -132,4 +121,4 @@ __all__ = [
     "translational_order",
     "voronoi_cells",
     "wall_forces",
-]  # fmt: skip
+]

@@ -93,9 +93,7 @@ def _checked_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarr
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InputError("x or y holds a value that is not finite; drop such samples")
     if len(np.unique(x)) < 5:
-        raise InputError(
-            f"{len(np.unique(x))} different x; four parameters with intervals need at least 5"
-        )
+        raise InputError(f"{len(np.unique(x))} different x; four parameters with intervals need at least 5")
     return x, y
 
 
@@ -122,12 +120,7 @@ def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
     attempts = [
         least_squares(
-            misfit,
-            attempt,
-            bounds=(-LARGEST_RATE, LARGEST_RATE),
-            xtol=1e-12,
-            ftol=1e-14,
-            gtol=1e-14,
+            misfit, attempt, bounds=(-LARGEST_RATE, LARGEST_RATE), xtol=1e-12, ftol=1e-14, gtol=1e-14
         )
         for attempt in starts[:REFINED]
     ]
@@ -147,9 +140,7 @@ def _with_intervals(
     widths = stdtrit(free, 0.975) * np.sqrt(variance * _inverse_diagonal(slopes))
     values = np.concatenate([amplitudes, rates])
     intervals = np.stack([values - widths, values + widths], axis=1)
-    return BiexponentialFit(
-        amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance))
-    )
+    return BiexponentialFit(amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance)))
 
 
 def _inverse_diagonal(slopes: np.ndarray) -> np.ndarray:

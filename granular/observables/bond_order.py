@@ -164,8 +164,7 @@ def hexatic_susceptibility(orders: np.ndarray, counts: np.ndarray | int) -> floa
     numbers = np.asarray(counts, dtype=np.float64)
     if sizes.ndim != 1 or numbers.shape not in {(), sizes.shape}:
         raise InputError(
-            f"orders have the shape {sizes.shape} and counts {numbers.shape}; one each a frame is "
-            "wanted"
+            f"orders have the shape {sizes.shape} and counts {numbers.shape}; one each a frame is wanted"
         )
     known = np.isfinite(sizes)
     if np.count_nonzero(known) < 2:
@@ -261,17 +260,13 @@ def bond_correlation(
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs at least 2")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
-    products = sum_pair_products(points, order.real, edges) + sum_pair_products(
-        points, order.imag, edges
-    )
+    products = sum_pair_products(points, order.real, edges) + sum_pair_products(points, order.imag, edges)
     return mean_over_pairs(points, products, edges)
 
 
 @observable("1", "relaxation of bond orientation g6(t)")
 def bond_relaxation(
-    frames: np.ndarray,
-    lags: np.ndarray | None = None,
-    periods: tuple[float, float] | None = None,
+    frames: np.ndarray, lags: np.ndarray | None = None, periods: tuple[float, float] | None = None
 ) -> np.ndarray:
     """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)> of a grain, over grains and frames (k,).
 

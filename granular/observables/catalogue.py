@@ -27,11 +27,7 @@ from granular.observables.frame import (
     select_frames,
     species_names,
 )
-from granular.observables.packing import (
-    least_piston_distance,
-    mean_pair_distance,
-    packing_fraction,
-)
+from granular.observables.packing import least_piston_distance, mean_pair_distance, packing_fraction
 from granular.observables.temperature import fluctuation_energies, kinetic_temperature
 from granular.observables.voronoi import hexagon_regularity, polygon_fractions, voronoi_cells
 from granular.schema.sections import unknown
@@ -147,11 +143,24 @@ def grain_pressure(frame: Frame) -> np.ndarray:
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
     function.__name__: function
     for function in (
-        mean_distance, piston_distance, species_piston_distance, packing, hexatic_order, polygons,
-        interior_cells, regularity, defects, temperature, species_temperature, interaction_force,
-        force_fluctuation, compressive_force, grain_stress, grain_pressure,
+        mean_distance,
+        piston_distance,
+        species_piston_distance,
+        packing,
+        hexatic_order,
+        polygons,
+        interior_cells,
+        regularity,
+        defects,
+        temperature,
+        species_temperature,
+        interaction_force,
+        force_fluctuation,
+        compressive_force,
+        grain_stress,
+        grain_pressure,
     )
-}  # fmt: skip
+}
 """The package's observables by name."""
 
 
@@ -160,9 +169,8 @@ GROUP = "granular.observables"
 
 
 def per_frame(
-    run: Trajectory, function: str | Callable[[Frame], Value], start: float = 0.0,
-    stop: float = np.inf,
-) -> xarray.DataArray:  # fmt: skip
+    run: Trajectory, function: str | Callable[[Frame], Value], start: float = 0.0, stop: float = np.inf
+) -> xarray.DataArray:
     """Values of a function of a frame, at every frame with start <= time <= stop.
 
     Parameters
@@ -196,8 +204,7 @@ def per_frame(
     values = [_evaluate_checked(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [
-        np.asarray(name if labels is None else list(name.values()), dtype=np.float64)
-        for name in values
+        np.asarray(name if labels is None else list(name.values()), dtype=np.float64) for name in values
     ]
     dims = _dimensions(arrays, name, run.scene.grains.count, labels is not None)
     data = run.dataset.isel(frame=chosen)
@@ -208,9 +215,11 @@ def per_frame(
         known = ("grain", "species", "diameter")
         coordinates |= {name: data[name] for name in known if name in data.variables}
     return xarray.DataArray(
-        np.array(arrays), dims=("frame", *dims), coords=coordinates,
+        np.array(arrays),
+        dims=("frame", *dims),
+        coords=coordinates,
         attrs={} if marked is None else marked.attributes,
-    )  # fmt: skip
+    )
 
 
 def _evaluate_checked(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
@@ -226,14 +235,14 @@ def _evaluate_checked(function: Callable[[Frame], Value], name: str, frame: Fram
         ) from error
 
 
-def _dimensions(
-    values: Sequence[np.ndarray], name: str, count: int, labelled: bool
-) -> tuple[str, ...]:
+def _dimensions(values: Sequence[np.ndarray], name: str, count: int, labelled: bool) -> tuple[str, ...]:
     shapes = {value.shape[1:] if labelled else value.shape for value in values} or {()}
     known = {
-        (): (), (count,): ("grain",), (count, 2): ("grain", "axis"),
+        (): (),
+        (count,): ("grain",),
+        (count, 2): ("grain", "axis"),
         (count, 2, 2): ("grain", "row", "column"),
-    }  # fmt: skip
+    }
     if len(shapes) > 1 or not shapes <= set(known):
         raise InputError(
             f"observable {quote(name)} returns values of the shape "

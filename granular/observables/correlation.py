@@ -87,17 +87,17 @@ def per_distance(
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.inside(chosen))
     if edges is None:
-        edges = min(
-            (default_bin_edges(frame) for frame in frames), key=lambda some: float(some[-1])
-        )
+        edges = min((default_bin_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
     parts = [function(frame, edges) for frame in frames]
     total = np.sum([np.where(p.weights > 0, p.values * p.weights, 0.0) for p in parts], axis=0)
     values = divide_by_pair_count(total, np.sum([part.weights for part in parts], axis=0))
     middle, marked = 0.5 * (parts[0].edges[:-1] + parts[0].edges[1:]), observable_metadata(function)
     return xarray.DataArray(
-        values, dims="distance", coords={"distance": ("distance", middle, {"units": "m"})},
+        values,
+        dims="distance",
+        coords={"distance": ("distance", middle, {"units": "m"})},
         attrs={} if marked is None else marked.attributes,
-    )  # fmt: skip
+    )
 
 
 def check_bin_edges(edges: np.ndarray) -> np.ndarray:
@@ -110,9 +110,7 @@ def check_bin_edges(edges: np.ndarray) -> np.ndarray:
     """
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
-        raise InputError(
-            "edges must be at least two distances that increase from 0 m up; sort them"
-        )
+        raise InputError("edges must be at least two distances that increase from 0 m up; sort them")
     return array
 
 
@@ -282,10 +280,7 @@ def spatial_correlation(
     positions = check_positions(positions)
     values = check_grain_values("values", values, len(positions))
     known = np.isfinite(positions).all(axis=1) & np.isfinite(values)
-    points, deviation = (
-        positions[known],
-        values[known] - (values[known].mean() if known.any() else 0.0),
-    )
+    points, deviation = (positions[known], values[known] - (values[known].mean() if known.any() else 0.0))
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:

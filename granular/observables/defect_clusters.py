@@ -20,8 +20,13 @@ from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_ce
 from granular.shared.errors import InputError
 
 DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
-    "dislocation", "disclination", "vacancy", "interstitial", "bound pair", "grain boundary",
-)  # fmt: skip
+    "dislocation",
+    "disclination",
+    "vacancy",
+    "interstitial",
+    "bound pair",
+    "grain boundary",
+)
 
 LINKED = 7.0
 """Dislocations nearer than this to each other, in spacings, can belong to one boundary."""
@@ -216,10 +221,7 @@ def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]
     from scipy.cluster.hierarchy import fcluster, linkage
 
     able = [cluster for cluster in clusters if cluster.lattice.any()]
-    if (
-        sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in able)
-        < LEAST_OF_BOUNDARY / 2
-    ):
+    if sum(math.sqrt(lattice_norm_squared(defect.lattice)) for defect in able) < LEAST_OF_BOUNDARY / 2:
         return clusters
     rest = [cluster for cluster in clusters if not cluster.lattice.any()]
     positions = np.array([defect.position for defect in able])

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6
-from granular.observables.defect_clusters import (
-    BOUNDARY,
-    DISLOCATION,
-    KINDS,
-    PAIR,
-    Defects,
-    detect_defects,
-)
+from granular.observables.defect_clusters import BOUNDARY, DISLOCATION, KINDS, PAIR, Defects, detect_defects
 from granular.observables.defects import lattice_to_plane
 from granular.observables.frame import check_frames, select_frames
 from granular.observables.voronoi import voronoi_cells
@@ -93,9 +86,7 @@ class DefectEvent(NamedTuple):
     missing: np.ndarray
 
 
-def link_tracks(
-    frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY
-) -> list[DefectTrack]:
+def link_tracks(frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY) -> list[DefectTrack]:
     """Tracks of the defects, in the order in which they begin.
 
     From frame to frame the sum of the squared displacements is as small as it can be (SciPy's
@@ -138,11 +129,14 @@ def link_tracks(
     every = sorted(closed + open_ones, key=lambda growing: growing.frames[0])
     return [
         DefectTrack(
-            growing.kind, growing.lattice, np.array(growing.frames), np.array(growing.positions),
+            growing.kind,
+            growing.lattice,
+            np.array(growing.frames),
+            np.array(growing.positions),
             np.mean(growing.burgers, axis=0),
         )
         for growing in every
-    ]  # fmt: skip
+    ]
 
 
 class _OpenTrack(NamedTuple):
@@ -196,9 +190,7 @@ def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[Defect
     return [track for track in tracks if len(track.frames) >= frames]
 
 
-def find_events(
-    tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
-) -> list[DefectEvent]:
+def find_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
     """Events by which tracks end and begin.
 
     Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
@@ -213,10 +205,16 @@ def find_events(
     spacing : float
         [m]
     """
-    moments = [(int(end.frames[-1]) + 1, end.positions[-1], index, -1)
-               for index, end in enumerate(tracks) if end.frames[-1] + 1 < len(boxes)]  # fmt: skip
-    moments += [(int(end.frames[0]), end.positions[0], index, 1)
-                for index, end in enumerate(tracks) if end.frames[0] > 0]  # fmt: skip
+    moments = [
+        (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
+        for index, end in enumerate(tracks)
+        if end.frames[-1] + 1 < len(boxes)
+    ]
+    moments += [
+        (int(end.frames[0]), end.positions[0], index, 1)
+        for index, end in enumerate(tracks)
+        if end.frames[0] > 0
+    ]
     moments.sort(key=lambda end: end[0])
     events = []
     while moments:
@@ -383,9 +381,12 @@ def track_defects(
 
 
 def _dataset(
-    defects: Sequence[Defects], tracks: Sequence[DefectTrack], events: Sequence[DefectEvent],
-    times: np.ndarray, spacing: float,
-) -> xarray.Dataset:  # fmt: skip
+    defects: Sequence[Defects],
+    tracks: Sequence[DefectTrack],
+    events: Sequence[DefectEvent],
+    times: np.ndarray,
+    spacing: float,
+) -> xarray.Dataset:
     import xarray
 
     moves = [motion_of_track(entry, times) for entry in tracks]
@@ -413,10 +414,16 @@ def _dataset(
     angle = defects[0].angle
     missing = _pair_array(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
     data["event_kind"] = ("event", _string_array(entry.kind for entry in events))
-    data["event_time"] = ("event", np.array([times[entry.frame] for entry in events], dtype=float),
-                          {"units": "s"})  # fmt: skip
-    data["event_position"] = (("event", "axis"), _pair_array(entry.position for entry in events),
-                              {"units": "m"})  # fmt: skip
+    data["event_time"] = (
+        "event",
+        np.array([times[entry.frame] for entry in events], dtype=float),
+        {"units": "s"},
+    )
+    data["event_position"] = (
+        ("event", "axis"),
+        _pair_array(entry.position for entry in events),
+        {"units": "m"},
+    )
     data["event_burgers"] = (("event", "axis"), missing, {"units": "m"})
     counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
     data["count"] = (("frame", "defect"), np.array(counts), {"units": "1"})
@@ -425,10 +432,9 @@ def _dataset(
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return xarray.Dataset(
         data,
-        coords={"frame_time": ("frame", times, {"units": "s"}), "defect": list(KINDS),
-                "axis": ["x", "y"]},
+        coords={"frame_time": ("frame", times, {"units": "s"}), "defect": list(KINDS), "axis": ["x", "y"]},
         attrs={"conserved": float(np.mean(inside)) if inside else np.nan, "spacing": spacing},
-    )  # fmt: skip
+    )
 
 
 def _string_array(values: Any) -> np.ndarray:

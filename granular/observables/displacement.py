@@ -146,9 +146,7 @@ def non_gaussian_parameter(frames: np.ndarray, lags: np.ndarray | None = None) -
     return np.asarray(fourth / (2.0 * squared) - 1.0)
 
 
-def _displacement_moments(
-    frames: np.ndarray, lags: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _displacement_moments(frames: np.ndarray, lags: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Means of the second and fourth power of the displacements."""
     frames = check_frames(frames, least=2)
     result = []
@@ -164,9 +162,7 @@ def _displacement_moments(
 
 @observable("1", "dynamic Lindemann parameter")
 def lindemann_parameter(
-    frames: np.ndarray,
-    lags: np.ndarray | None = None,
-    periods: tuple[float, float] | None = None,
+    frames: np.ndarray, lags: np.ndarray | None = None, periods: tuple[float, float] | None = None
 ) -> np.ndarray:
     """Lindemann parameter gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2) over neighbours i and j.
 
@@ -272,9 +268,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     number = np.bincount(i, minlength=count)
     able = cells.interior & (number > 2) & np.isfinite(second).all(axis=1)
     gradient = np.full((count, 2, 2), np.nan)
-    gradient[able] = np.linalg.solve(square[able], mixed[able].transpose(0, 2, 1)).transpose(
-        0, 2, 1
-    )
+    gradient[able] = np.linalg.solve(square[able], mixed[able].transpose(0, 2, 1)).transpose(0, 2, 1)
     rest = after - np.einsum("jab,jb->ja", gradient[i], before)
     total = np.bincount(i, (rest**2).sum(axis=1), minlength=count)
     d2min = np.where(able, total / np.maximum(number, 1), np.nan)

@@ -32,8 +32,7 @@ def piston_force(run: Trajectory) -> xarray.DataArray:
     """
     if "piston_force" not in run.dataset:
         raise InputError(
-            f"scene {run.scene.name!r} records no piston force; give it a piston and "
-            "effects.walls.top"
+            f"scene {run.scene.name!r} records no piston force; give it a piston and effects.walls.top"
         )
     return run.dataset["piston_force"]
 
@@ -96,9 +95,7 @@ def interaction_forces(frame: Frame) -> np.ndarray:
     return frame.forces - frame.masses[:, None] * acceleration
 
 
-def compressive_forces(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None
-) -> np.ndarray:
+def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> np.ndarray:
     """Sum of the magnitudes of all forces of other grains and of walls on each grain.
 
     De Paula writes it apart from the resulting force (``comPart`` and ``forPart``) and draws its
@@ -165,9 +162,7 @@ def relative_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> np.ndar
     return fluctuation
 
 
-def grain_virials(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None
-) -> np.ndarray:
+def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> np.ndarray:
     """Virial of each grain: sum of branch times force, half for a pair and whole for a wall.
 
     The branch of a pair belongs to both grains, that of a wall to one alone. So the sum over all
@@ -202,10 +197,7 @@ def grain_virials(
 
 
 def grain_stresses(
-    scene: Scene,
-    positions: np.ndarray,
-    piston_height: float | None = None,
-    cells: VoronoiCells | None = None,
+    scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
     """`grain_virials` over the area of the Voronoi cell: the stress tensor of each grain.
 
@@ -237,10 +229,7 @@ def grain_stresses(
 
 
 def grain_pressures(
-    scene: Scene,
-    positions: np.ndarray,
-    piston_height: float | None = None,
-    cells: VoronoiCells | None = None,
+    scene: Scene, positions: np.ndarray, piston_height: float | None = None, cells: VoronoiCells | None = None
 ) -> np.ndarray:
     """Half the trace of `grain_stresses` (n,) [N/m]; NaN without an interior Voronoi cell.
 

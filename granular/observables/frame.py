@@ -57,9 +57,7 @@ values by their labels."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def observable(
-    unit: str, meaning: str = "", name: str | None = None
-) -> Callable[[Function], Function]:
+def observable(unit: str, meaning: str = "", name: str | None = None) -> Callable[[Function], Function]:
     """Give a function its unit, and make it an observable.
 
     Parameters
@@ -148,9 +146,7 @@ def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -
     of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
     for k in range(len(times)):
         height = float("nan") if heights is None else float(heights[k])
-        yield Frame(
-            run.scene, float(times[k]), positions[k], velocities[k], forces[k], height, *of_grains
-        )
+        yield Frame(run.scene, float(times[k]), positions[k], velocities[k], forces[k], height, *of_grains)
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
@@ -193,9 +189,7 @@ def require_piston(scene: Scene) -> None:
 def species_names(scene: Scene) -> list[str]:
     """Names of the species, with their index where two have the same."""
     names = [specy.name for specy in scene.grains.species]
-    return [
-        name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)
-    ]
+    return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
 def check_positions(positions: np.ndarray) -> np.ndarray:
@@ -245,9 +239,7 @@ def present_positions(positions: np.ndarray) -> np.ndarray:
     return array[is_present(array)]
 
 
-def check_grain_values(
-    name: str, values: np.ndarray, count: int, width: int | None = None
-) -> np.ndarray:
+def check_grain_values(name: str, values: np.ndarray, count: int, width: int | None = None) -> np.ndarray:
     """One value or row for each grain, float64 (count,) or (count, width).
 
     Raises

@@ -101,9 +101,7 @@ def harmonic_response(
     >>> round(float(np.ravel(found.ratio)[0]), 2)
     0.5
     """
-    time, drive, response = (
-        np.asarray(series, dtype=np.float64) for series in (time, drive, response)
-    )
+    time, drive, response = (np.asarray(series, dtype=np.float64) for series in (time, drive, response))
     if time.ndim != 1 or not time.shape == drive.shape == response.shape or not len(time):
         raise InputError(
             f"time, drive and response have the shapes {time.shape}, {drive.shape}, "
@@ -121,17 +119,10 @@ def harmonic_response(
     # Time from the middle of the window leaves the drift independent of the rest.
     middle = time[-1] - 0.5 * periods / frequency
     since = time - middle
-    into, out = (
-        _fit_harmonics(since, values, frequency, harmonics) for values in (drive, response)
-    )
+    into, out = (_fit_harmonics(since, values, frequency, harmonics) for values in (drive, response))
     transfer = _transfer_function(into.amplitudes, out.amplitudes)
     spread = _transfer_of_each_period(
-        since,
-        drive - into.drift * since,
-        response - out.drift * since,
-        frequency,
-        harmonics,
-        periods,
+        since, drive - into.drift * since, response - out.drift * since, frequency, harmonics, periods
     )
     along, across = _standard_errors(transfer, spread)
     ratio = np.abs(transfer)
@@ -150,10 +141,7 @@ def harmonic_response(
 
 
 def stage_response(
-    run: Trajectory,
-    stage: str | None = None,
-    harmonics: int = 3,
-    discard: float | None = None,
+    run: Trajectory, stage: str | None = None, harmonics: int = 3, discard: float | None = None
 ) -> xarray.Dataset:
     """`harmonic_response` of a stage that pushes the piston, or moves it, to and fro.
 
@@ -260,12 +248,7 @@ def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
 
 
 def _transfer_of_each_period(
-    time: np.ndarray,
-    drive: np.ndarray,
-    response: np.ndarray,
-    frequency: float,
-    harmonics: int,
-    periods: int,
+    time: np.ndarray, drive: np.ndarray, response: np.ndarray, frequency: float, harmonics: int, periods: int
 ) -> np.ndarray:
     """`_transfer_function` of every single period (p, K), of signals without drift.
 
@@ -277,9 +260,7 @@ def _transfer_of_each_period(
     for period_number in range(periods):
         here = which == period_number
         parts = (
-            _fit_harmonics(
-                time[here], values[here], frequency, harmonics, drifting=False
-            ).amplitudes
+            _fit_harmonics(time[here], values[here], frequency, harmonics, drifting=False).amplitudes
             for values in (drive, response)
         )
         rows.append(_transfer_function(*parts))

@@ -23,9 +23,7 @@ BLOCK = 512
 """Grains whose pairs are in memory simultaneously."""
 
 KNOWN = ("dipole", "contact", "walls")
-SILENT = (
-    "bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction",
-)  # fmt: skip
+SILENT = ("bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction")
 """Effects that press no grain against another one or a wall."""
 
 
@@ -73,9 +71,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     contact = _natural_law(system, "contact")
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = _nearest_image_displacements(
-            points[some, None] - points[None], scene, scales.length
-        )
+        branch = _nearest_image_displacements(points[some, None] - points[None], scene, scales.length)
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
@@ -113,9 +109,11 @@ def wall_interactions(
     x, y = (positions[here] / scales.length).T
     width, height = system.constants.width, piston_height / scales.length
     seen = {
-        "left": (x, y, (1.0, 0.0)), "right": (width - x, y, (-1.0, 0.0)),
-        "bottom": (y, x, (0.0, 1.0)), "top": (height - y, x, (0.0, -1.0)),
-    }  # fmt: skip
+        "left": (x, y, (1.0, 0.0)),
+        "right": (width - x, y, (-1.0, 0.0)),
+        "bottom": (y, x, (0.0, 1.0)),
+        "top": (height - y, x, (0.0, -1.0)),
+    }
     acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
     moments = magnetic_moments(scene)[here]
     branches, forces = np.zeros((2, len(here), len(acting), 2))
@@ -164,24 +162,18 @@ def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 
 
-def _contact_pair_forces(
-    law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray
-) -> np.ndarray:
+def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     from granular.effects import contact
 
     push = np.zeros_like(r)
     overlap = law.radius[first][:, None] + law.radius[second][None] - r
     for i, j in np.argwhere(overlap > 0.0):
-        spring = _callable_kernel(contact.spring_constant)(
-            law, law.radius[first[i]], law.radius[second[j]]
-        )
+        spring = _callable_kernel(contact.spring_constant)(law, law.radius[first[i]], law.radius[second[j]])
         push[i, j] = _callable_kernel(contact.force)(spring, overlap[i, j])
     return push
 
 
-def _wall_force_components(
-    law: Any, w: np.ndarray, along: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _wall_force_components(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force on grains of moment 1 away from the wall, and along it."""
     from granular.effects import wall_slab
 

@@ -257,14 +257,10 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     moments = magnetic_moments(scene)
     strength = dipole_strength(_first_moment(scene))
     density = len(inner) / area
-    energies, forces, matrix = _strained_lattice_sums(
-        positions, moments, here, inner, length, density
-    )
+    energies, forces, matrix = _strained_lattice_sums(positions, moments, here, inner, length, density)
     affine = _affine_moduli(strength, energies, area)
     lost = 0.25 / area * strength * np.einsum("ik,ik->k", forces, np.linalg.solve(matrix, forces))
-    relaxed = Moduli(
-        affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2])
-    )
+    relaxed = Moduli(affine.pressure, affine.bulk - lost[0], affine.shear - 0.5 * (lost[1] + lost[2]))
     return BedModuli(affine, relaxed, density, len(inner))
 
 
@@ -275,9 +271,7 @@ def _first_moment(scene: Scene) -> float:
     return scales.current * scales.length**2
 
 
-def _interior_grains_and_reach(
-    positions: np.ndarray, reach: float
-) -> tuple[np.ndarray, float, float]:
+def _interior_grains_and_reach(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
     """Inner grains, the area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
@@ -299,9 +293,7 @@ def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
     """From 1 to 0 at the reach, smoothly: shells of a lattice enter and leave without a jump."""
     along = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
-        rise, fall = (
-            np.where(part > 0.0, np.exp(-1.0 / part), 0.0) for part in (along, 1.0 - along)
-        )
+        rise, fall = (np.where(part > 0.0, np.exp(-1.0 / part), 0.0) for part in (along, 1.0 - along))
     return np.asarray(fall / (rise + fall))
 
 
@@ -314,9 +306,13 @@ def _tail_integral(reach: float) -> float:
 
 
 def _strained_lattice_sums(
-    positions: np.ndarray, moments: np.ndarray, here: np.ndarray, inner: np.ndarray, reach: float,
+    positions: np.ndarray,
+    moments: np.ndarray,
+    here: np.ndarray,
+    inner: np.ndarray,
+    reach: float,
     density: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energy of each inner grain, forces after each strain and their matrix, all over C."""
     count = len(inner)
     position = np.full(len(positions), -1)

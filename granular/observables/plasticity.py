@@ -143,9 +143,7 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     if count < 2 or logs == 0.0:
         return DropStatistics(np.nan, np.nan, count, float(drops.mean()) if count else np.nan)
     exponent = 1.0 + count / logs
-    return DropStatistics(
-        exponent, (exponent - 1.0) / float(np.sqrt(count)), count, float(drops.mean())
-    )
+    return DropStatistics(exponent, (exponent - 1.0) / float(np.sqrt(count)), count, float(drops.mean()))
 
 
 class Slip(NamedTuple):
@@ -229,16 +227,16 @@ def plastic_distortion(frames: np.ndarray) -> Slip:
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = lattice_to_plane(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _slip_of_event(event, tracks)
-            rim[event.frame] += swept_area(
-                burgers, -displacement_to_edge(event.position, burgers, box)
-            )
+            rim[event.frame] += swept_area(burgers, -displacement_to_edge(event.position, burgers, box))
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return Slip(
         np.cumsum(moves / area[:, None, None], axis=0),
         np.cumsum(jumps / area[:, None, None], axis=0),
         np.cumsum(rim / area[:, None, None], axis=0),
-        tuple(defects), tuple(tracks), float(np.mean(inside)) if inside else np.nan,
-    )  # fmt: skip
+        tuple(defects),
+        tuple(tracks),
+        float(np.mean(inside)) if inside else np.nan,
+    )
 
 
 def swept_area(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
@@ -263,9 +261,7 @@ def displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndar
     return np.asarray(along * displacements[np.argmin(np.abs(displacements))])
 
 
-def _add_track_moves(
-    moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float
-) -> None:
+def _add_track_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]

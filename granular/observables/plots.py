@@ -70,9 +70,14 @@ def draw_bed(
 
     diameters = 1e3 * scene.grains.diameters()
     grains = EllipseCollection(
-        diameters, diameters, np.zeros(len(diameters)), units="xy",
-        offsets=1e3 * positions, offset_transform=axes.transData, linewidths=0.0,
-    )  # fmt: skip
+        diameters,
+        diameters,
+        np.zeros(len(diameters)),
+        units="xy",
+        offsets=1e3 * positions,
+        offset_transform=axes.transData,
+        linewidths=0.0,
+    )
     if colours is None:
         grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()])
     else:
@@ -123,9 +128,11 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
     ax.add_collection(
         PolyCollection(
             [1e3 * polygon for polygon in polygons.values()],
-            facecolors=[colours[classes[i]] for i in polygons], edgecolors="white", linewidths=0.6,
+            facecolors=[colours[classes[i]] for i in polygons],
+            edgecolors="white",
+            linewidths=0.6,
         )
-    )  # fmt: skip
+    )
     ax.plot(*(1e3 * np.asarray(positions)).T, ".", color="#333333", markersize=2.0)
     present = {int(classes[i]) for i in polygons}
     patches = [
@@ -134,15 +141,16 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
         if k in present
     ]
     ax.legend(
-        handles=patches, title="sides of the cell", loc="upper left", alignment="left",
+        handles=patches,
+        title="sides of the cell",
+        loc="upper left",
+        alignment="left",
         bbox_to_anchor=(1.0, 1.0),
-    )  # fmt: skip
+    )
     return _style_as_map(ax)
 
 
-def plot_dislocations(
-    dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None
-) -> Axes:
+def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Grains, the pentagon and the heptagon of each dislocation, and its Burgers vector.
 
     Parameters
@@ -169,16 +177,19 @@ def plot_dislocations(
         ax.plot(*chosen.T, marker, color=colour, markersize=5.0, linestyle="none", label=label)
     if len(dislocations.pairs):
         ax.quiver(
-            *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T,
-            angles="xy", scale_units="xy", scale=1.0, width=0.003, color="#333333",
-        )  # fmt: skip
+            *(1e3 * dislocations.positions).T,
+            *(1e3 * dislocations.burgers).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            width=0.003,
+            color="#333333",
+        )
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return _style_as_map(ax)
 
 
-def plot_defect_paths(
-    tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None
-) -> Axes:
+def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors.
 
     Parameters
@@ -216,9 +227,15 @@ def plot_defect_paths(
         arrow = 1e3 * tracked["burgers"].values[track]
         if kind == "dislocation":
             ax.quiver(
-                *path[-1], *arrow, angles="xy", scale_units="xy", scale=1.0, width=0.004,
-                color="#333333", zorder=4,
-            )  # fmt: skip
+                *path[-1],
+                *arrow,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=0.004,
+                color="#333333",
+                zorder=4,
+            )
     if shown:
         looks: dict[str, Any] = {"color": "#333333", "linestyle": "none", "markersize": 6.0}
         signs = [("o", "first seen"), ("x", "last seen"), (r"$\rightarrow$", "Burgers vector")]
@@ -283,9 +300,7 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
     height, force = 1e3 * run.dataset["piston_height"].values, piston_force(run).values
     moving = np.gradient(height)
     for label, chosen, style in (("down", moving < 0.0, "-"), ("up", moving > 0.0, "--")):
-        ax.plot(
-            np.where(chosen, height, np.nan), np.where(chosen, force, np.nan), style, label=label
-        )
+        ax.plot(np.where(chosen, height, np.nan), np.where(chosen, force, np.nan), style, label=label)
     ax.set(xlabel="piston height [mm]", ylabel="piston force [N]")
     ax.legend()
     return ax
@@ -366,10 +381,13 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
     ax = axes_or_new(ax)
     for k, (name, histogram) in enumerate(histograms.items()):
         ax.stairs(
-            histogram.density, histogram.edges, fill=True, alpha=0.35,
+            histogram.density,
+            histogram.edges,
+            fill=True,
+            alpha=0.35,
             color=COLOURS[k % len(COLOURS)],
             label=f"{plain_label(name)}: {histogram.counts.sum()} grains",
-        )  # fmt: skip
+        )
     ax.set(xlabel="compressive force on the grain [N]", ylabel="probability density [1/N]")
     ax.legend()
     return ax
@@ -407,15 +425,17 @@ def plot_forces(
         chosen = (np.asarray(species) == k) & np.isfinite(sizes)
         if chosen.any() and sizes[chosen].max() > 0.0:
             ax.quiver(
-                *points[chosen].T, *(forces[chosen] / sizes[chosen].max()).T,
-                color=COLOURS[int(k) % len(COLOURS)], angles="xy", width=0.0025, scale=25.0,
-            )  # fmt: skip
+                *points[chosen].T,
+                *(forces[chosen] / sizes[chosen].max()).T,
+                color=COLOURS[int(k) % len(COLOURS)],
+                angles="xy",
+                width=0.0025,
+                scale=25.0,
+            )
     return _style_as_map(ax)
 
 
-def plot_order_correlation(
-    orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None
-) -> Axes:
+def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Psi6 over the fraction of hexagons, with the line of best fit [D, Fig. 4.13].
 
     Parameters
@@ -443,9 +463,7 @@ def plot_order_correlation(
     return ax
 
 
-def plot_biexponential(
-    fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None
-) -> Axes:
+def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None) -> Axes:
     """Return the samples and the fitted law [D, Fig. 4.8].
 
     Parameters
@@ -496,9 +514,14 @@ def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Ax
             for name in ("ratio", "ratio_error")
         )
         ax.errorbar(
-            frequencies, ratio, error, fmt="o" + STYLES[k % len(STYLES)], markersize=4.0,
-            capsize=2.0, label=f"harmonic {harmonic}",
-        )  # fmt: skip
+            frequencies,
+            ratio,
+            error,
+            fmt="o" + STYLES[k % len(STYLES)],
+            markersize=4.0,
+            capsize=2.0,
+            label=f"harmonic {harmonic}",
+        )
     ax.set_yscale("log")
     unit = responses[0]["ratio"].attrs["units"]
     ax.set(xlabel="frequency of the drive [Hz]", ylabel=f"amplitude ratio [{unit}]")

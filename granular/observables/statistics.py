@@ -307,9 +307,7 @@ def knuth_bins(values: np.ndarray) -> int:
     if low == high:
         return 1
     bins = np.arange(1, min(count, MOST_BINS) + 1)
-    filled = np.array(
-        [gammaln(_bin_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins]
-    )
+    filled = np.array([gammaln(_bin_counts(values, np.linspace(low, high, m + 1)) + 0.5).sum() for m in bins])
     posterior = (
         count * np.log(bins)
         + gammaln(0.5 * bins)

@@ -132,9 +132,7 @@ def configurational_temperature(
     return square / bend
 
 
-def potential_laplacian(
-    scene: Scene, positions: np.ndarray, piston_height: float | None = None
-) -> float:
+def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: float | None = None) -> float:
     """Laplacian of U of dipoles and walls [N/m]; weight and shaking have none.
 
     Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with

@@ -50,9 +50,7 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
         raise InputError(f"wave vectors have the shape {vectors.shape}; (k, 2) is wanted")
     if not len(points):
         raise InputError("no grain is present; give a frame with grains")
-    return np.array([abs(np.exp(1j * (points @ vector)).sum()) ** 2 for vector in vectors]) / len(
-        points
-    )
+    return np.array([abs(np.exp(1j * (points @ vector)).sum()) ** 2 for vector in vectors]) / len(points)
 
 
 def lattice_vector(positions: np.ndarray) -> np.ndarray:

@@ -124,16 +124,12 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 
     count = len(points)
     gap = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    area = np.where(
-        interior, _sum_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0
-    )
+    area = np.where(interior, _sum_per_grain(pairs, np.where(outer, 0.0, gap * lengths / 4.0), count), 0.0)
     squares = _sum_per_grain(pairs, np.where(outer, 0.0, lengths**2), count)
     sides = np.bincount(pairs[real].ravel(), minlength=count)
     return VoronoiCells(
         sides=_expand_to_all_grains(sides, present, len(positions), 0),
-        area=_expand_to_all_grains(
-            np.where(interior, area, np.nan), present, len(positions), np.nan
-        ),
+        area=_expand_to_all_grains(np.where(interior, area, np.nan), present, len(positions), np.nan),
         side_squares=_expand_to_all_grains(
             np.where(interior, squares, np.nan), present, len(positions), np.nan
         ),
@@ -278,8 +274,7 @@ def _interior_cells(
 def _sum_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sum over the pairs of each grain (count,)."""
     return np.asarray(
-        np.bincount(pairs[:, 0], values, minlength=count)
-        + np.bincount(pairs[:, 1], values, minlength=count)
+        np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)
     )
 
 

@@ -149,9 +149,7 @@ def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int
         result = _find_partners_in_cell(cells, x, y, i, cells.cell[i] + 1, reach, result)
     if row + 1 < rows:
         for adjacent in range(max(column - 1, 0), min(column + 2, columns)):
-            result = _find_partners_in_cell(
-                cells, x, y, i, (row + 1) * columns + adjacent, reach, result
-            )
+            result = _find_partners_in_cell(cells, x, y, i, (row + 1) * columns + adjacent, reach, result)
     return result
 
 

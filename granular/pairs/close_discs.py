@@ -69,9 +69,7 @@ class CloseDiscs(NamedTuple):
     periods: np.ndarray | None
 
 
-def close_discs_workspace(
-    size: int, reach: float, periods: tuple[float, float] | None
-) -> CloseDiscs:
+def close_discs_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscs:
     """Workspace for that many grains (padded) and that reach of the tables [D]."""
     capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
     capacity = min(capacity, max(1, size * (size - 1) // 2))
@@ -277,9 +275,7 @@ def _stiffness(discs: Discs, row: int, u: float) -> float:
     tables, force = discs.close, discs.series[FORCE]
     rho2 = u - tables.pairs[row, SHIFT]
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
-    ratio = STRENGTH * fifth * (1.0 + force * fifth) + _cubic(
-        tables, row, *_piece_at(tables, row, u)
-    )
+    ratio = STRENGTH * fifth * (1.0 + force * fifth) + _cubic(tables, row, *_piece_at(tables, row, u))
     slope = -2.5 * STRENGTH * fifth / rho2 * (1.0 + 2.0 * force * fifth) + _slope(tables, row, u)
     if u < tables.pairs[row, SMOOTH]:
         more, _, by_u = _singular(tables, row, u)
@@ -301,9 +297,7 @@ def _apart(periods: Array | None, x: Array, y: Array, i: int, j: int) -> tuple[f
     return _nearest(periods, 0, x[i] - x[j]), _nearest(periods, 1, y[i] - y[j])
 
 
-def closest_over_contact(
-    discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.ndarray
-) -> tuple[float, int]:
+def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
     """Least distance of two discs over that at which they touch, and the first of them."""
     i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]
     if not len(i):

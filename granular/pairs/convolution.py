@@ -39,15 +39,12 @@ def _convolve_along_lines(
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
         both = [
-            b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart)))
-            for at in indices
+            b.fadd(code.load(source, b.sub(at, apart)), code.load(source, b.add(at, apart))) for at in indices
         ]
         for term in range(TERMS):
             fraction = code.splat(code.scalar(table, b.add(first, ir.Constant(INDEX, term))))
             for values, totals in zip(both, sums, strict=True):
-                b.store(
-                    code.fused_multiply_add(values, fraction, b.load(totals[term])), totals[term]
-                )
+                b.store(code.fused_multiply_add(values, fraction, b.load(totals[term])), totals[term])
     return [[b.load(total) for total in totals] for totals in sums]
 
 
@@ -76,9 +73,14 @@ def _new_sums(code: Code, many: int) -> list[Any]:
 
 
 def _add_tile(
-    code: Code, rows: ir.Value, begin: ir.Value, table: ir.Value, apart: ir.Value,
-    distances: int, sums: list[Any],
-) -> None:  # fmt: skip
+    code: Code,
+    rows: ir.Value,
+    begin: ir.Value,
+    table: ir.Value,
+    apart: ir.Value,
+    distances: int,
+    sums: list[Any],
+) -> None:
     """Add some distances, from ``apart`` on, to the sums of lines that follow each other.
 
     ``begin`` is the index of a term of the first line. What two lines have in common is loaded
@@ -133,19 +135,37 @@ def _convolve_across_lines(
 
 @intrinsic
 def _convolve_columns(
-    typing: Any, source: Any, out: Any, along: Any, across: Any, rows: Any, at: Any, stride: Any,
-    lines: Any, first: Any, scale: Any, around: Any,
-) -> Any:  # fmt: skip
+    typing: Any,
+    source: Any,
+    out: Any,
+    along: Any,
+    across: Any,
+    rows: Any,
+    at: Any,
+    stride: Any,
+    lines: Any,
+    first: Any,
+    scale: Any,
+    around: Any,
+) -> Any:
     signature = types.void(
-        source, out, along, across, rows, types.intp, types.intp, types.intp, types.boolean,
-        types.float64, around,
-    )  # fmt: skip
+        source,
+        out,
+        along,
+        across,
+        rows,
+        types.intp,
+        types.intp,
+        types.intp,
+        types.boolean,
+        types.float64,
+        around,
+    )
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code, b = Code(context, builder), builder
         pointers = [
-            code.data(kind, array)
-            for kind, array in zip(signature.args[:5], values[:5], strict=True)
+            code.data(kind, array) for kind, array in zip(signature.args[:5], values[:5], strict=True)
         ]
         source, out, along, across, rows = pointers
         at, stride, lines, first, scale = values[5:10]
@@ -183,23 +203,38 @@ def _convolve_columns(
 
 @compiled
 def _convolve(
-    source: Array, out: Array, along: Array, across: Array, rows: Array, at: int, stride: int,
-    lines: int, scale: float, around: Array | None,
-) -> None:  # fmt: skip
+    source: Array,
+    out: Array,
+    along: Array,
+    across: Array,
+    rows: Array,
+    at: int,
+    stride: int,
+    lines: int,
+    scale: float,
+    around: Array | None,
+) -> None:
     reach, block = along.shape[1], TERMS * WIDTH
     rows[: reach * block] = 0.0
     rows[(reach + lines) * block : (2 * reach + lines) * block] = 0.0
     for group in range(len(along)):
         _convolve_columns(
-            source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale,
-            around,
-        )  # fmt: skip
+            source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale, around
+        )
 
 
 def _plain_convolve(
-    source: Array, out: Array, along: Array, across: Array, rows: Array, at: int, stride: int,
-    lines: int, scale: float, around: Array | None,
-) -> None:  # fmt: skip
+    source: Array,
+    out: Array,
+    along: Array,
+    across: Array,
+    rows: Array,
+    at: int,
+    stride: int,
+    lines: int,
+    scale: float,
+    around: Array | None,
+) -> None:
     reach = along.shape[1]
     indices = at + stride * np.arange(lines)[:, None] + np.arange(WIDTH)
     out[indices] = 0.0

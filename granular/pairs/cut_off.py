@@ -19,13 +19,7 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sweep import sweep_runs
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.pair_arrays import (
-    PairArrays,
-    if_given,
-    set_forces_to_nan,
-    sum_scale,
-    with_extremes,
-)
+from granular.pairs.pair_arrays import PairArrays, if_given, set_forces_to_nan, sum_scale, with_extremes
 from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.simd import INDEX, WIDTH, Code, constant
 from granular.pairs.stripe_lists import refresh_lists
@@ -91,9 +85,7 @@ def _wrap_into_cell(homes: Array | None, stripes: Stripes, part: int) -> None:
 
 
 @compiled(inline=True)
-def _clear_sums_of_part(
-    asked: Array | None, sums: Array | None, stripes: Stripes, part: int
-) -> None:
+def _clear_sums_of_part(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
     if asked is not None:
         _clear_part(sums, stripes, part)
 
@@ -105,9 +97,7 @@ def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
 
 
 @compiled
-def _sweep_part(
-    stripes: Stripes, asked: PairArrays, part: int, radius: float, smooth: bool | None
-) -> None:
+def _sweep_part(stripes: Stripes, asked: PairArrays, part: int, radius: float, smooth: bool | None) -> None:
     """Meet the partners of a part's rows."""
     sums = PairArrays(
         stripes.x,
@@ -146,9 +136,7 @@ def _copy_sums_to_grains(
 
 
 @compiled
-def _copy_sum_to_grains(
-    out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int
-) -> None:
+def _copy_sum_to_grains(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
     if sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
@@ -186,9 +174,7 @@ def _place_threaded(stripes: Stripes, asked: PairArrays) -> None:
 
 
 @compiled(parallel=True)
-def _sweep_threaded(
-    stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None
-) -> None:
+def _sweep_threaded(stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
         _sweep_part(stripes, asked, part, radius, smooth)
 

@@ -57,9 +57,16 @@ def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) ->
     for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
         pairs = pair_contributions(
-            code, grain, partners, sweep.arrays.sums, sweep.extremes, lanes, sweep.cut, None,
+            code,
+            grain,
+            partners,
+            sweep.arrays.sums,
+            sweep.extremes,
+            lanes,
+            sweep.cut,
+            None,
             sweep.arrays.series,
-        )  # fmt: skip
+        )
         for total, value in zip(sums, present_arrays(pairs[0]), strict=True):
             code.raise_by(total, value)
         reactions = add_lanes(code, reactions, present_arrays(pairs[1]))
@@ -74,15 +81,11 @@ def _shift_rows_by_image(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value
     b = code.builder
     across = code.splat(code.scalar(shifts, index))
     up = code.splat(code.scalar(shifts, b.add(index, ir.Constant(INDEX, 1))))
-    grains = [
-        grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in sweep.grains
-    ]
+    grains = [grain._replace(x=b.fsub(grain.x, across), y=b.fsub(grain.y, up)) for grain in sweep.grains]
     return sweep._replace(grains=grains)
 
 
-def _sweep_group(
-    code: Code, all_rows: _Sweep, first: ir.Value, runs: ir.Value, shifts: Any
-) -> None:
+def _sweep_group(code: Code, all_rows: _Sweep, first: ir.Value, runs: ir.Value, shifts: Any) -> None:
     b, sweep = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     _add_eight_partners(code, sweep, second, own=True)
@@ -157,9 +160,7 @@ def sweep_runs(
     run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
     far part of their law (`granular.pairs.dipole`) is taken off.
     """
-    signature = types.void(
-        arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts
-    )
+    signature = types.void(arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)

@@ -74,13 +74,9 @@ def far_cube(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> 
     return result + _split(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
 
 
-def far_fifth(
-    square: NDArray[np.float64], radius: float, fifth: float = 0.0
-) -> NDArray[np.float64]:
+def far_fifth(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
     """Far part of r^-5 + (5/3) ``fifth`` r^-7 at squared distances."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _split(u, FIFTH, -2.5) / radius**5
     more = _split(u, SEVENTH, -3.5)
-    return (
-        result + np.where(u < 1.0, more, 5.0 / 3.0 * more) * fifth / radius**7 if fifth else result
-    )
+    return result + np.where(u < 1.0, more, 5.0 / 3.0 * more) * fifth / radius**7 if fifth else result

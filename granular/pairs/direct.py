@@ -13,14 +13,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
-from granular.pairs.pair_arrays import (
-    PairArrays,
-    clear_array,
-    clear_sums,
-    if_given,
-    scale_array,
-    sum_scale,
-)
+from granular.pairs.pair_arrays import PairArrays, clear_array, clear_sums, if_given, scale_array, sum_scale
 from granular.pairs.plain_sums import plain_direct_sum
 
 PADDING = 1e70

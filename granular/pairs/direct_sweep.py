@@ -59,9 +59,8 @@ def _make_ends(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _Ends:
 
 
 def _sweep(
-    code: Code, arrays: Arrays, ends: _Ends, first: ir.Value, rows: int, start: ir.Value,
-    stop: ir.Value,
-) -> None:  # fmt: skip
+    code: Code, arrays: Arrays, ends: _Ends, first: ir.Value, rows: int, start: ir.Value, stop: ir.Value
+) -> None:
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
     indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
@@ -109,14 +108,7 @@ def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> No
 
 
 @intrinsic
-def sweep_rows(
-    typing: Any,
-    arrays: Any,
-    first: Any,
-    start: Any,
-    stop: Any,
-    nearest: Any,
-) -> Any:
+def sweep_rows(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, nearest: Any) -> Any:
     """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1.
 
     ``nearest`` as in `granular.pairs.direct.direct_sum`.
@@ -139,12 +131,7 @@ def sweep_rows(
 
 
 @intrinsic
-def sweep_block(
-    typing: Any,
-    arrays: Any,
-    first: Any,
-    nearest: Any,
-) -> Any:
+def sweep_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
     """Sum the pairs of the eight grains from ``first`` on among themselves."""
     signature = types.void(arrays, types.intp, nearest)
 

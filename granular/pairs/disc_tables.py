@@ -153,9 +153,7 @@ def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
     series[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
     shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
     shift[: len(species)], index[: len(species)] = [own[k] for k in species], species
-    return made._replace(
-        series=series, shift=None if alike else shift, species=None if alike else index
-    )
+    return made._replace(series=series, shift=None if alike else shift, species=None if alike else index)
 
 
 @functools.cache
@@ -234,9 +232,7 @@ def _smooth_end(u: Samples, begin: float, end: float) -> Samples:
     return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t * t))
 
 
-def _table(
-    discs: tuple[Disc, Disc], begin: float, c: float
-) -> tuple[list[float], Samples, Samples]:
+def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float], Samples, Samples]:
     """Entries of `CloseTables` for two discs."""
     contact = contact_distance(*discs)
     touch, end = contact**2, (_WINDOW * begin) ** 2
@@ -253,21 +249,22 @@ def _table(
     turned = np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True))
     indices = np.arange(below + many)[None] * 3 + np.arange(4)[:, None]
     pieces = (
-        turned
-        @ (
-            rest[indices]
-            - np.where(nodes[indices[:1]] < smooth - 0.5 * width, singular[indices], 0.0)
-        )
+        turned @ (rest[indices] - np.where(nodes[indices[:1]] < smooth - 0.5 * width, singular[indices], 0.0))
     ).T
     losses = 0.5 * width * (pieces @ (1.0 / np.arange(1.0, 5.0)))
     energies = np.append(np.cumsum(losses[::-1])[::-1], 0.0)
-    energies[: below + _SINGULAR_PIECES] += (
-        0.2 * factor * _power(np.array([smooth - touch]), z, 2.5)
-    )
+    energies[: below + _SINGULAR_PIECES] += 0.2 * factor * _power(np.array([smooth - touch]), z, 2.5)
     numbers = [
-        nodes[0], 1.0 / width, touch, z, factor, (CLOSEST * contact) ** 2, smooth, end,
+        nodes[0],
+        1.0 / width,
+        touch,
+        z,
+        factor,
+        (CLOSEST * contact) ** 2,
+        smooth,
+        end,
         pair_shift(*discs),
-    ]  # fmt: skip
+    ]
     return [float(number) for number in numbers], pieces, energies
 
 

@@ -116,9 +116,7 @@ def _nodes() -> tuple[Samples, Samples, Samples]:
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 1.0 / (1.0 + np.exp(2.0 * u)), weight
 
 
-def _overlap_area(
-    v: Samples, above: Samples, below: Samples, radii: tuple[float, float]
-) -> Samples:
+def _overlap_area(v: Samples, above: Samples, below: Samples, radii: tuple[float, float]) -> Samples:
     """Area of two discs' overlap at a distance ``above`` the difference of the radii."""
     large, small = max(radii), min(radii)
     s = np.sqrt(below * above * (v + large - small) * (v + large + small))
@@ -145,9 +143,7 @@ def _faces_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samp
     return energy, slope
 
 
-def _rings(
-    r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
-) -> tuple[Samples, Samples]:
+def _rings(r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples) -> tuple[Samples, Samples]:
     """Potential of rings of radii v at a distance r of their axis, and its derivative."""
     r = r[:, None]
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z

@@ -251,11 +251,7 @@ def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int
 
 @compiled(inline=True)
 def _compute_load(
-    weight: Array | None,
-    moments: Array | None,
-    mesh: Mesh,
-    threaded: bool | None,
-    sums: FarSums,
+    weight: Array | None, moments: Array | None, mesh: Mesh, threaded: bool | None, sums: FarSums
 ) -> None:
     """Compute the load of grains that differ; of others it comes with the forces."""
     if weight is not None and moments is not None:
@@ -266,12 +262,7 @@ def _compute_load(
 
 @compiled
 def find_far_forces(
-    mesh: Mesh,
-    far: FarForces,
-    threaded: bool | None,
-    grains: int,
-    arrays: PairArrays,
-    order: Array,
+    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, arrays: PairArrays, order: Array
 ) -> int:
     """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
 

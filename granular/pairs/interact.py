@@ -50,11 +50,7 @@ def _series(code: Code, pointer: Any) -> Series | None:
     if pointer is None:
         return None
     b, numbers = code.builder, []
-    for entry, factor in (
-        (COMMON, 1.0),
-        (FORCE, DISC_SCALE),
-        (ENERGY_TERM, DISC_SCALE),
-    ):
+    for entry, factor in ((COMMON, 1.0), (FORCE, DISC_SCALE), (ENERGY_TERM, DISC_SCALE)):
         number = code.scalar(pointer, ir.Constant(INDEX, entry))
         numbers.append(code.splat(b.fmul(ir.Constant(number.type, factor), number)))
     return Series(*numbers)
@@ -100,9 +96,7 @@ def load_eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
 
 def broadcast_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return Grains(
-        *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
-    )
+    return Grains(*(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers))
 
 
 class SmoothSplit(NamedTuple):
@@ -156,10 +150,7 @@ class PeriodicImages(NamedTuple):
     def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
         """Displacement to the nearest image."""
         b, result = code.builder, []
-        for displacement, side, per in (
-            (dx, self.width, self.per_width),
-            (dy, self.height, self.per_height),
-        ):
+        for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
             turns = code.rounded(b.fmul(displacement, per))
             result.append(b.fsub(displacement, b.fmul(turns, side)))
         # Padding grains have no images.
@@ -200,9 +191,15 @@ def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
 
 
 def _energy(
-    code: Code, r2: ir.Value, s: ir.Value, strength: ir.Value, pair: ir.Value | None,
-    cut: Cut | None, cube: ir.Value | None, shift: ir.Value | None,
-) -> ir.Value:  # fmt: skip
+    code: Code,
+    r2: ir.Value,
+    s: ir.Value,
+    strength: ir.Value,
+    pair: ir.Value | None,
+    cut: Cut | None,
+    cube: ir.Value | None,
+    shift: ir.Value | None,
+) -> ir.Value:
     """Energy of pairs; where they end at a distance, it is zero there."""
     b = code.builder
     if cube is not None:
@@ -220,9 +217,13 @@ def _energy(
 
 
 def _masked_fifth(
-    code: Code, argument: ir.Value, r2: ir.Value, lanes: list[bool] | None, cut: Cut | None,
+    code: Code,
+    argument: ir.Value,
+    r2: ir.Value,
+    lanes: list[bool] | None,
+    cut: Cut | None,
     series: Series | None,
-) -> ir.Value:  # fmt: skip
+) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
     b, zero = code.builder, constant(0.0)
     s = inverse_fifth(code, argument) if series is None else short_inverse_fifth(code, argument)
@@ -234,10 +235,16 @@ def _masked_fifth(
 
 
 def pair_contributions(
-    code: Code, first: Grains, second: Grains, wanted: Sums, extremes: Extremes,
-    lanes: list[bool] | None = None, cut: Cut | None = None, images: PeriodicImages | None = None,
+    code: Code,
+    first: Grains,
+    second: Grains,
+    wanted: Sums,
+    extremes: Extremes,
+    lanes: list[bool] | None = None,
+    cut: Cut | None = None,
+    images: PeriodicImages | None = None,
     series: Series | None = None,
-) -> tuple[Sums, Sums]:  # fmt: skip
+) -> tuple[Sums, Sums]:
     """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
 
     Only in the lanes that are given, or in all.
@@ -290,9 +297,8 @@ def pair_contributions(
 
 
 def _near_cube(
-    code: Code, r2: ir.Value, argument: ir.Value, energy: ir.Value, shift: ir.Value | None,
-    cut: Cut | None,
-) -> ir.Value | None:  # fmt: skip
+    code: Code, r2: ir.Value, argument: ir.Value, energy: ir.Value, shift: ir.Value | None, cut: Cut | None
+) -> ir.Value | None:
     """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""
     b, zero = code.builder, constant(0.0)
     smooth = None if cut is None else cut.smooth

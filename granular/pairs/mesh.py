@@ -73,9 +73,7 @@ class Tables(NamedTuple):
     def joined_bands(self) -> Table:
         """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
         most = max(len(band.along) for band in self.bands)
-        return Table(
-            *(np.array([_padded(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
-        )
+        return Table(*(np.array([_padded(t, most) for t in ts]) for ts in zip(*self.bands, strict=True)))
 
 
 def _padded(table: Samples, groups: int) -> Samples:

@@ -83,9 +83,8 @@ def _join_threaded(mesh: Mesh) -> None:
 
 @compiled
 def spread_grains(
-    mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array,
-    grains: int,
-) -> None:  # fmt: skip
+    mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+) -> None:
     """Put amounts (ones where there are none) on the finest level.
 
     ``order``, int64 (m,), names the grains one after another: it is quickest where neighbours
@@ -96,9 +95,15 @@ def spread_grains(
 
 @compiled(inline=True)
 def _spread_on_window(
-    around: Array | None, mesh: Mesh, threaded: bool | None, x: Array, y: Array,
-    amounts: Array | None, order: Array, grains: int,
-) -> None:  # fmt: skip
+    around: Array | None,
+    mesh: Mesh,
+    threaded: bool | None,
+    x: Array,
+    y: Array,
+    amounts: Array | None,
+    order: Array,
+    grains: int,
+) -> None:
     if around is not None:
         spread_periodic(mesh, around, x, y, amounts, order, grains)
     elif threaded is None:

@@ -127,9 +127,17 @@ def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
     convolve(
-        mesh.source, mesh.potential, along, across, mesh.rows[part], at, mesh.strides[level], up,
-        0.125**level, mesh.around,
-    )  # fmt: skip
+        mesh.source,
+        mesh.potential,
+        along,
+        across,
+        mesh.rows[part],
+        at,
+        mesh.strides[level],
+        up,
+        0.125**level,
+        mesh.around,
+    )
 
 
 @compiled(inline=True)

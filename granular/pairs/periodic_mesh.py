@@ -29,17 +29,7 @@ from numpy.typing import NDArray
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
 from granular.pairs.dipole import far_cube
-from granular.pairs.mesh import (
-    ACROSS,
-    PARTS,
-    REACH,
-    UP,
-    Mesh,
-    Table,
-    Tables,
-    level_factors,
-    repeated,
-)
+from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables, level_factors, repeated
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.pairs.spline_stencil import put_spline, spline_sums
 
@@ -105,9 +95,7 @@ def image_sum(
     return total + _fifth_sum(dx, dy, (width, height), radius, fifth) if fifth else total
 
 
-def _fifth_sum(
-    dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float
-) -> Samples:
+def _fifth_sum(dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float) -> Samples:
     """Sum over images of the far part of ``fifth`` r^-5; farther ones are the same everywhere."""
     total = np.zeros(np.broadcast(dx, dy).shape)
     for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
@@ -125,9 +113,7 @@ def _image_numbers(reach: float, side: float) -> range:
 
 def _divide_by_splines(samples: Samples) -> Samples:
     """Divide a periodic table by the splines of both grains."""
-    up, across = (
-        (2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape
-    )
+    up, across = ((2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape)
     spectrum = np.fft.fft2(samples) / np.outer(up, across) ** 2
     return np.asarray(np.fft.ifft2(spectrum).real)
 
@@ -160,9 +146,7 @@ def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> S
     return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
 
 
-def _rest_table(
-    width: float, height: float, radius: float, across: int, up: int, fifth: float
-) -> Samples:
+def _rest_table(width: float, height: float, radius: float, across: int, up: int, fifth: float) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(image_sum(dx, dy, width, height, radius, fifth))
@@ -175,9 +159,7 @@ def _rest_table(
 
 
 @functools.cache
-def image_tables(
-    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
-) -> Tables:
+def image_tables(width: float, height: float, radius: float, spacing: float, fifth: float = 0.0) -> Tables:
     """Tables of the bands and of the rest, for a periodic cell and a split radius [D].
 
     ``fifth`` is the factor of r^-5 in the far part.
@@ -241,9 +223,8 @@ def _fold_periodic_margin(mesh: Mesh, level: int) -> None:
 
 @compiled
 def spread_periodic(
-    mesh: Mesh, fineness: Array, x: Array, y: Array, amounts: Array | None, order: Array,
-    grains: int,
-) -> None:  # fmt: skip
+    mesh: Mesh, fineness: Array, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+) -> None:
     """Put amounts (ones where there are none) on the finest level; ``fineness`` [1/D]."""
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
@@ -260,9 +241,7 @@ def spread_periodic(
 
 
 @compiled(inline=True)
-def interpolate_periodic(
-    mesh: Mesh, fineness: Array, x: float, y: float
-) -> tuple[float, float, float]:
+def interpolate_periodic(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
@@ -316,9 +295,7 @@ def prolong_periodic(mesh: Mesh, level: int) -> None:
         own, adjacent, behind = (half, 0.0, half) if odd else (total, rest, rest)
         for p in range(stride):
             row[p] = (
-                own * potential[middle + p]
-                + adjacent * potential[below + p]
-                + behind * potential[above + p]
+                own * potential[middle + p] + adjacent * potential[below + p] + behind * potential[above + p]
             )
         for column in range(mesh.windows[level, ACROSS]):
             at, out = margin + column, fine + line * fine_stride + 2 * column

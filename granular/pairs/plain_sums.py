@@ -38,9 +38,7 @@ def _law(arrays: PairArrays, i: int, j: int, r: float) -> _Law:
 
 def _shift(arrays: PairArrays, i: int, j: int) -> float:
     assert arrays.series is not None
-    return float(
-        arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j]
-    )
+    return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
 
 
 def _rest(arrays: PairArrays, i: int, j: int, radius: float) -> float:
@@ -53,10 +51,7 @@ def _rest(arrays: PairArrays, i: int, j: int, radius: float) -> float:
 
 
 def plain_direct_sum(
-    arrays: PairArrays,
-    buffers: Array | None,
-    threaded: bool | None,
-    nearest: Array | None,
+    arrays: PairArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
     _clear(arrays)
@@ -119,9 +114,14 @@ def _clear(arrays: PairArrays) -> None:
 
 
 def _add_pair(
-    arrays: PairArrays, pair: tuple[int, int], apart: tuple[float, float], fifth: float,
-    slope: float, cube: float, rest: float,
-) -> None:  # fmt: skip
+    arrays: PairArrays,
+    pair: tuple[int, int],
+    apart: tuple[float, float],
+    fifth: float,
+    slope: float,
+    cube: float,
+    rest: float,
+) -> None:
     """Add a pair to all sums, with what stands for 1/r^5 and 1/r^3; energies are less by a rest."""
     i, j = pair
     q = np.ones(arrays.x.size) if arrays.moments is None else arrays.moments

@@ -77,13 +77,11 @@ class Pairs(Section):
             )
         if self.skin is not None and self.method != "verlet-list":
             raise FieldError(
-                f"only the method 'verlet-list' is given a skin; this one is {self.method!r}",
-                "skin",
+                f"only the method 'verlet-list' is given a skin; this one is {self.method!r}", "skin"
             )
         if self.far_every is not None and self.method not in ("auto", "mesh", "direct"):
             raise FieldError(
-                f"only the methods 'mesh' and 'direct' have a far field; this one is "
-                f"{self.method!r}",
+                f"only the methods 'mesh' and 'direct' have a far field; this one is {self.method!r}",
                 "far_every",
             )
 
@@ -95,16 +93,10 @@ class Pairs(Section):
         if self.method != "auto":
             return self.method
         if workspace is not None:
-            return (
-                "mesh"
-                if self._of_mesh() <= MESH_REACH * workspace and grains >= LEAST
-                else "direct"
-            )
+            return "mesh" if self._of_mesh() <= MESH_REACH * workspace and grains >= LEAST else "direct"
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
-    def radius(
-        self, method: str | None, diameter: float, workspace: float | None = None
-    ) -> float | None:
+    def radius(self, method: str | None, diameter: float, workspace: float | None = None) -> float | None:
         """Radius where pairs end, over the first species' diameter [m]; None where none do.
 
         ``workspace`` as in `chosen`.
@@ -120,15 +112,13 @@ class Pairs(Section):
     def check_periodic_cell(self, grains: int, workspace: float, diameter: float) -> None:
         """Raise `FieldError` unless pairs end within a periodic cell; see `chosen`."""
         if self.method == "verlet-list":
-            raise FieldError(
-                "de Paula's list knows no images; take 'cut-off' in a periodic cell", "method"
-            )
+            raise FieldError("de Paula's list knows no images; take 'cut-off' in a periodic cell", "method")
         method = self.chosen(grains, closed=False, workspace=workspace)
         if method == "direct" and (self.far_every or 1) > 1:
             raise FieldError(
-                "the direct sum of a periodic cell ends at a radius and has no far field; take "
-                "'mesh'", "far_every",
-            )  # fmt: skip
+                "the direct sum of a periodic cell ends at a radius and has no far field; take 'mesh'",
+                "far_every",
+            )
         radius = self.radius(method, diameter, workspace)
         most = (0.5 if method == "direct" else MESH_REACH) * workspace
         if radius is not None and radius > most * (1.0 + 1e-12):
@@ -142,8 +132,7 @@ class Pairs(Section):
             )
         if method != "direct" and grains < LEAST:
             raise FieldError(
-                f"{method!r} needs {LEAST} grains in a periodic cell, not {grains}; take 'direct'",
-                "method",
+                f"{method!r} needs {LEAST} grains in a periodic cell, not {grains}; take 'direct'", "method"
             )
 
     def listing(self, diameter: float) -> VerletSettings:

@@ -143,9 +143,7 @@ class Code:
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
-        return self.builder.fadd(
-            self.shuffle(first, second, there), self.shuffle(first, second, other)
-        )
+        return self.builder.fadd(self.shuffle(first, second, there), self.shuffle(first, second, other))
 
     def totals(self, vectors: list[ir.Value]) -> ir.Value:
         """Return sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree, in a shorter vector."""
@@ -165,9 +163,7 @@ class Code:
 
     def add_vector(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
         """Add a vector of any length to the entries from ``index`` on."""
-        position = self.builder.bitcast(
-            self.builder.gep(pointer, [index]), vector.type.as_pointer()
-        )
+        position = self.builder.bitcast(self.builder.gep(pointer, [index]), vector.type.as_pointer())
         total = self.builder.fadd(self.builder.load(position, align=8), vector)
         self.builder.store(total, position, align=8)
 

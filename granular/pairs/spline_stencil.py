@@ -52,12 +52,8 @@ def _fold_operands(code: Code, vector: ir.Value) -> ir.Value:
 
 
 @intrinsic
-def _emit_spline_weights(
-    typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any
-) -> Any:
-    signature = types.void(
-        values, types.intp, types.intp, types.float64, types.float64, types.float64
-    )
+def _emit_spline_weights(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any) -> Any:
+    signature = types.void(values, types.intp, types.intp, types.float64, types.float64, types.float64)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         code = Code(context, builder)
@@ -116,9 +112,7 @@ def _put_spline(values: Array, at: int, stride: int, u: float, v: float, amount:
 
 
 @compiled(inline=True)
-def _spline_sums(
-    values: Array, at: int, stride: int, u: float, v: float
-) -> tuple[float, float, float]:
+def _spline_sums(values: Array, at: int, stride: int, u: float, v: float) -> tuple[float, float, float]:
     return _emit_spline_sums(values, at, stride, u, v)
 
 
@@ -128,16 +122,12 @@ def _plain_splines(displacement: float) -> np.ndarray:
     return np.asarray(result).reshape(2, POINTS)
 
 
-def _plain_put_spline(
-    values: Array, at: int, stride: int, u: float, v: float, amount: float
-) -> None:
+def _plain_put_spline(values: Array, at: int, stride: int, u: float, v: float, amount: float) -> None:
     indices = at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)
     values[indices] += amount * np.outer(_plain_splines(v)[0], _plain_splines(u)[0])
 
 
-def _plain_spline_sums(
-    values: Array, at: int, stride: int, u: float, v: float
-) -> tuple[float, float, float]:
+def _plain_spline_sums(values: Array, at: int, stride: int, u: float, v: float) -> tuple[float, float, float]:
     points = values[at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)]
     across, up = _plain_splines(u), _plain_splines(v)
     return up[0] @ points @ across[0], up[0] @ points @ across[1], up[1] @ points @ across[0]

@@ -127,9 +127,7 @@ def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
 
 
 @compiled
-def _put_values(
-    values: Array | None, sorted_values: Array | None, stripes: Stripes, grains: int
-) -> None:
+def _put_values(values: Array | None, sorted_values: Array | None, stripes: Stripes, grains: int) -> None:
     if values is not None and sorted_values is not None:
         sorted_values[:] = 0.0
         for k in range(grains):
@@ -238,9 +236,7 @@ def _list_images_of(
     stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
 ) -> None:
     """List one image of the partners of a stripe's rows, in itself or in one above."""
-    x, y, runs, periods, shifts = (
-        stripes.x, stripes.y, stripes.runs, stripes.periods, stripes.shifts
-    )  # fmt: skip
+    x, y, runs, periods, shifts = (stripes.x, stripes.y, stripes.runs, stripes.periods, stripes.shifts)
     assert periods is not None
     assert shifts is not None
     across = periods[0] * ((image == _RIGHT) - (image == _LEFT))

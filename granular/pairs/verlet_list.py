@@ -16,13 +16,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import ENERGY, pair_energy, pair_force
-from granular.pairs.pair_arrays import (
-    PairArrays,
-    add_at,
-    clear_sums,
-    set_forces_to_nan,
-    value_or_one,
-)
+from granular.pairs.pair_arrays import PairArrays, add_at, clear_sums, set_forces_to_nan, value_or_one
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
@@ -63,15 +57,11 @@ class VerletList(NamedTuple):
 def verlet_list_workspace(size: int, radius: float) -> VerletList:
     """Workspace for the pairs of that many grains (padded) within a radius [D]."""
     capacity = size * int(min(size, _MOST_PARTNERS * max(radius, 2.0) ** 2))
-    return VerletList(
-        close_pairs_workspace(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3)
-    )
+    return VerletList(close_pairs_workspace(size, capacity, np.int32), np.zeros((2, size)), np.zeros(3))
 
 
 @compiled
-def _refresh_list(
-    listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
-) -> None:
+def _refresh_list(listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int) -> None:
     stale = listed.memory[GRAINS] != grains
     for i in range(grains):
         dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
@@ -83,9 +73,7 @@ def _refresh_list(
         listed.memory[GRAINS] = grains
         listed.memory[BUILDS] += 1.0
     if stale or listed.memory[LISTED] == 0.0:
-        find_close_pairs(
-            listed.pairs, listed.built[0], listed.built[1], grains, listing.radius, None
-        )
+        find_close_pairs(listed.pairs, listed.built[0], listed.built[1], grains, listing.radius, None)
         listed.memory[LISTED] = 1.0
 
 

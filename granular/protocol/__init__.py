@@ -22,6 +22,16 @@ KINDS: dict[str, type[Stage]] = {
 }
 
 __all__ = [
-    "KINDS", "Descend", "Follow", "Force", "Free", "Hold", "Lift", "Move", "Oscillate", "Path",
-    "Push", "Stage",
-]  # fmt: skip
+    "KINDS",
+    "Descend",
+    "Follow",
+    "Force",
+    "Free",
+    "Hold",
+    "Lift",
+    "Move",
+    "Oscillate",
+    "Path",
+    "Push",
+    "Stage",
+]

@@ -128,9 +128,7 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
     low, high = heights[k], heights[k + 1]
     rise, left, right = high - low, h * heights[count + k], h * heights[count + k + 1]
     bend, twist = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
-    return low + s * (left + s * (bend + s * twist)), (
-        left + s * (2.0 * bend + 3.0 * s * twist)
-    ) / h
+    return low + s * (left + s * (bend + s * twist)), (left + s * (2.0 * bend + 3.0 * s * twist)) / h
 
 
 def tabulated_motion(motion: Motion) -> Motion:
@@ -138,9 +136,7 @@ def tabulated_motion(motion: Motion) -> Motion:
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
 
-def greatest_piston_speed(
-    motion: Motion, mass: float, gravity: float, height: float, speed: float
-) -> float:
+def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
     """Greatest speed of the piston in the stage [D/tau], or a bound of it where it falls freely.
 
     From a height [D] and with a speed [D/tau], for a mass [m] under gravity [F*/m].

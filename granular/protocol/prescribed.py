@@ -126,9 +126,7 @@ class Follow(Stage):
 
     def validate(self) -> None:
         if len(self.times) != len(self.heights):
-            raise FieldError(
-                f"holds {len(self.heights)} values for {len(self.times)} times", "heights"
-            )
+            raise FieldError(f"holds {len(self.heights)} values for {len(self.times)} times", "heights")
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must increase from 0, with at least two values", "times")
 
@@ -174,8 +172,7 @@ class Oscillate(Stage):
     def validate(self) -> None:
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
-                f"{self.duration:g} s is less than a quarter of a period, "
-                f"{0.25 / self.frequency:g} s",
+                f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
                 "duration",
             )
 
@@ -245,8 +242,5 @@ class Path(FormulaStage):
         values[0] /= scales.length
         values[1] /= scales.velocity
         return Motion(
-            kind=SPLINE,
-            start=height / scales.length,
-            times=times / scales.time,
-            heights=values.ravel(),
+            kind=SPLINE, start=height / scales.length, times=times / scales.time, heights=values.ravel()
         )

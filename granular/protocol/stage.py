@@ -91,8 +91,7 @@ class Timed(Stage):
             raise FieldError("only counts with until = 'rest'", "tolerance")
         if self.until is not None and self.duration is not None and self.duration <= self.window:
             raise FieldError(
-                f"{self.duration:g} s is no longer than the window of rest, {self.window:g} s",
-                "duration",
+                f"{self.duration:g} s is no longer than the window of rest, {self.window:g} s", "duration"
             )
 
     def total_duration(self, height: float) -> float | None:
@@ -128,9 +127,7 @@ class FormulaStage(Parametric, Stage):
 
         def at(times: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
-                result = [
-                    np.broadcast_to(of(times, *start, *given), times.shape) for of in (value, slope)
-                ]
+                result = [np.broadcast_to(of(times, *start, *given), times.shape) for of in (value, slope)]
             return np.array(result, dtype=np.float64)
 
         count = LEAST_KNOTS
@@ -146,9 +143,7 @@ class FormulaStage(Parametric, Stage):
                 return times, knots
             count *= 2
             if count > MOST_KNOTS:
-                raise FieldError(
-                    "changes too fast, or is not smooth; write it smoother", self.written
-                )
+                raise FieldError("changes too fast, or is not smooth; write it smoother", self.written)
 
 
 @functools.cache
@@ -160,10 +155,7 @@ def _functions(
     from granular.formulas.algebra import compile_function, sympy_expression
 
     symbols = {name: sympy.Symbol(name, real=True) for name in variables}
-    given = {
-        name: sympy.Symbol(f"parameter{number}", real=True)
-        for number, name in enumerate(parameters)
-    }
+    given = {name: sympy.Symbol(f"parameter{number}", real=True) for number, name in enumerate(parameters)}
     tree = sympy_expression(parse(formula), symbols | given)
     arguments = [*symbols.values(), *given.values()]
     slope = tree.diff(symbols["t"])

@@ -101,9 +101,7 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
             raise RecordError(unknown(str(key), KEYS, "key of a calibration"))
     forms = [key for key in ("scale", "coefficients", "points") if given.get(key) is not None]
     if not forms and "zero" in given:
-        raise RecordError(
-            f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'"
-        )
+        raise RecordError(f"zero of {quote(role)} without scale; give both, such as scale = '2.4894 mm/V'")
     if len(forms) != 1:
         raise RecordError(
             f"a calibration of {quote(role)} by {' and '.join(forms) or 'none of them'}; give one "
@@ -130,14 +128,9 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
     level, uncertainty = (0.0, 0.0) if zero is None else _zero_parts(zero, raw_unit)
-    deviations = [
-        np.array([-level, 1.0]) * factor * spread / value,
-        np.array([-factor * uncertainty, 0.0]),
-    ]
+    deviations = [np.array([-level, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
     known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
-    return Calibration(
-        np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, angle
-    )
+    return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, angle)
 
 
 def _scale_parts(text: Any) -> tuple[float, float, str, float, str]:
@@ -219,12 +212,18 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
     values, spreads, angles, raw_units = [], [], set(), set()
     for power, text in enumerate(texts):
         match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
-        top, _, below = (match[4] or "" if match else "").rpartition("/") if power else (
-            (match[4] or "" if match else ""), "", "")  # fmt: skip
+        top, _, below = (
+            (match[4] or "" if match else "").rpartition("/")
+            if power
+            else ((match[4] or "" if match else ""), "", "")
+        )
         parts = _POWER.fullmatch(below)
-        if match is None or not top or (power > 1) != (parts is not None) or (
-            parts is not None and int(parts[2]) != power
-        ):  # fmt: skip
+        if (
+            match is None
+            or not top
+            or (power > 1) != (parts is not None)
+            or (parts is not None and int(parts[2]) != power)
+        ):
             over = "" if power == 0 else "/V" if power == 1 else f"/V^{power}"
             raise RecordError(
                 f"coefficients: {quote(text)} for the power {power}; write a number and a unit, "
@@ -240,9 +239,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
     if len(angles) > 1 or len(raw_units) > 1:
         raise RecordError("coefficients with different units; write all in the same two units")
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
-    return Calibration(
-        np.array(values), deviations, next(iter(raw_units), None), next(iter(angles))
-    )
+    return Calibration(np.array(values), deviations, next(iter(raw_units), None), next(iter(angles)))
 
 
 def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration:
@@ -268,8 +265,7 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
     if len(np.unique(raw)) < degree + 1 or len(raw) < degree + 1 + beyond:
         raise RecordError(
             f"{len(raw)} points for a polynomial of degree {degree}; at least "
-            f"{degree + 1 + beyond} are needed"
-            + ("" if spread is not None else ", or their uncertainty")
+            f"{degree + 1 + beyond} are needed" + ("" if spread is not None else ", or their uncertainty")
         )
     if spread is not None and not (np.isfinite(spread[here]) & (spread[here] > 0.0)).all():
         raise RecordError("points: each uncertainty must be a number above 0; correct them")
@@ -288,10 +284,12 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
     deviations = (np.sqrt(np.maximum(strengths, 0.0)) * directions).T
     shifted = _shift_polynomial_matrix(degree, middle, extent)
     return Calibration(
-        shifted @ fitted, deviations @ shifted.T,
-        None if units.get("raw") is None else normalize_unit(units["raw"]), angle,
+        shifted @ fitted,
+        deviations @ shifted.T,
+        None if units.get("raw") is None else normalize_unit(units["raw"]),
+        angle,
         (float(raw.min()), float(raw.max())),
-    )  # fmt: skip
+    )
 
 
 def _shift_polynomial_matrix(degree: int, middle: float, extent: float) -> np.ndarray:
@@ -299,7 +297,5 @@ def _shift_polynomial_matrix(degree: int, middle: float, extent: float) -> np.nd
     result = np.zeros((degree + 1, degree + 1))
     for power in range(degree + 1):
         for lower in range(power + 1):
-            result[lower, power] = (
-                math.comb(power, lower) * (-middle) ** (power - lower) / extent**power
-            )
+            result[lower, power] = math.comb(power, lower) * (-middle) ** (power - lower) / extent**power
     return result

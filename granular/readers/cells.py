@@ -7,8 +7,24 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-LOST = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-",
-        "--", "---", "?")  # fmt: skip
+LOST = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "na",
+    "NA",
+    "n/a",
+    "N/A",
+    "#N/A",
+    "null",
+    "NULL",
+    "None",
+    "-",
+    "--",
+    "---",
+    "?",
+)
 """How programs write a sample that is not there."""
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
@@ -54,9 +70,7 @@ def _parse_dates(cells: Sequence[str]) -> np.ndarray | float:
     import pandas
 
     try:
-        stamps = pandas.to_datetime(
-            [cell.replace(",", ".") for cell in cells], utc=True, format="ISO8601"
-        )
+        stamps = pandas.to_datetime([cell.replace(",", ".") for cell in cells], utc=True, format="ISO8601")
     except ValueError:  # a month 13
         return float("nan")
     nanoseconds = stamps.tz_convert(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
@@ -69,9 +83,7 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
         match = _CLOCK.fullmatch(cell)
         assert match is not None
         hours, minutes, seconds = match.groups()
-        values.append(
-            3600.0 * float(hours or 0.0) + 60.0 * float(minutes) + float(seconds.replace(",", "."))
-        )
+        values.append(3600.0 * float(hours or 0.0) + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
     times = np.array(values)
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
     return np.asarray(times + _DAY * midnights - times[0])

@@ -141,16 +141,12 @@ def _find_named_column(sheet: Sheet, wanted: str | int) -> Column:
     if isinstance(wanted, int) or wanted.isdigit():
         number = int(wanted)
         if not 1 <= number <= len(sheet.columns):
-            raise RecordError(
-                f"there is no column {number}; give a number from 1 to {len(sheet.columns)}"
-            )
+            raise RecordError(f"there is no column {number}; give a number from 1 to {len(sheet.columns)}")
         return sheet.columns[number - 1]
     for column in sheet.columns:
         if column.name.lower() == wanted.strip().lower():
             return column
-    raise RecordError(
-        unknown(wanted, [column.name for column in sheet.columns if column.name], "column")
-    )
+    raise RecordError(unknown(wanted, [column.name for column in sheet.columns if column.name], "column"))
 
 
 def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
@@ -160,16 +156,9 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
         if not column.channel:
             called.setdefault(normalize_name(column.name), []).append(column)
     for role in (role for role in NAMED if role not in chosen):
-        result = [
-            item
-            for word in SYNONYMS[role]
-            for item in called.get(word, [])
-            if id(item) not in taken
-        ]
+        result = [item for word in SYNONYMS[role] for item in called.get(word, []) if id(item) not in taken]
         if role in (HEIGHT, VELOCITY):
-            result = [
-                item for item in result if item.name.lower() == role or _unit_fits_role(item, role)
-            ]
+            result = [item for item in result if item.name.lower() == role or _unit_fits_role(item, role)]
         if role == FORCE and not result:
             loads = [item for word in LOADS for item in called.get(word, [])]
             result = [item for item in loads if item.unit and has_dimension(item.unit, "N")]
@@ -181,9 +170,7 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
         taken.append(id(result[0]))
         if len(result) > 1 and result[0].name.lower() != role:
             others = ", ".join(quote(item.name) for item in result[1:_MOST_SHOWN])
-            notes.append(
-                f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)"
-            )
+            notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)")
 
 
 def _moving_first(candidates: list[Column]) -> list[Column]:
@@ -238,19 +225,13 @@ def _unit_fits_role(column: Column, role: str) -> bool:
 def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> None:
     """Dates and times of day, else the first column that increases, where no name says more."""
     taken = list(map(id, chosen.values()))
-    free = [
-        column for column in sheet.columns if id(column) not in taken and column.values is not None
-    ]
+    free = [column for column in sheet.columns if id(column) not in taken and column.values is not None]
     stamps = [item for item in free if item.clock]
-    timed = [
-        item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)
-    ]
+    timed = [item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)]
     nameless = [item for item in free if not item.name and _increases(item)]
     even = [item for item in nameless if not _is_uneven(item)]
     if not stamps and not timed and len(even) > 1 and _is_sample_counter(even[0]) >= _LEAST_STEPS:
-        raise RecordError(
-            _ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even])
-        )
+        raise RecordError(_ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even]))
     result = (stamps or timed or even or nameless)[:1]
     if not result:
         raise RecordError(f"no column 'time'; found: {_names_text(sheet)}; {_time_advice(free)}")
@@ -265,8 +246,7 @@ def _time_advice(free: Sequence[Column]) -> str:
     counted = [item for item in free if normalize_name(item.name) in COUNTERS]
     if counted:
         return (
-            f"{quote(counted[0].name)} counts samples: give how many there are in a second "
-            "(rate: '100 Hz')"
+            f"{quote(counted[0].name)} counts samples: give how many there are in a second (rate: '100 Hz')"
         )
     even = [item for item in free if item.name and _increases(item) and not _is_uneven(item)]
     if even:
@@ -309,9 +289,7 @@ def _increases(column: Column) -> bool:
     return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and known[-1] > known[0]
 
 
-def _choose_height(
-    sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions, notes: list[str]
-) -> None:
+def _choose_height(sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions, notes: list[str]) -> None:
     """Only other column of numbers, or of those without names the next.
 
     None where the user says which one is a velocity or an acceleration, and no other can be it.
@@ -320,15 +298,11 @@ def _choose_height(
     free = [
         column
         for column in sheet.columns
-        if id(column) not in taken
-        and column.values is not None
-        and np.isfinite(column.values).any()
+        if id(column) not in taken and column.values is not None and np.isfinite(column.values).any()
     ]
     _check_channels(free)
     lengths = [
-        item
-        for item in free
-        if _unit_fits_role(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
+        item for item in free if _unit_fits_role(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
     ]
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]
@@ -352,9 +326,7 @@ def _choose_height(
     else:
         number = sheet.columns.index(result[0]) + 1
         unit = normalize_unit(result[0].unit or "m")
-        notes.append(
-            f"height is column {number}, in {unit} (columns: height=..., units: height=mm)"
-        )
+        notes.append(f"height is column {number}, in {unit} (columns: height=..., units: height=mm)")
 
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:

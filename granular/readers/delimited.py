@@ -131,8 +131,7 @@ def _find_first_row(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence
     full = next(
         k
         for k, line in enumerate(lines)
-        if len(fields := trim_fields(split_fields(line.text, form.separator), form.width))
-        == form.width
+        if len(fields := trim_fields(split_fields(line.text, form.separator), form.width)) == form.width
         and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
         and is_row(fields, form)
     )
@@ -140,9 +139,7 @@ def _find_first_row(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence
     # A row with a wrong number stands above the first that is right, and below the header.
     while start and is_row(split_fields(lines[start - 1].text, form.separator), form):
         start -= 1
-    above = [
-        k for k in range(start) if _is_header(split_fields(lines[k].text, form.separator), form)
-    ]
+    above = [k for k in range(start) if _is_header(split_fields(lines[k].text, form.separator), form)]
     if not above and start != full:
         start = full
     return start, lines[:start]
@@ -195,8 +192,11 @@ def _read_header(
     rows = [split_header(line.text, form.separator) for line in head[-_HEADER:]]
     headers = [row for row in rows if _is_header(row, form)]
     if not headers:
-        comments = [line.text.lstrip().lstrip(COMMENTS + "/ ") for line in every
-                    if line.number < start and line.text.lstrip()[0] in COMMENTS]  # fmt: skip
+        comments = [
+            line.text.lstrip().lstrip(COMMENTS + "/ ")
+            for line in every
+            if line.number < start and line.text.lstrip()[0] in COMMENTS
+        ]
         rows = [split_header(text, form.separator) for text in comments[-3:]]
         headers = [row for row in rows if _is_header(row, form) and len(row) == form.width]
     if not headers:
@@ -288,13 +288,21 @@ def _rows_to_frame(rows: Sequence[Line], form: Dialect) -> Any:
     exact = {} if int(pandas.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
     try:
         return pandas.read_csv(
-            io.BytesIO("\n".join(line.text.strip() if form.separator == " " else line.text
-                                 for line in rows).encode()),
+            io.BytesIO(
+                "\n".join(line.text.strip() if form.separator == " " else line.text for line in rows).encode()
+            ),
             sep=r"\s+" if form.separator == " " else form.separator,
-            decimal=form.decimal, header=None, names=range(form.width), index_col=False,
-            usecols=range(form.width), skipinitialspace=True, keep_default_na=False,
-            na_values=list(LOST), skip_blank_lines=False, **exact,
-        )  # fmt: skip
+            decimal=form.decimal,
+            header=None,
+            names=range(form.width),
+            index_col=False,
+            usecols=range(form.width),
+            skipinitialspace=True,
+            keep_default_na=False,
+            na_values=list(LOST),
+            skip_blank_lines=False,
+            **exact,
+        )
     except (ValueError, OverflowError, pandas.errors.ParserError) as error:
         words = " ".join(str(error).split())
         raise RecordError(f"cannot be read as CSV: {sanitize(words)}; write it anew") from None
@@ -304,9 +312,7 @@ def _make_column(name: str, unit: str | None, cells: Any, decimal: str) -> Colum
     """Make a column of a pandas Series, which holds texts if some cell is no number."""
     if cells.dtype.kind in "iuf":
         return Column(name, unit, cells.to_numpy(dtype=np.float64))
-    texts = [
-        "" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)
-    ]
+    texts = ["" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)]
     values, wrong = np.empty(len(texts)), None
     for row, text in enumerate(texts):
         if text in LOST:

@@ -88,12 +88,8 @@ def _try_dialect(
     while not any(rows[k][width - 1] for k in same):
         width -= 1
     numbers = collections.Counter(field for k in same for field in numeric[k])
-    lost = collections.Counter(
-        field for k in same for field, cell in enumerate(rows[k]) if cell in LOST
-    )
-    core = tuple(
-        field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same)
-    )
+    lost = collections.Counter(field for k in same for field, cell in enumerate(rows[k]) if cell in LOST)
+    core = tuple(field for field in sorted(numbers) if numbers[field] + lost[field] >= 0.5 * len(same))
     if len(core) < least:
         return None
     fraction = (sum(numbers.values()) + sum(lost.values())) / (len(same) * raw)
@@ -111,8 +107,7 @@ def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None
     end with none.
     """
     rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
-    pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows
-             for k in range(0, len(row), 2)]  # fmt: skip
+    pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
     if decimal == "." or form.width < 4 or not all(pairs):
         return False
     if decimal == ",":

@@ -15,19 +15,9 @@ from granular.readers.column_roles import has_dimension, time_column
 from granular.readers.delimited import read_delimited
 from granular.readers.headers import ACCELERATION, FORCE, TIME, guess_role, normalize_unit
 from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
-from granular.readers.interpretation import (
-    Interpretation,
-    check_values,
-    interpret_sheet,
-    spread_ticks,
-)
+from granular.readers.interpretation import Interpretation, check_values, interpret_sheet, spread_ticks
 from granular.readers.matlab import read_matlab
-from granular.readers.options import (
-    ReadOptions,
-    is_description,
-    name_description_in_errors,
-    read_description,
-)
+from granular.readers.options import ReadOptions, is_description, name_description_in_errors, read_description
 from granular.readers.parquet import read_parquet
 from granular.readers.sheet import Column, Sheet
 from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
@@ -61,9 +51,7 @@ class Format(NamedTuple):
     most: int = MAX_BYTES
 
 
-def interpret_record_file(
-    path: Path, options: ReadOptions, form: Format | None = None
-) -> Interpretation:
+def interpret_record_file(path: Path, options: ReadOptions, form: Format | None = None) -> Interpretation:
     """Columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
@@ -169,9 +157,7 @@ def read_text(content: bytes, options: ReadOptions) -> Sheet:
     elif is_rigol(text):
         sheet = read_rigol(text)
     else:
-        sheet = read_delimited(
-            text, options.decimal, options.skip, 2 if options.rate is None else 1
-        )
+        sheet = read_delimited(text, options.decimal, options.skip, 2 if options.rate is None else 1)
     if encoding not in ("utf-8", "utf-8-sig"):
         sheet.form += f", in {encoding}"
     return sheet

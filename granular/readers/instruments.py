@@ -50,9 +50,7 @@ def read_labview(text: str, reading: ReadOptions) -> Sheet:
     body = "\n".join([*[""] * begin, *lines[begin:later]])
     sheet = read_delimited(_pad_lines(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
-    channels = [
-        column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")
-    ]
+    channels = [column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
         column.unit = column.unit or unit or None
     _name_time_columns(sheet)
@@ -107,8 +105,7 @@ def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float
         return float(text)
     except ValueError:
         raise RecordError(
-            f"{name} is {quote(text)}, not a number, and there is no column of "
-            "times; export with times"
+            f"{name} is {quote(text)}, not a number, and there is no column of times; export with times"
         ) from None
 
 
@@ -134,11 +131,14 @@ def read_tdms(content: bytes, reading: ReadOptions) -> Sheet:
     if not channels:
         raise RecordError("holds no channel with samples; export it anew")
     columns = [
-        Column(channel.name, channel.properties.get("unit_string") or None,
-               np.asarray(channel[:], dtype=np.float64))
+        Column(
+            channel.name,
+            channel.properties.get("unit_string") or None,
+            np.asarray(channel[:], dtype=np.float64),
+        )
         for channel in channels
         if len(channel) == len(channels[0]) and np.asarray(channel[:]).dtype.kind in "iuf"
-    ]  # fmt: skip
+    ]
     step = channels[0].properties.get("wf_increment")
     if step and not any(column.name.lower() == TIME for column in columns):
         first = channels[0].properties.get("wf_start_offset", 0.0)
@@ -194,7 +194,6 @@ def _parse_seconds(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise RecordError(
-            f"line 2 ends with {quote(text)}, where start and increment in "
-            "seconds are wanted; save it anew"
+            f"line 2 ends with {quote(text)}, where start and increment in seconds are wanted; save it anew"
         )
     return value

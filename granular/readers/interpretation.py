@@ -135,19 +135,19 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         every = {name: numbers[inside] for name, numbers in every.items()}
     rows = every.pop(_ROW).astype(int)
     return Interpretation(
-        every, {role: column.name for role, column in chosen.items()},
-        {role: units.get(role) or si_unit(role) for role in chosen}, angle, sheet.form,
-        tuple(notes), tuple(left_out),
+        every,
+        {role: column.name for role, column in chosen.items()},
+        {role: units.get(role) or si_unit(role) for role in chosen},
+        angle,
+        sheet.form,
+        tuple(notes),
+        tuple(left_out),
         {role: left[:, rows] for role, left in deviations.items() if role in every},
-    )  # fmt: skip
+    )
 
 
 def _apply_calibration(
-    role: str,
-    numbers: np.ndarray,
-    units: dict[str, str],
-    calibration: Calibration,
-    notes: list[str],
+    role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (n,) of a sensor's numbers, and their deviations (m, n)."""
     unit = units.get(role)
@@ -162,9 +162,7 @@ def _apply_calibration(
     return calibration.apply(numbers, unit)
 
 
-def _check_duplicate_names(
-    sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions
-) -> None:
+def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> None:
     """Refuse to choose between columns of one name, unless the user says a number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
@@ -181,9 +179,7 @@ def _check_duplicate_names(
 # Units -----------------------------------------------------------------------------------------
 
 
-def _units_by_role(
-    sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions
-) -> dict[str, str]:
+def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> dict[str, str]:
     """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
@@ -249,10 +245,7 @@ def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -
 
 
 def _check_sizes(
-    own: Mapping[str, np.ndarray],
-    chosen: Mapping[str, Column],
-    units: Mapping[str, str],
-    notes: list[str],
+    own: Mapping[str, np.ndarray], chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
     """Note numbers without a unit that are large for those of a laboratory in SI."""
     if HEIGHT not in own:
@@ -346,8 +339,7 @@ def check_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
             raise RecordError(f"{role} holds no numbers; write it as numbers")
         row, cell = column.wrong
         raise RecordError(
-            f"{role} of {sheet.describe_row(row)} is {quote(cell)}, not a number; correct "
-            "or drop it"
+            f"{role} of {sheet.describe_row(row)} is {quote(cell)}, not a number; correct or drop it"
         )
     infinite = np.isinf(column.values)
     if infinite.any():
@@ -359,9 +351,7 @@ def check_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
     return column.values
 
 
-def _remaining_columns(
-    sheet: Sheet, chosen: Mapping[str, Column]
-) -> tuple[dict[str, np.ndarray], list[str]]:
+def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict[str, np.ndarray], list[str]]:
     taken = list(map(id, chosen.values()))
     names = [column.name.lower() for column in sheet.columns]
     counts = collections.Counter(names)
@@ -392,8 +382,7 @@ def _drop_gaps(
         first = sheet.describe_row(int(np.argmin(here)))
         others_too = " and others" if lost > 1 else ""
         notes.append(
-            f"{lost} of {len(here)} samples have no time or {motion} and are left out: {first}"
-            f"{others_too}"
+            f"{lost} of {len(here)} samples have no time or {motion} and are left out: {first}{others_too}"
         )
     saved: dict[str, dict[str, np.ndarray]] = {"own": {}, "others": {}}
     for kind, columns in (("own", own), ("others", others)):

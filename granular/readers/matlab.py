@@ -109,10 +109,7 @@ def _is_nested(content: bytes, order: str) -> bool:
             count += 1
             if count > _MAX_ELEMENTS or len(stack) > _MAX_DEPTH:
                 return True
-            first, small = (
-                offset + 8,
-                kind >> 16,
-            )  # of a small element the content stands in its tag
+            first, small = (offset + 8, kind >> 16)  # of a small element the content stands in its tag
             offset = first if small else first + -(-size // 8) * 8
             if kind == _MATRIX:
                 stack.append((offset, end))

@@ -36,9 +36,7 @@ ALL = "all"
 """All releases of a record."""
 ANGLE = "angle"
 """What ``columns`` and ``units`` may call the height's column where it is an angle."""
-ROLES = (
-    "time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration",
-)  # fmt: skip
+ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
 """Columns of a record that have a meaning."""
 
 
@@ -201,12 +199,19 @@ class ReadOptions:
         else:
             of_height = {}
         plain = {
-            "columns": dict(self.columns), "units": dict(self.units), "decimal": self.decimal,
-            "skip": self.skip, "sheet": self.sheet, "flip": self.flip,
+            "columns": dict(self.columns),
+            "units": dict(self.units),
+            "decimal": self.decimal,
+            "skip": self.skip,
+            "sheet": self.sheet,
+            "flip": self.flip,
             "between": None if self.between is None else list(self.between),
-            "release": self.release, "rate": self.rate, "sort": self.sort,
-            **of_height, "calibration": calibrations,
-        }  # fmt: skip
+            "release": self.release,
+            "rate": self.rate,
+            "sort": self.sort,
+            **of_height,
+            "calibration": calibrations,
+        }
         return {key: value for key, value in plain.items() if value not in (None, {}, 0, False)}
 
 

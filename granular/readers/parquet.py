@@ -79,19 +79,21 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
         import pyarrow.parquet
 
     fields = [
-        pyarrow.field(name, pyarrow.float64(), nullable=False,
-                      metadata={"units": units[name]} if name in units else None)
+        pyarrow.field(
+            name,
+            pyarrow.float64(),
+            nullable=False,
+            metadata={"units": units[name]} if name in units else None,
+        )
         for name in columns
-    ]  # fmt: skip
+    ]
     arrays = [pyarrow.array(values) for values in columns.values()]
     table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
     with replace_when_written(path, overwrite=True) as part:
         pyarrow.parquet.write_table(table, part)
 
 
-def _with_metadata(
-    named: list[tuple[str, str | None]], schema: Any
-) -> list[tuple[str, str | None]]:
+def _with_metadata(named: list[tuple[str, str | None]], schema: Any) -> list[tuple[str, str | None]]:
     """Add units of the metadata to names; they may not contradict those in the names."""
     pairs = []
     for (name, unit), field in zip(named, schema, strict=True):

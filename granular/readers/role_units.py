@@ -14,22 +14,32 @@ from granular.readers.headers import (
 from granular.schema.units import Dimension, unit_size
 
 SI = {
-    TIME: "s", HEIGHT: "m", VELOCITY: "m/s", FORCE: "N", ACCELERATION: "m/s^2", BASE_HEIGHT: "m",
+    TIME: "s",
+    HEIGHT: "m",
+    VELOCITY: "m/s",
+    FORCE: "N",
+    ACCELERATION: "m/s^2",
+    BASE_HEIGHT: "m",
     BASE_ACCELERATION: "m/s^2",
-}  # fmt: skip
+}
 """Units by roles, where the coordinate is a height."""
 
 _ANGULAR = {
-    HEIGHT: "rad", VELOCITY: "rad/s", ACCELERATION: "rad/s^2", BASE_HEIGHT: "rad",
+    HEIGHT: "rad",
+    VELOCITY: "rad/s",
+    ACCELERATION: "rad/s^2",
+    BASE_HEIGHT: "rad",
     BASE_ACCELERATION: "rad/s^2",
-}  # fmt: skip
+}
 ANGLE_UNITS = ("deg", "rad", "mrad")
 
 _SPECIAL = {
     **dict.fromkeys(((ACCELERATION, "g"), (BASE_ACCELERATION, "g")), "9.80665 m/s^2"),
     **dict.fromkeys(((ACCELERATION, "mg"), (BASE_ACCELERATION, "mg")), "9.80665e-3 m/s^2"),
-    (FORCE, "lb"): "4.4482216152605 N", (FORCE, "kg"): "9.80665 N", (FORCE, "g"): "9.80665e-3 N",
-}  # fmt: skip
+    (FORCE, "lb"): "4.4482216152605 N",
+    (FORCE, "kg"): "9.80665 N",
+    (FORCE, "g"): "9.80665e-3 N",
+}
 """Units that mean another thing in a role: the acceleration of gravity, and forces as masses."""
 
 

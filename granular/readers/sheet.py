@@ -133,10 +133,7 @@ def sheet_from_table(table: Any) -> Sheet:
         columns = {name: (table[name].to_numpy(), None) for name in table.columns}
         form = "DataFrame"
     elif isinstance(table, Mapping):
-        columns, form = (
-            {name: (np.asarray(values), None) for name, values in table.items()},
-            "columns",
-        )
+        columns, form = ({name: (np.asarray(values), None) for name, values in table.items()}, "columns")
     else:
         raise RecordError(
             f"{quote(type(table).__name__)} is no table; give a DataFrame, an xarray object or a "

@@ -79,9 +79,7 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
-            sheet = read_delimited(
-                _sheet_to_csv(table), None, reading.skip, 2 if reading.rate is None else 1
-            )
+            sheet = read_delimited(_sheet_to_csv(table), None, reading.skip, 2 if reading.rate is None else 1)
         except RecordError as error:
             first_error = first_error or error
             continue
@@ -117,8 +115,7 @@ def _sheet_to_csv(table: Sequence[Sequence[Any]]) -> str:
     width = _table_width(table)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
-        itertools.chain(map(_cell_text, row), itertools.repeat("", width - len(row)))
-        for row in table
+        itertools.chain(map(_cell_text, row), itertools.repeat("", width - len(row))) for row in table
     )
     return written.getvalue()
 
@@ -168,9 +165,7 @@ def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: i
 
     def begin(kind: str, _attributes: object) -> None:
         if next(elements) > most:
-            raise _too_large_error(
-                f"{name} in it, and those before, hold more than {most} elements"
-            )
+            raise _too_large_error(f"{name} in it, and those before, hold more than {most} elements")
         if kind.endswith("row") and next(rows) > MAX_ROWS:
             raise _too_large_error(f"{name} in it holds more than {MAX_ROWS} rows, the limit")
 

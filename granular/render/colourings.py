@@ -13,11 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.export.frames import BedFrame
-from granular.observables.forces import (
-    compressive_forces,
-    grain_pressures,
-    relative_fluctuation,
-)
+from granular.observables.forces import compressive_forces, grain_pressures, relative_fluctuation
 from granular.observables.voronoi import VoronoiCells, hexagon_regularity
 from granular.scene.scene import Scene
 from granular.schema.sections import unknown
@@ -87,9 +83,7 @@ def _side_counts(view: View) -> np.ndarray:
 
 def _fluctuation_values(view: View) -> np.ndarray:
     sizes = np.linalg.norm(view.frame.interaction, axis=1)
-    return relative_fluctuation(
-        np.where(_voronoi_cells_of_view(view).interior, sizes, np.nan), view.species
-    )
+    return relative_fluctuation(np.where(_voronoi_cells_of_view(view).interior, sizes, np.nan), view.species)
 
 
 def _positions_with_absent(view: View) -> np.ndarray:
@@ -139,10 +133,7 @@ COLOURINGS: Mapping[str, Colouring] = {
         upper=1.0,
     ),
     "fluctuation": Colouring(
-        "relative fluctuation of the force (white: rim)",
-        _fluctuation_values,
-        "cividis",
-        needs_cells=True,
+        "relative fluctuation of the force (white: rim)", _fluctuation_values, "cividis", needs_cells=True
     ),
 }
 """The colourings by name.

@@ -89,11 +89,7 @@ def _interpolate_between(
     fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
     if fraction in (0.0, 1.0):
         frame = after if fraction else before
-        return (
-            frame._replace(time=time)
-            if not heights.known
-            else _host_displacement(frame, time, heights)
-        )
+        return frame._replace(time=time) if not heights.known else _host_displacement(frame, time, heights)
     grains, first, second = _common_grains(before, after)
 
     def evenly(name: str) -> np.ndarray:
@@ -110,9 +106,15 @@ def _interpolate_between(
         + fraction * rest * (rest * leaving - fraction * arriving)
     )
     frame = BedFrame(
-        before.number, time, before.height, grains, cell.inside(position),
-        evenly("velocity"), evenly("force"), evenly("interaction"),
-    )  # fmt: skip
+        before.number,
+        time,
+        before.height,
+        grains,
+        cell.inside(position),
+        evenly("velocity"),
+        evenly("force"),
+        evenly("interaction"),
+    )
     return _host_displacement(frame, time, heights) if heights.known else frame
 
 

@@ -109,11 +109,7 @@ def movie(
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
-    beds = (
-        iterate_frames(run, numbers, bar)
-        if speed is None
-        else interpolate_bed(run, numbers, times, bar)
-    )
+    beds = iterate_frames(run, numbers, bar) if speed is None else interpolate_bed(run, numbers, times, bar)
     with deferred_stop() as stop:
         with replace_when_written(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
@@ -145,9 +141,7 @@ def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
     return [int(effect) for effect in inside]
 
 
-def _render_images(
-    picture: BedPicture, beds: Iterator[BedFrame], stop: Stop
-) -> Iterator[np.ndarray]:
+def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
     """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
         picture.show(frame)

@@ -105,9 +105,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
         axes.plot([0.0, width], [0.0, 0.0], ":", color=WALL, linewidth=1.0, zorder=0)
         return
     for start, end in _bottom_segments(bottom, width, thickness):
-        axes.add_patch(
-            Rectangle((start, -thickness), end - start, thickness, color=WALL, linewidth=0.0)
-        )
+        axes.add_patch(Rectangle((start, -thickness), end - start, thickness, color=WALL, linewidth=0.0))
 
 
 def _bottom_segments(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
@@ -208,9 +206,16 @@ class BedPicture:
         axes.add_collection(self._cells)
         none = np.empty(0)
         self._grains: Any = EllipseCollection(
-            none, none, none, units="xy", offsets=np.empty((0, 2)),
-            offset_transform=axes.transData, linewidths=0.35, edgecolors=INK, zorder=2,
-        )  # fmt: skip
+            none,
+            none,
+            none,
+            units="xy",
+            offsets=np.empty((0, 2)),
+            offset_transform=axes.transData,
+            linewidths=0.35,
+            edgecolors=INK,
+            zorder=2,
+        )
         axes.add_collection(self._grains)
         thickness = wall_thickness_mm(self.run.scene)
         width = 1e3 * self.run.scene.cell.width
@@ -229,15 +234,19 @@ class BedPicture:
             for name, colour in self._classes.items()
         ]
         if self.colour.needs_cells:
-            handles.append(
-                Patch(facecolor=ABSENT, edgecolor=INK, linewidth=0.5, label="at the rim")
-            )
+            handles.append(Patch(facecolor=ABSENT, edgecolor=INK, linewidth=0.5, label="at the rim"))
         side.axis("off")
         side.legend(
-            handles=handles, title=self.colour.label.replace(" of the ", "\nof the "),
-            loc="upper left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, frameon=False,
-            alignment="left", handlelength=1.1, handleheight=1.1,
-        )  # fmt: skip
+            handles=handles,
+            title=self.colour.label.replace(" of the ", "\nof the "),
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.0,
+            frameon=False,
+            alignment="left",
+            handlelength=1.1,
+            handleheight=1.1,
+        )
 
     def _draw_bar(self, side: Axes, limits: tuple[float, float]) -> None:
         import matplotlib as mpl
@@ -336,10 +345,7 @@ def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> t
     colouring_used = colouring(colour)
     if not colouring_used.map:
         return 0.0, 1.0
-    result = [
-        colouring_used.values(frame_view(run, colouring_used.needs_cells, frame))
-        for frame in frames
-    ]
+    result = [colouring_used.values(frame_view(run, colouring_used.needs_cells, frame)) for frame in frames]
     values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, ENDS) if len(values) else (0.0, 1.0)

@@ -24,11 +24,7 @@ STILL_DPI = 200
 
 
 def still(
-    run: Trajectory | str | Path,
-    frame: int = -1,
-    *,
-    time: float | None = None,
-    colour: str = "species",
+    run: Trajectory | str | Path, frame: int = -1, *, time: float | None = None, colour: str = "species"
 ) -> Figure:
     """Bed at one instant: grains at their true size, walls and piston.
 
@@ -57,9 +53,7 @@ def still(
     colouring(colour)
     run = open_run(run)
     (chosen,) = iterate_frames(run, [frame_index(run, frame, time)])
-    picture = BedPicture(
-        run, colour, colour_limits(run, colour, [chosen]), highest_point(run, [chosen])
-    )
+    picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest_point(run, [chosen]))
     picture.show(chosen)
     return picture.figure
 
@@ -76,8 +70,7 @@ def frame_index(run: Trajectory, frame: int = -1, time: float | None = None) -> 
     if time is not None:
         if not (math.isfinite(time) and times[0] <= time <= times[-1]):
             raise InputError(
-                f"time {time:g} s is not in the run; it has frames from {times[0]:g} to "
-                f"{times[-1]:g} s"
+                f"time {time:g} s is not in the run; it has frames from {times[0]:g} to {times[-1]:g} s"
             )
         return int(np.abs(times - time).argmin())
     if not -len(times) <= frame < len(times):
@@ -120,9 +113,6 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
         )
     # Without date and random names the same picture is the same file.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with (
-        replace_when_written(path, overwrite) as part,
-        mpl.rc_context({"svg.hashsalt": "granular"}),
-    ):
+    with replace_when_written(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
         figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
     return path

@@ -31,9 +31,7 @@ def tuned_mass(host: Host, mass: float) -> tuple[float, float]:
     return mass * omega**2, 2.0 * zeta * mass * omega
 
 
-def hanging_mass_stiffness(
-    frequencies: Any, mass: float, spring: float, dashpot: float
-) -> np.ndarray:
+def hanging_mass_stiffness(frequencies: Any, mass: float, spring: float, dashpot: float) -> np.ndarray:
     """Dynamic stiffness (f,) [N/m] of a mass on spring and dashpot, at frequencies [Hz]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
@@ -85,9 +83,9 @@ def slowest_decay(host: Host) -> float:
     springs = _chain_stiffness([body.stiffness for body in host.bodies])
     dashpots = _chain_stiffness([body.damping for body in host.bodies])
     masses = np.array([body.mass for body in host.bodies])[:, None]
-    rates = np.block([
-        [np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]
-    ])  # fmt: skip
+    rates = np.block(
+        [[np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]]
+    )
     return float(-np.linalg.eigvals(rates).real.max())
 
 
@@ -119,9 +117,13 @@ def scene_with_amplitude(host: Host, key: str, size: float) -> Host:
 
 
 def compare_linear(
-    scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    scene: Scene,
+    host: Host,
+    key: str,
+    sizes: Sequence[float],
+    frequencies: Sequence[float],
     swing: np.ndarray,
-) -> dict[str, tuple[str, str, np.ndarray]]:  # fmt: skip
+) -> dict[str, tuple[str, str, np.ndarray]]:
     """Curves without damper and with the tuned mass, and what the damper is to the host."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
     spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
@@ -141,17 +143,9 @@ def compare_linear(
     added = np.array(sizes)[:, None] / swing - own
     power = 0.5 * 1j * omega * added * np.abs(swing) ** 2  # complex: what is taken, and swings
     return result | {
-        "effective_mass": (
-            "kg",
-            "mass that the damper adds to the host",
-            -added.real / omega**2,
-        ),
+        "effective_mass": ("kg", "mass that the damper adds to the host", -added.real / omega**2),
         "added_stiffness": ("N/m", "stiffness that the damper adds to the host", added.real),
-        "added_damping": (
-            "kg/s",
-            "damping that the damper adds to the host",
-            added.imag / omega,
-        ),
+        "added_damping": ("kg/s", "damping that the damper adds to the host", added.imag / omega),
         "taken_power": ("W", "mean power that the damper takes", -power.real),
         "loss_factor": ("1", "power taken over that which swings", np.abs(power.real / power.imag)),
     }

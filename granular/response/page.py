@@ -56,9 +56,7 @@ class PageComparison:
     notes: Sequence[str] = ()
 
 
-def response_page(
-    response: Response, comparison: PageComparison | None = None, missing: str = ""
-) -> Page:
+def response_page(response: Response, comparison: PageComparison | None = None, missing: str = "") -> Page:
     """Report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
@@ -112,8 +110,12 @@ def _add_curves(page: Page, response: Response, comparison: PageComparison | Non
                 line.set(marker="o", markersize=5)
         names = _comparison_lines(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
-        drawing.legend([*handles, *names.values()], [*words, *names], loc="outside upper left",
-                       ncols=1 if len(words) + len(names) < 4 else 2)  # fmt: skip
+        drawing.legend(
+            [*handles, *names.values()],
+            [*words, *names],
+            loc="outside upper left",
+            ncols=1 if len(words) + len(names) < 4 else 2,
+        )
         page.figure(drawing, _curve_caption(response, comparison))
 
 
@@ -153,11 +155,15 @@ def _add_peaks(page: Page, response: Response) -> None:
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
-        [f"{row['amplitude']:g}", format_number(row["frequency"]), _in_mm(row["peak"]),
-         *(_in_mm(row[key]) for key in keys),
-         *([format_number(row["reduction"], 3)] if keys else [])]
+        [
+            f"{row['amplitude']:g}",
+            format_number(row["frequency"]),
+            _in_mm(row["peak"]),
+            *(_in_mm(row[key]) for key in keys),
+            *([format_number(row["reduction"], 3)] if keys else []),
+        ]
         for row in rows
-    ]  # fmt: skip
+    ]
     page.table(head, cells)
     if keys:
         page.text(
@@ -203,9 +209,7 @@ def _add_settings(page: Page, response: Response) -> None:
     if sweep is not None:
         rows.append(("one sweep", f"{sweep[0]:g} to {sweep[1]:g} Hz in {lasts:g} s"))
         rate = sweep_rate_at_peak(response)
-        rows.append(
-            ("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2))
-        )
+        rows.append(("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2)))
     elif lasts is not None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
@@ -372,9 +376,7 @@ def shown_response(response: Response, size: float) -> xarray.Dataset:
     """
     part = response.dataset.sel(amplitude=size)
     count = part.sizes["frequency"]
-    indices = np.unique(
-        np.linspace(0, count - 1, shown_frequency_count(response)).round().astype(int)
-    )
+    indices = np.unique(np.linspace(0, count - 1, shown_frequency_count(response)).round().astype(int))
     peak = int(part.displacement.values.argmax())
     indices[int(np.abs(indices - peak).argmin())] = peak
     return part.isel(frequency=indices)

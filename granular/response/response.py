@@ -117,8 +117,13 @@ class Response:
         if "alone" in data:
             curves = self.linear_curves(float(data.amplitude[-1]))
             for key, style, label in (("alone", "k--", "without"), ("ideal", "k:", "tuned mass")):
-                ax.plot(curves["frequency"], 1e3 * curves[key], style, lw=0.8,
-                        label=f"{label}, {data.amplitude.values[-1]:g} {unit}")  # fmt: skip
+                ax.plot(
+                    curves["frequency"],
+                    1e3 * curves[key],
+                    style,
+                    lw=0.8,
+                    label=f"{label}, {data.amplitude.values[-1]:g} {unit}",
+                )
         ax.set(xlabel="frequency [Hz]", ylabel="displacement [mm]", yscale="log")
         ax.legend(frameon=False)
         return ax
@@ -179,14 +184,20 @@ def frequency_response(
     if not all(size > 0.0 for size in sizes):
         raise InputError(f"amplitudes {sizes}: each must be above 0")
     made = sweep(
-        scene, measure=steady_figures,
+        scene,
+        measure=steady_figures,
         cases=[
             {"effects.host.excitation.frequency": float(f), f"effects.host.excitation.{key}": size}
-            for size in sizes for f in frequencies
+            for size in sizes
+            for f in frequencies
         ],
-        t_end=host.excitation.start + duration, dt=dt, out=out, workers=workers,
-        progress=progress, title="response",
-    )  # fmt: skip
+        t_end=host.excitation.start + duration,
+        dt=dt,
+        out=out,
+        workers=workers,
+        progress=progress,
+        title="response",
+    )
     wrong = [outcome["error"] for outcome in made.outcomes if outcome["error"] is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
@@ -212,9 +223,13 @@ def _checked_frequencies(scene: Scene, frequencies: Sequence[float], duration: f
 
 
 def _steady_dataset(
-    scene: Scene, host: Host, key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    scene: Scene,
+    host: Host,
+    key: str,
+    sizes: Sequence[float],
+    frequencies: Sequence[float],
     outcomes: Sequence[Any],
-) -> xarray.Dataset:  # fmt: skip
+) -> xarray.Dataset:
     shape = (len(sizes), len(frequencies))
     figures = [outcome["figures"] for outcome in outcomes]
 
@@ -238,9 +253,7 @@ def _steady_dataset(
     if host.bodies:
         result |= compare_linear(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.of_base:
-        shake = np.array(sizes)[:, None] * (
-            np.ones_like(omega) if key == "acceleration" else -(omega**2)
-        )
+        shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
         total = swing - shake / omega**2
         ratio = np.abs(total) / np.abs(shake / omega**2)
         result["transmissibility"] = ("1", "amplitude over that of the base", ratio)
@@ -248,9 +261,11 @@ def _steady_dataset(
 
 
 def response_dataset(
-    key: str, sizes: Sequence[float], frequencies: Sequence[float],
+    key: str,
+    sizes: Sequence[float],
+    frequencies: Sequence[float],
     mapping: Mapping[str, tuple[str, str, np.ndarray]],
-) -> xarray.Dataset:  # fmt: skip
+) -> xarray.Dataset:
     """Response's dataset, of fields (amplitude, frequency) with units and meanings."""
     import xarray
 
@@ -326,8 +341,7 @@ def load_response(directory: str | Path) -> Response:
     path = Path(directory) / FILE
     if not path.exists():
         raise InputError(
-            f"{quote(str(directory))} holds no {FILE}; write one by granular-damper response "
-            "SCENE -o DIR"
+            f"{quote(str(directory))} holds no {FILE}; write one by granular-damper response SCENE -o DIR"
         )
     try:
         plain = json.loads(read_text(path, MOST_BYTES))
@@ -359,6 +373,4 @@ def _response_from_plain(plain: Any, path: Path) -> Response:
 
 
 def _damage_error(path: Path, why: str) -> InputError:
-    return InputError(
-        f"{sanitize(path)} cannot be read: {why}; write it anew by granular-damper response"
-    )
+    return InputError(f"{sanitize(path)} cannot be read: {why}; write it anew by granular-damper response")

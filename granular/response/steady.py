@@ -24,9 +24,7 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
     """Return A where values = Im(A exp(i omega t)) + constant + slope t, by least squares."""
     omega = math.tau * frequency
     moment = time - time.mean()
-    columns = np.stack(
-        [np.sin(omega * time), np.cos(omega * time), np.ones_like(time), moment], axis=1
-    )
+    columns = np.stack([np.sin(omega * time), np.cos(omega * time), np.ones_like(time), moment], axis=1)
     (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, values, rcond=None)
     return complex(sine, cosine)
 
@@ -63,11 +61,13 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     ]
     periods = (moment[-1] - moment[0]) * frequency
     figures = {
-        "real": swing.real, "imaginary": swing.imag,
-        "stroke_real": stroke.real, "stroke_imaginary": stroke.imag,
+        "real": swing.real,
+        "imaginary": swing.imag,
+        "stroke_real": stroke.real,
+        "stroke_imaginary": stroke.imag,
         "greatest": 0.5 * float(np.ptp(body)),
         "unsteady": abs(halves[1] - halves[0]) / max(0.5 * sum(halves), 1e-300),
-    }  # fmt: skip
+    }
     for name in data.data_vars:
         if str(name).endswith("_loss") or name == "work":
             values = data[name].values[inside]
@@ -130,8 +130,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
         seen["stroke"] = data.piston_height.values
     frequencies, swings = swept_amplitudes(time, list(seen.values()), (low, high, length), points)
     result = {
-        name: ("frequency", np.abs(swing), {"units": "m"})
-        for name, swing in zip(seen, swings, strict=True)
+        name: ("frequency", np.abs(swing), {"units": "m"}) for name, swing in zip(seen, swings, strict=True)
     }
     result["phase"] = ("frequency", -np.angle(swings[0]), {"units": "rad"})
     return xarray.Dataset(result, coords={"frequency": ("frequency", frequencies, {"units": "Hz"})})
@@ -159,16 +158,14 @@ def swept_amplitudes(
     moments = np.linspace(middles, last - 0.5 * PERIODS / (low * math.exp(rate * last)), points)
     if moments[-1] <= moments[0]:
         raise InputError(
-            f"the run holds {last:g} s of the sweep, less than {PERIODS:g} of its periods; run "
-            "longer"
+            f"the run holds {last:g} s of the sweep, less than {PERIODS:g} of its periods; run longer"
         )
     frequencies = low * np.exp(rate * moments)
     swings = [np.empty(points, dtype=np.complex128) for _ in values]
     for k, (moment, frequency) in enumerate(zip(moments, frequencies, strict=True)):
         near = np.abs(time - moment) <= 0.5 * PERIODS / frequency
         columns = np.stack(
-            [np.sin(phase[near]), np.cos(phase[near]), np.ones(near.sum()), time[near] - moment],
-            axis=1,
+            [np.sin(phase[near]), np.cos(phase[near]), np.ones(near.sum()), time[near] - moment], axis=1
         )
         for swing, value in zip(swings, values, strict=True):
             (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, value[near], rcond=None)

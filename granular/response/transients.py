@@ -88,9 +88,13 @@ def run_sweep(
             f"frequency, {lowest:g} Hz; give at least {least:.3g} s"
         )
     sweep = {
-        "kind": "sweep", key: size, "start": start,
-        "frequency": lowest, "to": highest, "duration": duration,
-    }  # fmt: skip
+        "kind": "sweep",
+        key: size,
+        "start": start,
+        "frequency": lowest,
+        "to": highest,
+        "duration": duration,
+    }
     shaken = scene.replace(**{"effects.host.excitation": sweep})
     run = _simulate_driven(shaken, start + duration, dt, out, progress)
     return response_of_sweep(run, points)
@@ -120,11 +124,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
         what = "amplitude of the piston over the cell"
         result["stroke"] = ("m", what, data.stroke.values[None])
     result |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
-    settings = {
-        "dt": run.settings()["dt"],
-        "duration": drive.duration,
-        "sweep": [drive.frequency, drive.to],
-    }
+    settings = {"dt": run.settings()["dt"], "duration": drive.duration, "sweep": [drive.frequency, drive.to]}
     return Response(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
@@ -389,6 +389,4 @@ def settling_time_of_samples(
 def check_fraction(fraction: float) -> None:
     """Refuse a number that is no fraction of the peak."""
     if not 0.0 < fraction < 1.0:
-        raise InputError(
-            f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth"
-        )
+        raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")

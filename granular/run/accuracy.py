@@ -130,8 +130,7 @@ def _accurate_methods(
     """Price, step, method and bound of each method that reaches the tolerance."""
     for method in dict.fromkeys(entry.method for entry in costs.entries):
         entries = sorted(
-            (entry for entry in costs.entries if entry.method == method),
-            key=lambda entry: entry.fraction,
+            (entry for entry in costs.entries if entry.method == method), key=lambda entry: entry.fraction
         )
         fraction = _longest_step_fraction(entries, quantity, tolerance / MARGIN)
         if fraction is None:

@@ -67,9 +67,7 @@ class Metadata:
         _write_json(path / TRAJECTORY / METADATA, self._group)
 
 
-def _array_metadata(
-    variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]
-) -> dict[str, Any]:
+def _array_metadata(variable: Variable, shape: tuple[int, ...], chunk: tuple[int, ...]) -> dict[str, Any]:
     """Array in Zarr's format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
     integer = variable is STAGE
     return _FORMAT | {
@@ -154,8 +152,7 @@ class StoredArray:
             latest = read_checkpoint(self.path)[1]
             if latest.files != manifest.files or not self._check_shape(index, values, latest):
                 raise StoreError(
-                    f"{file} is damaged, or not what the run wrote there (its digest differs); "
-                    f"{REMEDY}"
+                    f"{file} is damaged, or not what the run wrote there (its digest differs); {REMEDY}"
                 )
         return values
 
@@ -176,9 +173,7 @@ class GrowingArray:
     array : StoredArray
     """
 
-    def __init__(
-        self, array: StoredArray, length: int = 0, manifest: Manifest | None = None
-    ) -> None:
+    def __init__(self, array: StoredArray, length: int = 0, manifest: Manifest | None = None) -> None:
         """From the first ``length`` entries of an array that a run has written.
 
         Raises

@@ -109,9 +109,7 @@ def read_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     contents = {name: file_bytes(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest(name, content) != manifest.files[name]:
-            raise StoreError(
-                f"{path / name} is not what the run wrote (its digest differs); {REMEDY}"
-            )
+            raise StoreError(f"{path / name} is not what the run wrote (its digest differs); {REMEDY}")
     return contents
 
 

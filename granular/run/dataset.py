@@ -25,11 +25,7 @@ def open_dataset(path: Path, metadata: Metadata, manifest: Manifest) -> xarray.D
     arrays = [StoredArray(path, name, plain) for name, plain in sorted(metadata.arrays.items())]
     return xarray.Dataset(
         {
-            array.name: (
-                array.dims,
-                LazilyIndexedArray(_CompleteArray(array, manifest)),
-                array.attributes,
-            )
+            array.name: (array.dims, LazilyIndexedArray(_CompleteArray(array, manifest)), array.attributes)
             for array in arrays
         }
     )
@@ -44,9 +40,7 @@ class _CompleteArray(BackendArray):
         self.dtype = array.dtype
 
     def __getitem__(self, key: Any) -> np.ndarray:
-        values: np.ndarray = explicit_indexing_adapter(
-            key, self.shape, IndexingSupport.OUTER, self._read
-        )
+        values: np.ndarray = explicit_indexing_adapter(key, self.shape, IndexingSupport.OUTER, self._read)
         return values
 
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:

@@ -97,9 +97,7 @@ def move_into_place(part: Path, path: Path) -> None:
         os.replace(part, target)
     except OSError as error:
         if target.is_dir() and any(target.iterdir()):
-            raise StoreError(
-                f"another process has begun a run in {path}; give a new directory"
-            ) from None
+            raise StoreError(f"another process has begun a run in {path}; give a new directory") from None
         raise StoreError(f"{path} cannot be made: {error.strerror}") from None
 
 

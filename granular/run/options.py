@@ -33,17 +33,11 @@ def validated_step(dt: float | str, scene: Scene | None = None) -> Step:
     InputError
         If it is neither.
     """
-    step = (
-        Step()
-        if scene is None
-        else Step(grains=scene.grains.count, dry=_allows_longer_steps(scene))
-    )
+    step = Step() if scene is None else Step(grains=scene.grains.count, dry=_allows_longer_steps(scene))
     if isinstance(dt, str):
         match = _AUTOMATIC.fullmatch(dt)
         if match is None:
-            raise InputError(
-                f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'"
-            )
+            raise InputError(f"dt = {quote(dt)}; give seconds, 'auto', or a multiple such as 'auto/2'")
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
         if not 0.0 < factor <= step.longest:
@@ -175,9 +169,7 @@ def check_step(step: Step, scene: Scene, t_end: float | None = None) -> None:
         raise InputError(f"dt = {dt:g} s is longer than the run, t_end = {t_end:g} s; shorten dt")
     for stage, duration in _known_stage_durations(scene, t_end):
         if 0.0 < duration < dt * (1.0 - 1e-9):
-            raise InputError(
-                f"dt = {dt:g} s is longer than stage {stage.name!r}, {duration:g} s; shorten dt"
-            )
+            raise InputError(f"dt = {dt:g} s is longer than stage {stage.name!r}, {duration:g} s; shorten dt")
 
 
 def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
@@ -211,9 +203,7 @@ def check_end(scene: Scene, t_end: float | None) -> None:
         raise InputError("the scene has no protocol; give it at least one stage, such as a hold")
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
-        if stage.total_duration(height) is None and (
-            t_end is None or index < len(scene.protocol) - 1
-        ):
+        if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
             raise InputError(
                 f"stage {stage.name!r} has no end; give it a duration, until = 'rest', or t_end "
                 "where it is the last"

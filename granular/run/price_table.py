@@ -93,21 +93,13 @@ def damping_kind(scene: Scene) -> str:
 def load_price_table() -> tuple[WorkPrecisionTable, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
-    return tuple(
-        _priced_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"]
-    )
+    return tuple(_priced_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
 
 
 def _priced_scene(plain: Mapping[str, Any], date: str) -> WorkPrecisionTable:
     entries = tuple(WorkPrecisionEntry(**rung_values) for rung_values in plain["entries"])
     return WorkPrecisionTable(
-        plain["name"],
-        plain["kind"],
-        plain["grains"],
-        plain["starts"],
-        plain["floors"],
-        entries,
-        date,
+        plain["name"], plain["kind"], plain["grains"], plain["starts"], plain["floors"], entries, date
     )
 
 
@@ -148,10 +140,7 @@ def price_text(run: Trajectory) -> str:
     entry = None if costs is None else _nearest_entry(costs, run.method.name, seen)
     if quantity is None or costs is None or entry is None:
         error = settings["ledger_residual"]
-        return (
-            f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, "
-            f"{error / 2.0**order:.1g}"
-        )
+        return f"price: {seconds:.3g} s; energy to {error:.1g} by the step; {finer}, {error / 2.0**order:.1g}"
     bound, scatter = entry.bounds[quantity], costs.floor(quantity, run.scene.grains.count)
     scattered = f"; starts scatter it by {scatter:.1g}" if scatter else ""
     if quantity not in entry.clear:
@@ -174,13 +163,10 @@ def _main_quantity(run: Trajectory) -> str | None:
     return "rest height" if rested else "piston force"
 
 
-def _nearest_entry(
-    costs: WorkPrecisionTable, method: str, seen: float
-) -> WorkPrecisionEntry | None:
+def _nearest_entry(costs: WorkPrecisionTable, method: str, seen: float) -> WorkPrecisionEntry | None:
     """Entry of a method next to a step, of those at least as long; else its longest."""
     entries = sorted(
-        (entry for entry in costs.entries if entry.method == method),
-        key=lambda entry: entry.frequency,
+        (entry for entry in costs.entries if entry.method == method), key=lambda entry: entry.frequency
     )
     if not entries or not 0.0 < seen <= 2.0 * entries[-1].frequency:
         return None

@@ -125,8 +125,7 @@ class PistonRecord:
         unit = self.units["height"]
         others = ", ".join(name for name in self.columns if name not in ("time", "height"))
         start, end, least, greatest = (
-            f"{value:.6g}"
-            for value in (self.time[0], self.time[-1], self.height.min(), self.height.max())
+            f"{value:.6g}" for value in (self.time[0], self.time[-1], self.height.min(), self.height.max())
         )
         return (
             f"PistonRecord of {len(self)} samples from {start} to {end} s, "
@@ -179,9 +178,7 @@ class PistonRecord:
         return ax
 
     @classmethod
-    def from_file(
-        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
-    ) -> PistonRecord:
+    def from_file(cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
         """Read a record from a file, as an instrument or a program writes it.
 
         CSV and its kin in any encoding, with preambles, rows of units, decimal commas, lost
@@ -212,9 +209,7 @@ class PistonRecord:
         return cls._read(Path(path), None, units, said)
 
     @classmethod
-    def from_csv(
-        cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any
-    ) -> PistonRecord:
+    def from_csv(cls, path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
         """Read a record from a file of text, whatever its name; see `from_file`.
 
         Parameters
@@ -253,9 +248,7 @@ class PistonRecord:
         return cls._read(Path(path), PARQUET, units, said)
 
     @classmethod
-    def from_table(
-        cls, table: Any, units: Mapping[str, str] | None = None, **said: Any
-    ) -> PistonRecord:
+    def from_table(cls, table: Any, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
         """Record in a DataFrame, an xarray object, or a mapping of names to arrays.
 
         Names and units are read as those of a file; see `from_file`.
@@ -294,11 +287,7 @@ class PistonRecord:
 
     @classmethod
     def _read(
-        cls,
-        path: Path,
-        form: Format | None,
-        units: Mapping[str, str] | None,
-        said: dict[str, Any],
+        cls, path: Path, form: Format | None, units: Mapping[str, str] | None, said: dict[str, Any]
     ) -> PistonRecord:
         from granular.readers.formats import interpret_record_file
 
@@ -308,9 +297,7 @@ class PistonRecord:
         except RecordError as error:
             raise RecordError(f"{sanitize(path)}: {error}") from None
         if meaning.notes:
-            warnings.warn(
-                f"{sanitize(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3
-            )
+            warnings.warn(f"{sanitize(path)}: {'; '.join(meaning.notes)}", RecordWarning, stacklevel=3)
         return record
 
     @classmethod
@@ -522,8 +509,7 @@ class PistonRecord:
         """
         velocity = None if self.velocity is None else self.velocity / scale
         deviations = {
-            name: values / scale if name == "height" else values
-            for name, values in self.deviations.items()
+            name: values / scale if name == "height" else values for name, values in self.deviations.items()
         }
         return dataclasses.replace(
             self, height=(self.height - shift) / scale, velocity=velocity, deviations=deviations
@@ -548,9 +534,7 @@ def _numbers(name: str, values: Any) -> np.ndarray:
         given = np.asarray(values)
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
             raise TypeError
-        if given.dtype.kind == "O" and not all(
-            isinstance(number, Real | Decimal) for number in given.flat
-        ):
+        if given.dtype.kind == "O" and not all(isinstance(number, Real | Decimal) for number in given.flat):
             raise TypeError
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -59,9 +59,7 @@ class Recorder:
 
     def _field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
         field = np.full((self.count, len(components)), np.nan)
-        field[state.label[:present]] = np.stack(
-            [component[:present] for component in components], axis=1
-        )
+        field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field
 
     def counts(self) -> tuple[int, int]:
@@ -80,10 +78,7 @@ class Recorder:
             yield variable, si_column(variable, rows, columns, scales)
         yield STAGE, stages
         for variable in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
-            yield (
-                variable,
-                self.stacked(variable.name, variable.dims) * getattr(scales, variable.scale),
-            )
+            yield (variable, self.stacked(variable.name, variable.dims) * getattr(scales, variable.scale))
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""

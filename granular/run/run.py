@@ -90,9 +90,7 @@ class Run(RunState):
     def _open_ledger(self) -> None:
         if self.ledger is None:
             row = self.look(ARRANGE)
-            self.ledger = Ledger.opened(
-                row[: self._entered], coarse=has_coarse_friction(self.scene)
-            )
+            self.ledger = Ledger.opened(row[: self._entered], coarse=has_coarse_friction(self.scene))
 
     def _jump_piston(self, by: float) -> None:
         before = self.energy(ARRANGE)
@@ -141,9 +139,16 @@ class Run(RunState):
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
         rows = np.empty((window.ticks // schedule.every + 2, self._columns))
         status, done, saved = advance_ticks(
-            window, schedule, self.plan, self.state, self.constants, self.motion,
-            self.measurement, watch, rows,
-        )  # fmt: skip
+            window,
+            schedule,
+            self.plan,
+            self.state,
+            self.constants,
+            self.motion,
+            self.measurement,
+            watch,
+            rows,
+        )
         self.progress.ticks += done
         if status == OUTSIDE:
             self._keep(rows[:saved])
@@ -202,9 +207,7 @@ class Run(RunState):
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
             window = Window(self.progress.start, reached, math.inf, 0, 1)
-            _, made, rows = self._run(
-                window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch
-            )
+            _, made, rows = self._run(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left
             rows = rows[:1]
         else:
@@ -239,10 +242,13 @@ class Run(RunState):
             state, scales = self.state, self.system.scales
             fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
             raise not_at_rest_error(
-                stage.name, stage.total_duration(0.0) or 0.0,
+                stage.name,
+                stage.total_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
-                self.stop_criteria().rest * scales.length, self.steps, self.time * scales.time,
-            )  # fmt: skip
+                self.stop_criteria().rest * scales.length,
+                self.steps,
+                self.time * scales.time,
+            )
         end = progress.last
         final = stage.final_height() if reason == "duration" else None
         if final is not None:
@@ -297,9 +303,8 @@ class Run(RunState):
             turned = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
-                    "an energy is not finite any more",
-                    step=self.steps, time=moment, remedy=self.not_finite,
-                ).blaming(self.too_long_step_text)  # fmt: skip
+                    "an energy is not finite any more", step=self.steps, time=moment, remedy=self.not_finite
+                ).blaming(self.too_long_step_text)
             error = unbalanced_energy_error(
                 wrong[1], self.ledger.wrong, self.steps, moment, self.shorter_step_remedy
             )

@@ -27,16 +27,7 @@ from granular.engine.step_size import (
 )
 from granular.engine.stiffness import collision_frequency
 from granular.engine.variable import initialise_step_density
-from granular.kernel_data.state import (
-    HEIGHT,
-    LONGEST,
-    SHORTEST,
-    SPEED,
-    STEPS,
-    TIME,
-    Measurement,
-    State,
-)
+from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.motion import Motion, drive_frequency, greatest_piston_speed
@@ -100,9 +91,7 @@ class Progress:
 class RunState:
     """State, progress and recorder of a run, and all that follows from them."""
 
-    def __init__(
-        self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None
-    ) -> None:
+    def __init__(self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.plan = make_plan(method, step, system.constants.acting.far)
@@ -203,12 +192,7 @@ class RunState:
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        left = min(
-            self.ticks_to(self.total),
-            self.ticks_to_end(),
-            to_frame,
-            to_review,
-        )
+        left = min(self.ticks_to(self.total), self.ticks_to_end(), to_frame, to_review)
         return int(left)
 
     @property
@@ -260,12 +244,11 @@ class RunState:
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
         moment = self.steps, self.time * self.system.scales.time
-        error = misplaced_grain_error(
-            self.state, self.constants, self.system.scales, *moment, remedy
-        )
+        error = misplaced_grain_error(self.state, self.constants, self.system.scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.shorter_step_remedy:
-            error = NotFiniteError(error.cause, step=error.step, time=error.time,
-                                   grain=error.grain, remedy=self.not_finite)  # fmt: skip
+            error = NotFiniteError(
+                error.cause, step=error.step, time=error.time, grain=error.grain, remedy=self.not_finite
+            )
         return error.blaming(self.too_long_step_text)
 
     # The step schedule ---------------------------------------------------------------------------
@@ -277,13 +260,9 @@ class RunState:
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
-        speed += greatest_piston_speed(
-            self.motion, self.constants.piston_mass, gravity, height, falling
-        )
+        speed += greatest_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
         speed += sum(
-            effect.greatest_speed(scales)
-            for effect in self.system.effects
-            if isinstance(effect, Frame)
+            effect.greatest_speed(scales) for effect in self.system.effects if isinstance(effect, Frame)
         )
         frequency = max(float(row[columns.STIFFEST]), collision_frequency(self.constants, speed))
         schedule = self.step.schedule(
@@ -298,9 +277,7 @@ class RunState:
         self._check_count("the path to the end", steps, MOST_COUNT)
         if self.plan.fraction is not None:
             half_tick = 0.5 * schedule.length
-            initialise_step_density(
-                speed, half_tick, self.plan.fraction, self.state, self.constants
-            )
+            initialise_step_density(speed, half_tick, self.plan.fraction, self.state, self.constants)
 
     def set_steps(self, frequency: float) -> None:
         """Cut the ticks into steps for another frequency; a variable step does so itself."""
@@ -311,16 +288,10 @@ class RunState:
     def _resolved_frequency(self, frequency: float) -> float:
         """Frequency that an automatic step is to resolve, with the drive and the drag."""
         scales, effects = self.system.scales, self.system.effects
-        rate = max(
-            (effect.decay_rate(scales) for effect in effects if isinstance(effect, Flow)),
-            default=0.0,
-        )
+        rate = max((effect.decay_rate(scales) for effect in effects if isinstance(effect, Flow)), default=0.0)
         record = self.scene.output.scalars / scales.time
         slowest = max(frequency, self.step.fraction / record)
-        drives = [
-            drive_frequency(self.motion),
-            *(effect.drive_frequency(scales) for effect in effects),
-        ]
+        drives = [drive_frequency(self.motion), *(effect.drive_frequency(scales) for effect in effects)]
         resolved = max(frequency, *drives, min(rate, DECAY_LIMIT * slowest))
         if self.step.automatic:
             steps = record * resolved / self.step.fraction

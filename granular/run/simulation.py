@@ -306,8 +306,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
         if trajectory.scene.pair_method == "verlet-list":
             remedy += ", and so is pairs.method = 'direct', without a list that misses pairs"
         warnings.warn(
-            f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}",
-            stacklevel=3,
+            f"the energy ledger is off by {residual:.2g} of the energy turned over; {remedy}", stacklevel=3
         )
     closest = settings.get("closest_distance", math.inf)
     least = min(specy.diameter for specy in trajectory.scene.grains.species)

@@ -42,8 +42,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     missing = set(persistent_arrays(state)) - set(saved)
     if missing:
         raise StoreError(
-            f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a "
-            "new directory"
+            f"the run's checkpoint holds no {min(missing)!r}: another version made it; give a new directory"
         )
     restore_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
@@ -121,9 +120,7 @@ def neighbour_list_arrays(lists: Stripes | VerletList | None) -> dict[str, np.nd
     return {"near_built": lists.built.copy(), "near_memory": lists.memory.copy()}
 
 
-def restore_neighbour_lists(
-    lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]
-) -> None:
+def restore_neighbour_lists(lists: Stripes | VerletList | None, saved: dict[str, np.ndarray]) -> None:
     """Let the lists be made again at the positions that a checkpoint holds."""
     if lists is not None and "near_built" in saved:
         lists.built[:], lists.memory[:] = saved["near_built"], saved["near_memory"]

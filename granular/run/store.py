@@ -17,19 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.arrays import (
-    GROUP,
-    GrowingArray,
-    Metadata,
-    StoredArray,
-)
-from granular.run.checkpoint import (
-    Manifest,
-    file_digests,
-    read_checkpoint,
-    read_files,
-    write_checkpoint,
-)
+from granular.run.arrays import GROUP, GrowingArray, Metadata, StoredArray
+from granular.run.checkpoint import Manifest, file_digests, read_checkpoint, read_files, write_checkpoint
 from granular.run.directory import (
     SCENE,
     SETTINGS,
@@ -64,12 +53,7 @@ class Store:
 
     @classmethod
     def create(
-        cls,
-        path: Path,
-        scene: Scene,
-        system: System,
-        settings: dict[str, Any],
-        checkpoint: Mapping[str, Any],
+        cls, path: Path, scene: Scene, system: System, settings: dict[str, Any], checkpoint: Mapping[str, Any]
     ) -> Store:
         """Start a run directory with its first checkpoint, in one step, and `hold` it.
 

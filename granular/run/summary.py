@@ -91,9 +91,7 @@ def scene_text(scene: Scene) -> str:
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
     lines += [
-        f"    {effect.key}: {said}"
-        for effect in scene.effects.all
-        if (said := describe_fields(effect))
+        f"    {effect.key}: {said}" for effect in scene.effects.all if (said := describe_fields(effect))
     ]
     for stage in scene.protocol:
         said = describe_fields(stage, without=("name",))
@@ -136,12 +134,8 @@ def run_text(run: Trajectory) -> str:
     for stage in run.stages:
         height = ""
         if run.scene.piston is not None:
-            height = (
-                f", piston at {1e3 * stage.height:.4f} mm ({stage.height / scales.length:.4f} D)"
-            )
-        lines.append(
-            f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}"
-        )
+            height = f", piston at {1e3 * stage.height:.4f} mm ({stage.height / scales.length:.4f} D)"
+        lines.append(f"{stage.name}: {stage.start:.4g} to {stage.end:.4g} s ({stage.reason}){height}")
     compiled = run.settings().get("compile_seconds", 0.0)
     more = f" and {compiled:.2g} s of compiling" if compiled >= _SHOWN else ""
     lines.append(

@@ -82,9 +82,7 @@ class Trajectory:
 
     def __repr__(self) -> str:
         sizes = self.dataset.sizes
-        stages = ", ".join(
-            f"{stage.name} to {stage.end:.4g} s ({stage.reason})" for stage in self.stages
-        )
+        stages = ", ".join(f"{stage.name} to {stage.end:.4g} s ({stage.reason})" for stage in self.stages)
         records, frames, grains = (sizes[name] for name in ("time", "frame", "grain"))
         return (
             f"Trajectory of scene {self.scene.name!r}, {'complete' if self.complete else 'cut'}\n"
@@ -149,9 +147,7 @@ class Trajectory:
         """
         from granular.run.view import run_page
 
-        return run_page(
-            self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages]
-        )
+        return run_page(self.scene, self.dataset, [(stage.name, stage.start) for stage in self.stages])
 
     def stage(self, name: str) -> StageResult:
         """Return the result of a stage by its name.
@@ -291,17 +287,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
     files = read_files(path, manifest)
     data = open_dataset(path, Metadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))
-    return make_trajectory(
-        load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path
-    )
+    return make_trajectory(load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path)
 
 
 def make_trajectory(
-    scene: Scene,
-    data: xarray.Dataset,
-    settings: dict[str, Any],
-    outcome: dict[str, Any],
-    path: Path | None,
+    scene: Scene, data: xarray.Dataset, settings: dict[str, Any], outcome: dict[str, Any], path: Path | None
 ) -> Trajectory:
     """Trajectory from a run's data, with coordinates and attributes."""
     species = scene.grains.assignment()

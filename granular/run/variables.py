@@ -72,9 +72,7 @@ GRAIN_FIELDS = (
     Variable("velocity", "m/s", "velocities", "", "velocity", ("frame", "grain", "axis")),
     Variable("force", "N", "magnetic, weight and contact", "", "force", ("frame", "grain", "axis")),
 )
-FRAME_HEIGHT = Variable(
-    "frame_height", "m", "height of the piston at the frame", "", "length", ("frame",)
-)
+FRAME_HEIGHT = Variable("frame_height", "m", "height of the piston at the frame", "", "length", ("frame",))
 
 
 def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
@@ -86,15 +84,11 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
         chosen += _PISTON
     if effects.walls is not None:
         walls = effects.walls
-        chosen += [
-            variable for variable, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)
-        ]
+        chosen += [variable for variable, side in zip(_SIDES, SIDES, strict=False) if getattr(walls, side)]
         chosen += [_TOP] if walls.top else []
     chosen.append(_KINETIC)
     chosen += [_PAIR] if effects.dipole else []
-    chosen += _sum_records(
-        (energy_column(index), variable.energy_record) for index, variable in laws[::-1]
-    )
+    chosen += _sum_records((energy_column(index), variable.energy_record) for index, variable in laws[::-1])
     if scene.piston is not None and scene.piston.mass is not None:
         chosen.append(_PISTON_ENERGY)
     chosen += _sum_records((loss_column(index), variable.loss_record) for index, variable in laws)
@@ -124,10 +118,7 @@ def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     """Grain fields of each frame that a scene has."""
     brought = (record for effect in scene.effects.laws for record in effect.grain_records)
-    return (
-        *GRAIN_FIELDS,
-        *(_record_variable(column, "", ("frame", "grain")) for column in brought),
-    )
+    return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
 
 
 def run_variables(scene: Scene) -> tuple[Variable, ...]:
@@ -142,9 +133,7 @@ def record_columns(scene: Scene) -> tuple[str, ...]:
     return all_columns(len(laws), sum(len(law.records) for law in laws))
 
 
-def si_column(
-    variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales
-) -> np.ndarray:
+def si_column(variable: Variable, rows: np.ndarray, columns: tuple[str, ...], scales: Scales) -> np.ndarray:
     """Variable's values in SI from records in natural units, with those columns."""
     first, *others = (rows[:, columns.index(word)] for word in variable.column.split(" + "))
     values = sum(others, start=first)

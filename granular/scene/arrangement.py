@@ -47,8 +47,7 @@ class Arrangement(Section):
                 raise FieldError("can only be given together with positions", "velocities")
             if len(self.velocities) != len(self.positions):
                 raise FieldError(
-                    f"holds {len(self.velocities)} pairs for {len(self.positions)} positions",
-                    "velocities",
+                    f"holds {len(self.velocities)} pairs for {len(self.positions)} positions", "velocities"
                 )
         for name, usual in GRID.items():
             if self.positions is not None and getattr(self, name) != usual:
@@ -157,9 +156,7 @@ def check_positions(
         _check_gap(x - radius, "the left wall", "move it to the right")
         _check_gap(cell.width - x - radius, "the right wall", "widen the cell or move it left")
         _check_gap(y - radius, "the bottom", "move it up")
-        _check_gap(
-            top - y - radius, "the piston", "raise piston.height or lower arrangement.height"
-        )
+        _check_gap(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
     else:
         positions = cell.inside(positions)
     if len(positions) > 1 and not overlapping:
@@ -180,6 +177,4 @@ def check_positions(
 def _check_gap(gap: np.ndarray, what: str, remedy: str) -> None:
     if len(gap) and gap.min() < 0.0:
         grain = int(gap.argmin())
-        raise SceneError(
-            f"grain {grain} reaches {-gap[grain]:.4g} m into {what}, 0 m is the limit; {remedy}"
-        )
+        raise SceneError(f"grain {grain} reaches {-gap[grain]:.4g} m into {what}, 0 m is the limit; {remedy}")

@@ -45,16 +45,13 @@ def final_height(reference: float, species: Sequence[Species]) -> float:
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
 
-def _compression_stages(
-    start: float, end: float, speed: float, relaxation: float
-) -> list[dict[str, object]]:
+def _compression_stages(start: float, end: float, speed: float, relaxation: float) -> list[dict[str, object]]:
     """Relaxation, compression, expansion, relaxation; ``relaxation`` in units of T [D, 2.3]."""
     _check_parameter("speed", speed, "m/s")
     _check_parameter("relaxation", relaxation, "T")
     if not start > end:
         raise InputError(
-            f"the compression would end at {end:g} m, above its start at {start:g} m; take "
-            "smaller grains"
+            f"the compression would end at {end:g} m, above its start at {start:g} m; take smaller grains"
         )
     period = (start - end) / speed
     descend = {"name": "relax", "kind": "descend", "to": start, "duration": relaxation * period}
@@ -74,9 +71,15 @@ def _check_parameter(name: str, value: float, unit: str, most: float = math.inf)
 
 
 def _compressed_bed(
-    name: str, count: int, width: float, heights: tuple[float, float], speed: float,
-    relaxation: float, seed: int, **more: object,
-) -> Scene:  # fmt: skip
+    name: str,
+    count: int,
+    width: float,
+    heights: tuple[float, float],
+    speed: float,
+    relaxation: float,
+    seed: int,
+    **more: object,
+) -> Scene:
     """Return packaged bed, compressed from one height to another [m]; ``more`` of it is changed.
 
     With about two thousand records and a hundred frames for the compression.
@@ -100,11 +103,7 @@ def _compressed_bed(
 
 
 def mono_bed(
-    count: int = REFERENCE_COUNT,
-    *,
-    speed: float = 8.33e-3,
-    relaxation: float = 5.0,
-    seed: int = 1,
+    count: int = REFERENCE_COUNT, *, speed: float = 8.33e-3, relaxation: float = 5.0, seed: int = 1
 ) -> Scene:
     """Bed of equal grains that is compressed and released, as in [D, chapter 3].
 
@@ -202,9 +201,15 @@ def bidisperse(
     heights = BIDISPERSE_START, final_height(_reference_height(big), species)
     mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}
     return _compressed_bed(
-        f"bidisperse-{aspect:g}-{ratio:g}", BIDISPERSE_COUNT, BIDISPERSE_WIDTH, heights, speed,
-        relaxation, seed, **mixture,
-    )  # fmt: skip
+        f"bidisperse-{aspect:g}-{ratio:g}",
+        BIDISPERSE_COUNT,
+        BIDISPERSE_WIDTH,
+        heights,
+        speed,
+        relaxation,
+        seed,
+        **mixture,
+    )
 
 
 def _reference_height(big: float) -> float:
@@ -256,9 +261,11 @@ def damper(
     """
     base = load_scene("damper")
     for name, value, unit in (
-        ("mass", mass, "kg"), ("count", count, "grains"), ("drag", drag, "kg/s"),
+        ("mass", mass, "kg"),
+        ("count", count, "grains"),
+        ("drag", drag, "kg/s"),
         ("drop", drop, "D"),
-    ):  # fmt: skip
+    ):
         _check_parameter(name, value, unit)
     scale = math.sqrt(count / REFERENCE_COUNT)
     diameter = base.grains.species[0].diameter

@@ -21,9 +21,7 @@ def dry_parts(scene: Scene) -> tuple[str, ...]:
 def has_coarse_friction(scene: Scene) -> bool:
     """Return whether grains rub by de Paula's regularised friction, or with its list of pairs."""
     friction = scene.effects.friction
-    return friction is not None and (
-        friction.scheme == "regularised" or scene.pair_method == "verlet-list"
-    )
+    return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
 
 
 def degraded_residual_limit(scene: Scene) -> float:

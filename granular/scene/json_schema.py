@@ -36,8 +36,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]
 
 _ATTRIBUTE = re.compile(r"^    (?P<names>\w+(?:, \w+)*) : .*\n(?P<words>(?:^        .*\n?)*)", re.M)
-_LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "below": "exclusiveMaximum",
-           "most": "maximum"}  # fmt: skip
+_LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "below": "exclusiveMaximum", "most": "maximum"}
 _TEXT = {"type": "string", "minLength": 1, "maxLength": 200}
 
 
@@ -56,30 +55,34 @@ def study_schema() -> Schema:
         "method": {"anyOf": [{"enum": list(METHODS)}, _TEXT, {"type": "object"}]},
     }
     return {
-        "$schema": DIALECT, "title": "study of granular-damper", "type": "object",
-        "required": ["scene"], "additionalProperties": False,
+        "$schema": DIALECT,
+        "title": "study of granular-damper",
+        "type": "object",
+        "required": ["scene"],
+        "additionalProperties": False,
         "properties": {
-            "scene": {"anyOf": [{"enum": list(scene_names())}, _TEXT],
-                      "description": "a packaged scene, or a path from here"},
-            "measure": _TEXT | {"description": "what is measured of each run: last-values, or the "
-                                               "name of a measure of one's own"},
+            "scene": {
+                "anyOf": [{"enum": list(scene_names())}, _TEXT],
+                "description": "a packaged scene, or a path from here",
+            },
+            "measure": _TEXT
+            | {
+                "description": "what is measured of each run: last-values, or the "
+                "name of a measure of one's own"
+            },
             **own,
             "changes": changes | {"description": "keys of the scene that all cases change"},
             "grid": changes | {"description": "lists of values, of which all combinations are run"},
             "cases": {"type": "array", "items": changes, "description": "changes, one by one"},
         },
-    }  # fmt: skip
+    }
 
 
 def _section_schema(section: type[Section]) -> Schema:
     """Section as an object."""
     if section is Effects:
-        known = {
-            name: result for name in effect_names() if (result := find_effect(name)) is not None
-        }
-        return _object_schema(
-            {name: _effect_schema(effect) for name, effect in known.items()}, [], section
-        )
+        known = {name: result for name in effect_names() if (result := find_effect(name)) is not None}
+        return _object_schema({name: _effect_schema(effect) for name, effect in known.items()}, [], section)
     if issubclass(section, Wall):
         plain = _fields_schema(section)
         plain["additionalProperties"] = True  # parameters of a law of one's own
@@ -121,8 +124,12 @@ def _fields_schema(section: type[Section]) -> Schema:
 
 
 def _object_schema(properties: Schema, required: list[str], section: type[Section]) -> Schema:
-    result: Schema = {"type": "object", "properties": properties, "required": required,
-                     "additionalProperties": issubclass(section, Parametric)}  # fmt: skip
+    result: Schema = {
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": issubclass(section, Parametric),
+    }
     first = (section.__doc__ or "").strip().split("\n\n")[0]
     return result | ({"description": " ".join(first.split())} if first else {})
 
@@ -135,11 +142,7 @@ def _kind_schema(kind: Kind) -> Schema:
 
 @_kind_schema.register
 def _(kind: Quantity) -> Schema:
-    limits = {
-        word: getattr(kind, name)
-        for name, word in _LIMITS.items()
-        if getattr(kind, name) is not None
-    }
+    limits = {word: getattr(kind, name) for name, word in _LIMITS.items() if getattr(kind, name) is not None}
     unit = "" if kind.unit == "1" else f", such as '1 {kind.unit}'"
     with_unit = _TEXT | {"description": f"a number with a unit{unit}"}
     return {"anyOf": [{"type": "number", **limits}, with_unit]}
@@ -168,8 +171,7 @@ def _(kind: Text) -> Schema:
 @_kind_schema.register
 def _(kind: Points) -> Schema:
     item_schema = _kind_schema(Quantity(unit=kind.unit))
-    return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2,
-                                       "maxItems": 2}}  # fmt: skip
+    return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2, "maxItems": 2}}
 
 
 @_kind_schema.register

@@ -16,16 +16,7 @@ from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
 from granular.schema.parts import Cell, Grains, Output, Piston
-from granular.schema.sections import (
-    FieldError,
-    Many,
-    Nested,
-    Section,
-    declare,
-    nested,
-    text,
-    unknown,
-)
+from granular.schema.sections import FieldError, Many, Nested, Section, declare, nested, text, unknown
 from granular.schema.units import si_value
 from granular.shared.citing import module_docstring_of
 from granular.shared.errors import SceneError
@@ -94,9 +85,7 @@ class Effects(Section):
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
-            raise FieldError(
-                f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}"
-            )
+            raise FieldError(f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}")
         self = object.__new__(cls)
         object.__setattr__(self, "_given", _read_effects(plain, diameter))
         return self
@@ -195,9 +184,7 @@ class Scene(Section):
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].takes_along or ()):
                 raise FieldError(
-                    f"cannot act together with {other.key!r}; take one of them away",
-                    "effects",
-                    kicks[-1].key,
+                    f"cannot act together with {other.key!r}; take one of them away", "effects", kicks[-1].key
                 )
 
     def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
@@ -211,9 +198,12 @@ class Scene(Section):
             Positions [m] and velocities [m/s], float64 (n, 2) each.
         """
         return initial_motion(
-            self.arrangement, self.grains, self.cell, self.piston,
+            self.arrangement,
+            self.grains,
+            self.cell,
+            self.piston,
             overlapping=self.effects.contact is not None,
-        )  # fmt: skip
+        )
 
     @property
     def pair_method(self) -> str:
@@ -236,19 +226,21 @@ class Scene(Section):
         if self.grains.magnets == "cylinders" and self.pairs.method == "verlet-list":
             raise FieldError(
                 "de Paula's list knows dipoles alone; take 'direct', or grains.magnets = 'dipoles'",
-                "pairs", "method",
-            )  # fmt: skip
+                "pairs",
+                "method",
+            )
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:
             raise FieldError(
                 "only the methods 'cut-off', 'mesh' and 'verlet-list' have a radius in a closed "
-                "cell; this one is 'direct'", "pairs", "cut_off",
-            )  # fmt: skip
+                "cell; this one is 'direct'",
+                "pairs",
+                "cut_off",
+            )
         if self.pairs.method == "mesh" and not self._closed:
             raise FieldError(
-                "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take "
-                "'direct'",
+                "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take 'direct'",
                 "pairs",
                 "method",
             )
@@ -263,13 +255,12 @@ class Scene(Section):
         for effect in self.effects.all:
             if not effect.periodic:
                 raise FieldError(
-                    "cannot act in a cell with periodic sides; leave it away, or take cell.sides = "
-                    "'closed'", "effects", effect.key,
-                )  # fmt: skip
+                    "cannot act in a cell with periodic sides; leave it away, or take cell.sides = 'closed'",
+                    "effects",
+                    effect.key,
+                )
         try:
-            self.pairs.check_periodic_cell(
-                self.grains.count, workspace, self.grains.species[0].diameter
-            )
+            self.pairs.check_periodic_cell(self.grains.count, workspace, self.grains.species[0].diameter)
         except FieldError as error:
             raise error.within("pairs") from None
 
@@ -307,19 +298,14 @@ class Scene(Section):
         walls = self.effects.walls
         if self.piston is None and walls is not None and walls.top is not None:
             raise FieldError(
-                "there is no piston; give [piston] a height or set it to 'none'",
-                "effects",
-                "walls",
-                "top",
+                "there is no piston; give [piston] a height or set it to 'none'", "effects", "walls", "top"
             )
         for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
             if stage.needs_mass and (self.piston is None or self.piston.mass is None):
                 raise FieldError(
-                    f"must be given: stage {stage.name!r} lets the piston move freely",
-                    "piston",
-                    "mass",
+                    f"must be given: stage {stage.name!r} lets the piston move freely", "piston", "mass"
                 )
 
     def replace(self, **changes: Any) -> Scene:

@@ -102,9 +102,7 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     return System(scales, constants, species, effects)
 
 
-def _acting_laws(
-    scene: Scene, scales: Scales, species: np.ndarray, method: Method | None
-) -> EffectLaws:
+def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> EffectLaws:
     grains, effects = scene.grains, scene.effects.laws
     setting = _effect_context(scene, scales, species)
     weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
@@ -200,9 +198,7 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
         raise
 
 
-def _far_field(
-    scene: Scene, scales: Scales, summed: str | None, method: Method | None
-) -> FarField | None:
+def _far_field(scene: Scene, scales: Scales, summed: str | None, method: Method | None) -> FarField | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = _far_every(scene, method), _friction_far_steps(scene, method)
@@ -272,6 +268,4 @@ def _piston_resistance(scene: Scene, scales: Scales) -> PistonResistance | None:
     if piston is None or piston.mass is None or not (piston.drag or piston.friction):
         return None
     mass = piston.mass if host is None else host.mass_of_piston(piston.mass)
-    return PistonResistance(
-        rate=piston.drag * scales.time / mass, force=piston.friction / scales.force
-    )
+    return PistonResistance(rate=piston.drag * scales.time / mass, force=piston.friction / scales.force)

@@ -108,6 +108,4 @@ class Parametric(Section):
         dimensions = {name: self.parameter(name)[1] for name in given}
         dimension = infer_dimension(tree, dict(self.variables) | dimensions)
         if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):
-            raise InputError(
-                f"it is in {unit_text(dimension)}, not in {self.unit}; check the units"
-            )
+            raise InputError(f"it is in {unit_text(dimension)}, not in {self.unit}; check the units")

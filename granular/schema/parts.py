@@ -85,8 +85,7 @@ class Grains(Section):
             object.__setattr__(self, "seed", 1)  # of no random numbers
         if self.mixing == "every-kth" and len(self.species) != 2:
             raise FieldError(
-                f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'",
-                "mixing",
+                f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'", "mixing"
             )
 
     def to_plain(self) -> dict[str, Any]:
@@ -223,9 +222,7 @@ class Cell(Section):
             raise FieldError("must be given where the sides are periodic", "height")
         if self.sides == "closed" and self.height is not None:
             raise FieldError(
-                "only a periodic cell has a height; a closed one ends at the piston "
-                "(piston.height)",
-                "height",
+                "only a periodic cell has a height; a closed one ends at the piston (piston.height)", "height"
             )
 
     def to_plain(self) -> dict[str, Any]:
@@ -284,7 +281,6 @@ class Output(Section):
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars
             raise FieldError(
-                f"{self.frames:g} s is no whole multiple of scalars = {self.scalars:g} s; "
-                f"give {near:g} s",
+                f"{self.frames:g} s is no whole multiple of scalars = {self.scalars:g} s; give {near:g} s",
                 "frames",
             )

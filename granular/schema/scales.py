@@ -74,9 +74,7 @@ class Scales:
             Size of the natural unit in that SI unit.
         """
         length, mass, time, current = unit_size(text)[1]
-        return float(
-            self.length**length * self.mass**mass * self.time**time * self.current**current
-        )
+        return float(self.length**length * self.mass**mass * self.time**time * self.current**current)
 
     @property
     def permeability(self) -> float:

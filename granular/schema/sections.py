@@ -165,9 +165,7 @@ class Text(Kind):
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{quote(value)} must be a text that is not empty")
         if len(value) > _LONGEST or not value.isprintable():
-            raise FieldError(
-                f"{quote(value)} must be one line of at most {_LONGEST} printable characters"
-            )
+            raise FieldError(f"{quote(value)} must be one line of at most {_LONGEST} printable characters")
         return value
 
 
@@ -221,9 +219,7 @@ class Nested(Kind):
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         assert self.section is not None
-        return (
-            value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
-        )
+        return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
         return value.to_plain()
@@ -329,11 +325,7 @@ def quantity(
 
 
 def integer(
-    *,
-    default: Any = dataclasses.MISSING,
-    least: int = 0,
-    most: int = 2**63 - 1,
-    optional: bool = False,
+    *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
     return declare(Integer(optional, least=least, most=most), default)
 
@@ -355,19 +347,13 @@ def points(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
 
 
 def numbers(
-    unit: str,
-    *,
-    default: Any = dataclasses.MISSING,
-    above: float | None = None,
-    least: float | None = None,
+    unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
     """List of numbers in an SI unit."""
     return declare(Numbers(element=Quantity(unit=unit, above=above, least=least)), default)
 
 
-def nested(
-    section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
-) -> Any:
+def nested(section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
     return declare(Nested(optional, section=section), default)
 
 
@@ -427,9 +413,7 @@ class Section:
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
-            raise FieldError(
-                f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}"
-            )
+            raise FieldError(f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}")
         for key in plain:
             if key not in cls.key_names():
                 raise FieldError(unknown(key, cls.key_names(), "key"))

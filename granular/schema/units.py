@@ -65,8 +65,7 @@ def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimensi
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
     raise SceneError(
-        f"unknown unit {quote(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their "
-        "products"
+        f"unknown unit {quote(name)}; use m, mm, kg, g, s, ms, N, T, Pa, Hz, deg, D and their products"
     )
 
 
@@ -106,9 +105,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
         for factor in re.split(r"\s+|(?<!\*)\*(?!\*)", part):
             match = _FACTOR.fullmatch(factor)
             if match is None:
-                raise SceneError(
-                    f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'"
-                )
+                raise SceneError(f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'")
             base, dimension = _unit_symbol_size(match[1], diameter)
             power = _power_of_unit(match[2], unit) * (-1 if position else 1)
             size *= base**power
@@ -126,9 +123,7 @@ def _power_of_unit(digits: str | None, unit: str) -> int:
         return 1
     # The length comes first: numbers of thousands of digits are refused by int itself.
     if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MOST_POWER:
-        raise SceneError(
-            f"a power in the unit {quote(unit)} is beyond {_MOST_POWER}; write a smaller one"
-        )
+        raise SceneError(f"a power in the unit {quote(unit)} is beyond {_MOST_POWER}; write a smaller one")
     return int(digits)
 
 
@@ -162,9 +157,7 @@ def si_value(text: str, unit: str, diameter: float | None = None) -> float:
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise SceneError(
-            f"{quote(text)} is not a quantity; write a number and a unit, such as '5 mm'"
-        )
+        raise SceneError(f"{quote(text)} is not a quantity; write a number and a unit, such as '5 mm'")
     number, written = float(match[1]), match[2]
     if not written:
         return number

@@ -52,9 +52,7 @@ def private_folder(folder: Path | None, variable: str) -> Path | None:
         folder = folder.absolute()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not _belongs_to_user_alone(folder.stat()):
-            raise PermissionError(
-                f"{folder} belongs to others, or others may write to it (chmod go-w)"
-            )
+            raise PermissionError(f"{folder} belongs to others, or others may write to it (chmod go-w)")
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         why = f"{folder} cannot be used: {error.strerror}" if error.strerror else str(error)

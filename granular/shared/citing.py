@@ -53,9 +53,7 @@ def cite(*things: Any) -> str:
     for thing in things:
         texts = getattr(thing, "literature", None)
         if texts is None:
-            raise InputError(
-                f"{quote(thing)} names no papers; give a scene, run, method, law or model"
-            )
+            raise InputError(f"{quote(thing)} names no papers; give a scene, run, method, law or model")
         keys |= {by_doi()[doi] for text in texts for doi in dois(text) if doi in by_doi()}
     entries = bibliography()
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))

@@ -162,12 +162,25 @@ class Interrupted(KeyboardInterrupt):
 
 
 NEEDED_BY = {
-    "diffrax": "fits", "equinox": "fits", "jax": "fits", "jaxlib": "fits", "lineax": "fits",
-    "mpmath": "fits", "optimistix": "fits", "sympy": "fits",
-    "PIL": "simulation", "google_crc32c": "simulation", "llvmlite": "simulation",
-    "loky": "simulation", "numba": "simulation", "numcodecs": "simulation",
-    "pandas": "simulation", "tomli_w": "simulation", "xarray": "simulation", "zarr": "simulation",
-}  # fmt: skip
+    "diffrax": "fits",
+    "equinox": "fits",
+    "jax": "fits",
+    "jaxlib": "fits",
+    "lineax": "fits",
+    "mpmath": "fits",
+    "optimistix": "fits",
+    "sympy": "fits",
+    "PIL": "simulation",
+    "google_crc32c": "simulation",
+    "llvmlite": "simulation",
+    "loky": "simulation",
+    "numba": "simulation",
+    "numcodecs": "simulation",
+    "pandas": "simulation",
+    "tomli_w": "simulation",
+    "xarray": "simulation",
+    "zarr": "simulation",
+}
 """Modules that an installation of one half lacks, with the group of `pyproject.toml` for each."""
 
 

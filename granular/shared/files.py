@@ -113,9 +113,7 @@ def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str
         try:
             return content.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            raise kind(
-                f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8"
-            ) from None
+            raise kind(f"{sanitize(path)}: cannot be read as text: {error}; save it as UTF-8") from None
 
 
 @contextlib.contextmanager
@@ -155,9 +153,7 @@ def reading(path: Path, most: int, kind: type[InputError] = InputError) -> Itera
 
 
 def _too_long_error(path: Path, most: int, kind: type[InputError]) -> InputError:
-    return kind(
-        f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter"
-    )
+    return kind(f"{sanitize(path)}: is too long; at most {most // 2**20} MB are read: make it shorter")
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -77,9 +77,7 @@ def paragraph(words: object) -> str:
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Table as HTML."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in header)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
+    body = "".join("<tr>" + "".join(f"<td>{_escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 

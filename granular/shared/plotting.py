@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#855020", "#54585e")
 """Line colours, told apart by colour-blind eyes of all three kinds too."""
-SIDES = {
-    "4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"
-}  # fmt: skip
+SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"}
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
 """Size of letters [pt] that can be read on a phone, where a figure is half as wide."""

@@ -22,11 +22,7 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     if wanted and not _is_terminal():
         form = options.get("bar_format", "{desc}: {n_fmt} of {total_fmt}{postfix} [{elapsed}]")
         options["bar_format"] = form.replace(" {bar:20}", "")
-        options |= {
-            "file": _ProgressLines(),
-            "mininterval": LINES_EVERY,
-            "maxinterval": LINES_EVERY,
-        }
+        options |= {"file": _ProgressLines(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     return tqdm(disable=not wanted, **options)
 
 

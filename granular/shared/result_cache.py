@@ -62,9 +62,7 @@ class ResultCache:
         except (FileNotFoundError, NotADirectoryError):
             return None
         except OSError as error:
-            raise StoreError(
-                f"{path} cannot be read: {error.strerror}; remove it to make it anew"
-            ) from None
+            raise StoreError(f"{path} cannot be read: {error.strerror}; remove it to make it anew") from None
         except ValueError:
             warnings.warn(f"{path} is damaged; what it held is made anew", stacklevel=2)
             return None

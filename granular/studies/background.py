@@ -81,9 +81,7 @@ class BackgroundCases:
         self._started += started
         return started
 
-    def finish(
-        self, started: Sequence[BackgroundCase], title: str, progress: bool
-    ) -> list[Outcome]:
+    def finish(self, started: Sequence[BackgroundCase], title: str, progress: bool) -> list[Outcome]:
         """Wait for cases; their outcomes. Those whose process died are tried again."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}

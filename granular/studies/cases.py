@@ -88,9 +88,7 @@ def make_cases(
         If a change does not fit the scene.
     """
     values = {name: _values_list(name, some) for name, some in grid.items()}
-    combined = [
-        dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())
-    ]
+    combined = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
     every = [*(combined if values else []), *map(dict, cases)]
     if not every:
         raise InputError("the study has no case; give a grid or a list of cases")
@@ -109,9 +107,7 @@ def _values_list(name: str, values: Iterable[Any]) -> list[Any]:
     return list(values)
 
 
-def _make_case(
-    scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure
-) -> Case:
+def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], measure: Measure) -> Case:
     own = {name: value for name, value in changes.items() if name in settings}
     settings = settings | own
     validated_step(settings["dt"])
@@ -120,11 +116,7 @@ def _make_case(
     if "method" in own:
         changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
-    content = {
-        "scene": changed.to_plain(),
-        "settings": settings,
-        "measure": measure_name(measure),
-    }
+    content = {"scene": changed.to_plain(), "settings": settings, "measure": measure_name(measure)}
     if user_code := custom_sources(changed):
         content["own"] = user_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

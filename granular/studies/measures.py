@@ -100,8 +100,7 @@ class CustomMeasure:
                 return {marked.name: last.values.tolist()}
             labels = map(str, last["label"].values)
             return {
-                f"{marked.name}.{k}": column.values.tolist()
-                for k, column in zip(labels, last, strict=True)
+                f"{marked.name}.{k}": column.values.tolist() for k, column in zip(labels, last, strict=True)
             }
         figures: Mapping[str, Any] = result(run)
         return figures
@@ -110,8 +109,7 @@ class CustomMeasure:
 def custom_measures(file: UserFile) -> dict[str, CustomMeasure]:
     """Functions and observables that a user's file defines, by their names."""
     return {
-        name: CustomMeasure(file, name, measure_name(function))
-        for name, function in _functions(file).items()
+        name: CustomMeasure(file, name, measure_name(function)) for name, function in _functions(file).items()
     }
 
 

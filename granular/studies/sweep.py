@@ -200,11 +200,7 @@ def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str,
 
 
 def iterate_outcomes(
-    cases: Sequence[Case],
-    measure: Measure,
-    directory: Path | None,
-    keep_runs: bool,
-    pool: Executor,
+    cases: Sequence[Case], measure: Measure, directory: Path | None, keep_runs: bool, pool: Executor
 ) -> Iterator[tuple[Case, Outcome]]:
     """Each case with its outcome, as they come; what the machine did to one is tried again.
 
@@ -307,9 +303,7 @@ class _SweepBar:
         if wanted:
             from granular.shared.progress import progress_bar
 
-            self._bar = progress_bar(
-                total=total, initial=reused, desc=title, unit="case", smoothing=0.1
-            )
+            self._bar = progress_bar(total=total, initial=reused, desc=title, unit="case", smoothing=0.1)
 
     def __enter__(self) -> _SweepBar:
         return self
@@ -355,9 +349,7 @@ def load_study(path: str | Path, own: Mapping[str, Measure] | None = None) -> di
             raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
     name = str(plain["scene"])
     scene = load_scene(name if name in scene_names() else path.parent / name)
-    result: dict[str, Any] = {
-        key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain
-    }
+    result: dict[str, Any] = {key: plain[key] for key in ("dt", "t_end", "method", "cases") if key in plain}
     result["grid"] = _flatten_keys(plain.get("grid", {}))
     result["cases"] = [_flatten_keys(case) for case in plain.get("cases", [])]
     result["measure"] = measure_named(str(plain.get("measure", "last-values")), own)

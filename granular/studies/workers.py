@@ -139,9 +139,7 @@ def compute_case(
         with lock_file(cache.directory / f".{case.key}.lock", wait) as alone:
             if not alone:
                 return failed_outcome("another sweep computes it", ELSEWHERE)
-            return _run_and_store(
-                cache, case, measure, directory / "runs" / case.key if keep_runs else None
-            )
+            return _run_and_store(cache, case, measure, directory / "runs" / case.key if keep_runs else None)
     except OF_THE_MACHINE as error:
         return failed_outcome(f"{type(error).__name__}: {error}", MACHINE)
     except Exception as error:
@@ -171,9 +169,8 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             run = simulate(
-                case.scene, **case.settings, out=out, resume=out is not None,
-                threads=1, progress=False,
-            )  # fmt: skip
+                case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
+            )
         figures = {name: _to_python_number(value) for name, value in measure(run).items()}
     except (*OF_THE_MACHINE, MissingError):
         raise
@@ -270,9 +267,7 @@ def _connect_to_dask(address: str) -> Iterator[Executor]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise InputError(
-            "--dask needs Dask; install it with: pip install 'granular-damper[dask]'"
-        ) from None
+        raise InputError("--dask needs Dask; install it with: pip install 'granular-damper[dask]'") from None
     for name in (
         "distributed",
         "distributed.client",
@@ -284,8 +279,7 @@ def _connect_to_dask(address: str) -> Iterator[Executor]:
         client = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(
-            f"no Dask scheduler answers at {quote(address)} ({type(error).__name__}); check the "
-            "address"
+            f"no Dask scheduler answers at {quote(address)} ({type(error).__name__}); check the address"
         ) from None
     with client:
         yield Cluster(client)

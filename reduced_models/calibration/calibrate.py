@@ -161,11 +161,7 @@ def calibrate(
 
 
 def run_calibration(
-    simulator: SceneSimulator,
-    record: PistonRecord,
-    wanted: Features,
-    confidence: float,
-    checks: bool,
+    simulator: SceneSimulator, record: PistonRecord, wanted: Features, confidence: float, checks: bool
 ) -> Calibration:
     """Numbers for which a scene's simulations have the wanted features of a record.
 
@@ -182,13 +178,9 @@ def run_calibration(
 
 def _check_scene(scene: Scene) -> None:
     if scene.piston is None:
-        raise InputError(
-            f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate"
-        )
+        raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate")
     if not any(stage.needs_mass for stage in scene.protocol):
-        raise InputError(
-            f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one"
-        )
+        raise InputError(f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one")
 
 
 def _step_shift(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
@@ -234,12 +226,7 @@ def _result(
 
 
 def _calibrated_value(
-    item: Parameter,
-    k: int,
-    value: float,
-    ended: SearchEnd,
-    shift: np.ndarray | None,
-    confidence: float,
+    item: Parameter, k: int, value: float, ended: SearchEnd, shift: np.ndarray | None, confidence: float
 ) -> CalibratedValue:
     from scipy.stats import t as student
 
@@ -268,15 +255,18 @@ def _calibrated_value(
 def _feature_matches(wanted: Features, ended: SearchEnd) -> tuple[Match, ...]:
     scatter = np.sqrt(np.diag(ended.scatter))
     return tuple(
-        Match(name, float(wanted.values[k]), math.exp(ended.centre.mean[k]),
-              float(wanted.errors[k]), float(scatter[k]))
+        Match(
+            name,
+            float(wanted.values[k]),
+            math.exp(ended.centre.mean[k]),
+            float(wanted.errors[k]),
+            float(scatter[k]),
+        )
         for k, name in enumerate(wanted.names)
-    )  # fmt: skip
+    )
 
 
-def _calibration_notes(
-    simulator: SceneSimulator, wanted: Features, ended: SearchEnd
-) -> tuple[str, ...]:
+def _calibration_notes(simulator: SceneSimulator, wanted: Features, ended: SearchEnd) -> tuple[str, ...]:
     notes = []
     if not ended.settled:
         notes.append(

@@ -69,9 +69,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: Features) -> SearchEn
         if np.abs(step).max() >= 0.5 * STRIDE:
             lacking = trial.mean - centre.mean - slopes.mean(axis=0) @ step
             slopes = slopes + np.outer(lacking, step) / (step @ step)
-        better = _normalised_distance(trial, wanted, scatter) < _normalised_distance(
-            centre, wanted, scatter
-        )
+        better = _normalised_distance(trial, wanted, scatter) < _normalised_distance(centre, wanted, scatter)
         radius = min(RADIUS, 2.0 * radius) if better else 0.25 * float(np.abs(step).max())
         centre = trial if better else centre
     scatter = _scatter_covariance(points)

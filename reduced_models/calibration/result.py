@@ -155,9 +155,7 @@ class Calibration:
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
             for k, motion in enumerate(self.motions):
                 label = "simulated, one line a random start" if k == 0 else None
-                top.plot(
-                    motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label
-                )
+                top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label)
             top.set_ylabel("height [mm]")
             top.set_xlabel("time [s]")
             top.legend()
@@ -165,9 +163,7 @@ class Calibration:
             bottom.errorbar(
                 [100.0 * (feature.simulated / feature.record - 1.0) for feature in self.matches],
                 names,
-                xerr=[
-                    200.0 * math.hypot(feature.noise, feature.scatter) for feature in self.matches
-                ],
+                xerr=[200.0 * math.hypot(feature.noise, feature.scatter) for feature in self.matches],
                 fmt="o",
                 color=COLOURS[1],
                 capsize=3,
@@ -183,19 +179,31 @@ class Calibration:
         for note in (*map(str, self.undetermined), *self.notes):
             page.note(note)
         page.table(
-            ("number", "value", "unit", f"{100 * self.confidence:g} % interval", "before",
-             "noise [%]", "random starts [%]", "step [%]"),
+            (
+                "number",
+                "value",
+                "unit",
+                f"{100 * self.confidence:g} % interval",
+                "before",
+                "noise [%]",
+                "random starts [%]",
+                "step [%]",
+            ),
             [
                 (
-                    parameter.key, f"{parameter.value:.6g}", parameter.unit,
+                    parameter.key,
+                    f"{parameter.value:.6g}",
+                    parameter.unit,
                     f"{parameter.interval[0]:.6g} to {parameter.interval[1]:.6g}",
                     f"{parameter.start:.6g}",
-                    *("" if part is None else f"{100 * part:.2g}"
-                      for part in (parameter.noise, parameter.scatter, parameter.step)),
+                    *(
+                        "" if part is None else f"{100 * part:.2g}"
+                        for part in (parameter.noise, parameter.scatter, parameter.step)
+                    ),
                 )
                 for parameter in self.parameters
             ],
-        )  # fmt: skip
+        )
         page.figure(self.plot(), "The record, the simulations, and their features.")
         page.section("The scene")
         page.preformat(self.scene.to_toml())

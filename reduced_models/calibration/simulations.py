@@ -244,9 +244,7 @@ class SceneSimulator:
             for k, position in enumerate(positions)
         ]
 
-    def _simulated_point(
-        self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]
-    ) -> SimulatedPoint:
+    def _simulated_point(self, position: np.ndarray, outcomes: Sequence[Mapping[str, Any]]) -> SimulatedPoint:
         records, rows = [], []
         for seed, outcome in zip(self.seeds, outcomes, strict=True):
             try:
@@ -256,9 +254,7 @@ class SceneSimulator:
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
                 figures = record_features(record, self.law, force=self.force)
             except InputError as error:
-                where = ", ".join(
-                    f"{key} = {value:.5g}" for key, value in self.changes(position).items()
-                )
+                where = ", ".join(f"{key} = {value:.5g}" for key, value in self.changes(position).items())
                 cause = f"the simulation with {where} from random start {seed} failed: {error}"
                 return SimulatedPoint(position, (), np.empty((0, 0)), cause)
             records.append(record)

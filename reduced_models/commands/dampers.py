@@ -37,9 +37,11 @@ if TYPE_CHECKING:
     from reduced_models.designs.maps import DamperMaps
 
 OUT = option(
-    "-o", "--out", metavar="DIR",
+    "-o",
+    "--out",
+    metavar="DIR",
     help="directory for report, scene and simulations; the same one again goes on",
-)  # fmt: skip
+)
 POINTS = 128
 """Dampers of a study next to sixteen corners, if not given."""
 
@@ -48,30 +50,40 @@ SLIDERS = "sliders.html"
 
 
 @command(
-    "calibrate", "fit numbers of a scene to a record, by simulations",
+    "calibrate",
+    "fit numbers of a scene to a record, by simulations",
+    option("record", metavar="RECORD", help="a record as an instrument wrote it, or a run directory"),
+    SCENE,
+    CHANGES,
     option(
-        "record", metavar="RECORD", help="a record as an instrument wrote it, or a run directory"
-    ),
-    SCENE, CHANGES,
-    option(
-        "--parameter", dest="parameters", action="append", metavar="KEY",
+        "--parameter",
+        dest="parameters",
+        action="append",
+        metavar="KEY",
         help="number of the scene to fit, such as piston.mass, effects.drag.coefficient or "
         "grains.remanence; the first two without (repeatable)",
     ),
     option("--seeds", type=int, default=4, help="random starts of the bed"),
     option(
-        "--law", default="polynomial-spring", metavar="LAW",
+        "--law",
+        default="polynomial-spring",
+        metavar="LAW",
         help="law whose rest, period and damping are compared: name or equation",
     ),
     option("--no-checks", action="store_true", help="skip the run with half the step"),
-    OUT, DT, METHOD, IMPORT, READING, OUTPUT,
+    OUT,
+    DT,
+    METHOD,
+    IMPORT,
+    READING,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s lab.csv damper -o out
   %(prog)s lab.csv my-damper.toml --parameter piston.mass
   %(prog)s forced.csv damper --parameter piston.mass \\
       --parameter effects.drag.coefficient --parameter grains.remanence -o out""",
-)  # fmt: skip
+)
 def calibrate(options: Any) -> None:
     """Fit numbers of a scene to a record."""
     from granular.run.record import PistonRecord
@@ -83,9 +95,7 @@ def calibrate(options: Any) -> None:
     import_user_code(options.user_files)
     source = open_source(options.record, read_options_from_line(options))
     if isinstance(source, Scene):
-        raise InputError(
-            f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file"
-        )
+        raise InputError(f"{quote(options.record)} is a scene; give a record, a CSV or Parquet file")
     record = source if isinstance(source, PistonRecord) else source.piston()
     chosen = {} if options.parameters is None else {"parameters": options.parameters}
     with _print_where_interrupted(options.out):
@@ -102,48 +112,56 @@ def calibrate(options: Any) -> None:
 
 
 @command(
-    "design", "choose mass, grains and drag for a wanted frequency and damping",
+    "design",
+    "choose mass, grains and drag for a wanted frequency and damping",
     option(
-        "--frequency", type=quantity_reader("Hz"), metavar="F",
+        "--frequency",
+        type=quantity_reader("Hz"),
+        metavar="F",
         help="of the undamped small swing about rest [Hz]",
     ),
-    option(
-        "--damping", type=quantity_reader("1"), metavar="R", help="damping ratio, as 0.04 or '4 %%'"
-    ),
+    option("--damping", type=quantity_reader("1"), metavar="R", help="damping ratio, as 0.04 or '4 %%'"),
     option("--grains", type=int, metavar="N", help="number of grains; chosen if not given"),
     option(
-        "--mass", type=quantity_reader("kg"), metavar="M",
-        help="mass of the piston [kg]; chosen if not given",
+        "--mass", type=quantity_reader("kg"), metavar="M", help="mass of the piston [kg]; chosen if not given"
     ),
     option(
-        "--small-share", type=quantity_reader("1"), default=0.0, metavar="S",
+        "--small-share",
+        type=quantity_reader("1"),
+        default=0.0,
+        metavar="S",
         help="fraction of grains of 0.6 D (0)",
     ),
     option(
-        "--study", metavar="FILE",
+        "--study",
+        metavar="FILE",
         help="study.csv that '--maps --simulate' wrote; if not given, the package's own",
     ),
     option(
-        "--maps", action="store_true",
+        "--maps",
+        action="store_true",
         help="in place of a design, show frequency and damping over mass, grains, drag and "
         "mixture: report.html, sliders.html and study.csv in DIR",
     ),
     option(
-        "--simulate", action="store_true",
-        help="simulate the study behind the maps anew (about half an hour)",
+        "--simulate", action="store_true", help="simulate the study behind the maps anew (about half an hour)"
     ),
     option(
-        "--points", type=int, metavar="N",
+        "--points",
+        type=int,
+        metavar="N",
         help=f"dampers of that study next to sixteen corners, a power of two ({POINTS})",
     ),
-    OUT, WORKERS, OUTPUT,
+    OUT,
+    WORKERS,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out
   %(prog)s --maps -o out              # those that come with the package
   %(prog)s --maps --simulate -o out   # the study behind them, anew""",
-)  # fmt: skip
+)
 def design(options: Any) -> None:
     """Propose a damper and check it, or show the maps."""
     if options.workers is not None and options.workers < 1:
@@ -203,9 +221,7 @@ def _packaged_maps(options: Any, target: Path) -> DamperMaps:
 
     refuse_options(options, "the package's own maps, only with --simulate", "points")
     if (target / "cases").is_dir():
-        raise InputError(
-            f"{show_path(target)} holds a study of its own; add --simulate, or give another -o"
-        )
+        raise InputError(f"{show_path(target)} holds a study of its own; add --simulate, or give another -o")
     return damper_maps()
 
 
@@ -215,9 +231,7 @@ def _run_map_study(options: Any, target: Path) -> DamperMaps:
 
     points = POINTS if options.points is None else options.points
     with _print_where_interrupted(options.out):
-        study = run_study(
-            target, points=points, workers=options.workers, progress=not options.quiet
-        )
+        study = run_study(target, points=points, workers=options.workers, progress=not options.quiet)
     # Written before it is mapped, so that it is there where it cannot be.
     write_text(target / "study.csv", study.to_csv(index=False))
     return DamperMaps(study)
@@ -240,12 +254,7 @@ def _print_where_interrupted(out: str | None) -> Iterator[None]:
     "predict a whole fall from the scene alone",
     SCENE,
     CHANGES,
-    option(
-        "--height",
-        type=quantity_reader("m"),
-        metavar="H",
-        help="of the start [m]; the scene's without",
-    ),
+    option("--height", type=quantity_reader("m"), metavar="H", help="of the start [m]; the scene's without"),
     option(
         "--law-only",
         action="store_true",

@@ -9,17 +9,17 @@ from granular.commands.options import OUTPUT
 
 
 @command(
-    "example", "write made records, as instruments write them, to try the other commands on",
+    "example",
+    "write made records, as instruments write them, to try the other commands on",
     option(
-        "-o", "--out", default="lab", metavar="DIR",
-        help="directory for them (lab); nothing is overwritten",
+        "-o", "--out", default="lab", metavar="DIR", help="directory for them (lab); nothing is overwritten"
     ),
     OUTPUT,
     examples="""\
 examples:
   %(prog)s
   %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""",
-)  # fmt: skip
+)
 def example(options: Any) -> None:
     """Write the example records."""
     from reduced_models.records.examples import write_examples

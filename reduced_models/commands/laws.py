@@ -41,49 +41,56 @@ if TYPE_CHECKING:
     from reduced_models.laws.height_map import HeightMap
 
 LAWS = option(
-    "--law", dest="laws", action="append", metavar="LAW",
+    "--law",
+    dest="laws",
+    action="append",
+    metavar="LAW",
     help="law to fit: a name, 'all', or an equation such as \"z'' + 2*lam*z' + k*z = g0\" "
     "(repeatable); if not given, all that a quick first fit does not rule out",
-)  # fmt: skip
+)
 NOT_POLISHED = "the choice was not polished; see the other candidates"
 
 INPUT = option(
-    "--input", dest="drive", metavar="COLUMN",
+    "--input",
+    dest="drive",
+    metavar="COLUMN",
     help="column of the records that drives the motion: all laws have it as their input",
-)  # fmt: skip
-TEST_FRACTION = option(
-    "--test-fraction", type=quantity_reader("1"), default=0.3, metavar="S",
-    help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
-)  # fmt: skip
-STARTS = option(
-    "--starts", type=int, default=16, help="how many starting points each fit tries (16)"
 )
+TEST_FRACTION = option(
+    "--test-fraction",
+    type=quantity_reader("1"),
+    default=0.3,
+    metavar="S",
+    help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
+)
+STARTS = option("--starts", type=int, default=16, help="how many starting points each fit tries (16)")
 
 
 @command(
-    "identify", "simulate or read a motion, compare laws, and write a report",
+    "identify",
+    "simulate or read a motion, compare laws, and write a report",
     option("source", metavar="SOURCE", help=A_SOURCE),
     CHANGES,
     option("-o", "--out", metavar="DIR", help="directory for report, models and run"),
     LAWS,
     option(
-        "--discover", metavar="METHOD",
-        help="also search for a law of unknown form, by sindy, operon or pysr",
+        "--discover", metavar="METHOD", help="also search for a law of unknown form, by sindy, operon or pysr"
     ),
     INPUT,
     option(
-        "--mass", metavar="M",
-        help="mass of what moves [kg], for stiffness and damping (a scene has its own)",
+        "--mass", metavar="M", help="mass of what moves [kg], for stiffness and damping (a scene has its own)"
     ),
     STARTS,
+    option("--no-checks", action="store_true", help="skip the runs that show step error and scatter"),
     option(
-        "--no-checks", action="store_true", help="skip the runs that show step error and scatter"
-    ),
-    option(
-        "--dt", help="time step [s], 'auto', or a multiple such as auto/2; if not given, the "
+        "--dt",
+        help="time step [s], 'auto', or a multiple such as auto/2; if not given, the "
         "longest whose errors random starts hide",
     ),
-    METHOD, IMPORT, THREADS, READING,
+    METHOD,
+    IMPORT,
+    THREADS,
+    READING,
     option("--verbose", action="store_true", help="print all of the result, not its main lines"),
     OUTPUT,
     examples="""\
@@ -92,7 +99,7 @@ examples:
   %(prog)s lab.csv --mass 7.5 -o out
   %(prog)s lab.csv --law all -o out
   %(prog)s lab.csv --law linear --law "z'' + c*z' + k*(z - r)**3 = 0\"""",
-)  # fmt: skip
+)
 def identify(options: Any) -> None:
     """Identify a scene, a run or a CSV file."""
     from granular.schema.units import si_value
@@ -120,33 +127,46 @@ def identify(options: Any) -> None:
 
 
 @command(
-    "fit", "fit one law to one record, or to several together",
+    "fit",
+    "fit one law to one record, or to several together",
     SOURCES,
     option("--law", default="linear", metavar="LAW", help="name or equation"),
     option("--laws", action="store_true", help="list the laws that can be fitted by their names"),
     option(
-        "--own", action="append", default=[], metavar="NAME",
+        "--own",
+        action="append",
+        default=[],
+        metavar="NAME",
         help="parameter that each record has for itself (repeatable)",
     ),
     option(
-        "--bound", dest="bounds", action="append", default=[], metavar="NAME=LOW:HIGH",
+        "--bound",
+        dest="bounds",
+        action="append",
+        default=[],
+        metavar="NAME=LOW:HIGH",
         help="least and greatest value of a parameter, in SI or as '0.1 m:20 cm' (repeatable)",
     ),
-    TEST_FRACTION, STARTS,
+    TEST_FRACTION,
+    STARTS,
     option(
-        "--intervals", default="linear", metavar="HOW",
+        "--intervals",
+        default="linear",
+        metavar="HOW",
         help="linear (default), bootstrap (resampled records) or profile (right also where "
         "parameters are bounded or trade places)",
     ),
     option("--drift", action="store_true", help="let the records' zero drift slowly"),
     option(
-        "--measured", metavar="SENSOR",
+        "--measured",
+        metavar="SENSOR",
         help="what is compared, where it is not the height: velocity, acceleration, force or "
         "base_force, and gain, offset (a number, LOW:HIGH or free), low_pass, high_pass (in Hz), "
         "damping_ratio, column, absolute behind it; by the file's columns if not given",
     ),
     option("-o", "--out", metavar="FILE", help="model of the first record, as JSON"),
-    READING, OUTPUT,
+    READING,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s --laws
@@ -156,7 +176,7 @@ examples:
   %(prog)s acc.csv --law linear --columns acceleration=ax
   %(prog)s geo.csv --law linear --columns velocity=ch1 --scale "velocity=1 m/s/V" \\
       --measured "velocity gain=20:30 high_pass=4.5 damping_ratio=0.6\"""",
-)  # fmt: skip
+)
 def fit(options: Any) -> None:
     """Fit a law to the records of some sources, or list the laws of the package."""
     from reduced_models.fitting.fit import fit as fit_law
@@ -217,52 +237,61 @@ def _parse_bound(words: str, missing: float, unit: str) -> float:
 
 
 @command(
-    "discover", "find the structure of the law in a record, or in several",
+    "discover",
+    "find the structure of the law in a record, or in several",
     SOURCES,
+    option("--method", default="auto", help="auto (sindy and operon side by side), sindy, operon, pysr"),
     option(
-        "--method", default="auto", help="auto (sindy and operon side by side), sindy, operon, pysr"
-    ),
-    option(
-        "--library", action="append", default=[], metavar="NAME",
+        "--library",
+        action="append",
+        default=[],
+        metavar="NAME",
         help="terms to choose from: auto (default: those that the record speaks for), physical, "
         "polynomial, trigonometric, rational, dry friction, contact, driven (repeatable); "
         "memory: with a hidden state, for beds that yield or relax",
     ),
     option(
-        "--terms", action="append", default=[], metavar="TERM",
+        "--terms",
+        action="append",
+        default=[],
+        metavar="TERM",
         help="a term of your own in z, z' and the input, such as 'sin(z)' (repeatable)",
     ),
     option(
-        "--functions", action="append", default=[], metavar="NAME",
-        help="what symbolic regression may use next to sums and products: sin, exp, max, / "
-        "(repeatable)",
+        "--functions",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="what symbolic regression may use next to sums and products: sin, exp, max, / (repeatable)",
     ),
     option("--degree", type=int, default=3, help="of the physical library's powers of z"),
-    option(
-        "--form", default="weak", help="of sindy: weak (integrals, default) or strong (derivatives)"
-    ),
+    option("--form", default="weak", help="of sindy: weak (integrals, default) or strong (derivatives)"),
     INPUT,
     option(
-        "--target", default="acceleration",
+        "--target",
+        default="acceleration",
         help="acceleration (default); height for z(t) itself; force, with the library memory",
     ),
     option(
-        "--map", metavar="SHIFT:SCALE",
-        help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without",
+        "--map", metavar="SHIFT:SCALE", help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without"
     ),
     option(
-        "--effort", type=quantity_reader("1"), default=1.0, metavar="X",
+        "--effort",
+        type=quantity_reader("1"),
+        default=1.0,
+        metavar="X",
         help="times the usual length of a symbolic regression",
     ),
     option("--seed", type=int, default=0, help="of random searches"),
     option("-o", "--out", metavar="FILE", help="the chosen model, as JSON"),
-    READING, OUTPUT,
+    READING,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s lab.csv -o model.json
   %(prog)s pendulum.csv --library trigonometric --terms "z'**3"
   %(prog)s lab.csv --method operon --functions sin --effort 2 --seed 1 --json""",
-)  # fmt: skip
+)
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery.discover import discover as discover_law
@@ -276,9 +305,7 @@ def discover(options: Any) -> None:
         input=options.drive,
         map="auto" if options.map is None else _height_map(options.map),
         progress=not options.quiet,
-        **pick_options(
-            options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"
-        ),
+        **pick_options(options, "method", "form", "degree", "terms", "functions", "target", "effort", "seed"),
     )
     text, model = str(result), result.best.model
     if model is not None:
@@ -293,9 +320,7 @@ def discover(options: Any) -> None:
     }
     print_result(plain, text, options.json)
     if options.out is not None and model is None:
-        raise InputError(
-            f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}"
-        )
+        raise InputError(f"no model was written to {options.out}: {result.best.note or NOT_POLISHED}")
 
 
 def _height_map(text: str) -> HeightMap:
@@ -311,25 +336,33 @@ def _height_map(text: str) -> HeightMap:
 
 
 @command(
-    "compare", "judge laws by their test errors",
-    SOURCES, LAWS,
+    "compare",
+    "judge laws by their test errors",
+    SOURCES,
+    LAWS,
     option(
-        "--test-records", action="append", default=[], metavar="SOURCE",
+        "--test-records",
+        action="append",
+        default=[],
+        metavar="SOURCE",
         help="record that no fit sees (repeatable)",
     ),
-    TEST_FRACTION, STARTS,
+    TEST_FRACTION,
+    STARTS,
     option("-o", "--out", metavar="DIR", help="directory for report and models"),
     option(
-        "--response", metavar="DIR",
+        "--response",
+        metavar="DIR",
         help="in place of records, set the law of the bed next to a machine's simulated response, "
         "which 'response -o DIR' wrote; its report.html is renewed",
     ),
-    READING, OUTPUT,
+    READING,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s a.csv b.csv --law all --test-records c.csv -o out
   %(prog)s --response out/machine        # after 'response machine ... -o out/machine'""",
-)  # fmt: skip
+)
 def compare(options: Any) -> None:
     """Compare laws on the records of some sources, or the bed's law with a response."""
     if options.response is None:
@@ -376,10 +409,17 @@ def _compare_response(options: Any) -> None:
     page.save(path)
     peaks = () if law is None else law.peaks
     rows = [
-        {"force": peak.force, "simulated": peak.simulated, "law": peak.law, "error": peak.error,
-         "linear": peak.linear, "linear_error": peak.linear_error, "outside": peak.outside or None}
+        {
+            "force": peak.force,
+            "simulated": peak.simulated,
+            "law": peak.law,
+            "error": peak.error,
+            "linear": peak.linear,
+            "linear_error": peak.linear_error,
+            "outside": peak.outside or None,
+        }
         for peak in peaks
-    ]  # fmt: skip
+    ]
     lines = [response.table, why] if law is None else [law.table]
     lines += [f"warning: under {peak.force:g} N {peak.outside}" for peak in peaks if peak.outside]
     print_result(

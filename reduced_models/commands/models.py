@@ -7,13 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from granular.commands.console import (
-    command,
-    option,
-    pick_options,
-    print_result,
-    refuse_options,
-)
+from granular.commands.console import command, option, pick_options, print_result, refuse_options
 from granular.commands.options import OUTPUT, quantity_reader
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
@@ -70,24 +64,29 @@ def simulate(options: Any) -> None:
 
 
 @command(
-    "export-model", "write a saved model as code: Python, C, MATLAB, Modelica, FMU",
+    "export-model",
+    "write a saved model as code: Python, C, MATLAB, Modelica, FMU",
     option("model", metavar="MODEL", help="JSON file of a model; for a port, a scene too"),
     option(
-        "-o", "--out", metavar="FILE", required=True,
+        "-o",
+        "--out",
+        metavar="FILE",
+        required=True,
         help="file to write; its ending says the language: .py, .c, .m, .mo or .fmu",
     ),
     option(
-        "--port", choices=("force",),
+        "--port",
+        choices=("force",),
         help="write an element between two bodies in place of the record's motion: inputs height "
         "[m] and velocity [m/s] of the piston over the cell, output force [N]",
     ),
     option(
-        "--mass", type=quantity_reader("kg"), metavar="M",
+        "--mass",
+        type=quantity_reader("kg"),
+        metavar="M",
         help="of the piston that was recorded, for a port of a record's model [kg]",
     ),
-    option(
-        "--gravity", type=quantity_reader("m/s^2"), metavar="G", help="there [m/s^2] (9.8)",
-    ),
+    option("--gravity", type=quantity_reader("m/s^2"), metavar="G", help="there [m/s^2] (9.8)"),
     option("--fmi", type=int, default=2, help="version of FMI of an .fmu, 2 or 3 (2)"),
     OUTPUT,
     examples="""\
@@ -97,7 +96,7 @@ examples:
   %(prog)s out/model.json -o damper.fmu          # Simulink, Dymola, FMPy, ...
   %(prog)s out/model.json -o bed.fmu --port force --mass '7.5 kg' --fmi 3
   %(prog)s damper -o Bed.mo --port force         # from the scene alone""",
-)  # fmt: skip
+)
 def export_model(options: Any) -> None:
     """Write a saved model as code."""
     from reduced_models.models.model import load_model

@@ -22,7 +22,9 @@ SOURCES = option("sources", nargs="*", metavar="SOURCE", help=A_SOURCE)
 
 READING = option_group(
     option(
-        "--columns", default="", metavar="ROLE=NAME,...",
+        "--columns",
+        default="",
+        metavar="ROLE=NAME,...",
         help="which column is time, height (or angle), velocity, force, acceleration, base_height, "
         "base_acceleration, or an input that is called so: by name, or by number from 1",
     ),
@@ -32,33 +34,40 @@ READING = option_group(
     option("--sheet", metavar="NAME", help="of a workbook, a group, or a variable"),
     option("--flip", action="store_true", help="the coordinate grows downwards"),
     option(
-        "--between", metavar="T:T",
+        "--between",
+        metavar="T:T",
         help="only the samples between these times [s]; ':' for all, also those before a release, "
         "which are left out otherwise",
     ),
     option(
-        "--scale", metavar="[COLUMN=]SCALE", action="append",
-        help="calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' "
-        "(repeatable)",
+        "--scale",
+        metavar="[COLUMN=]SCALE",
+        action="append",
+        help="calibration of the height, or of a COLUMN, such as '2.4894 +- 0.003 mm/V' (repeatable)",
     ),
     option(
-        "--zero", metavar="[COLUMN=]VALUE", action="append",
+        "--zero",
+        metavar="[COLUMN=]VALUE",
+        action="append",
         help="the column's number at the height 0: '2.513 V' (repeatable)",
     ),
     option(
-        "--calibration", metavar="[COLUMN=]FILE", action="append",
+        "--calibration",
+        metavar="[COLUMN=]FILE",
+        action="append",
         help="instead of a scale, a file of points with the columns raw, value and uncertainty, "
         "through which a straight line is laid (repeatable)",
     ),
     option(
-        "--release", metavar="N",
+        "--release",
+        metavar="N",
         help="which of several releases in a file: its number, or 'all' of them together (for fit, "
         "compare and discover); the first if not given",
     ),
     option("--rate", metavar="RATE", help="sampling rate of a file without times: '610.35 Hz'"),
     option("--sort", action="store_true", help="put the rows in the order of their times"),
     title="how a record's file is read, where it is not to be guessed",
-)  # fmt: skip
+)
 
 
 def read_options_from_line(options: Any) -> ReadOptions:
@@ -85,14 +94,21 @@ def read_options_from_line(options: Any) -> ReadOptions:
     return ReadOptions(
         columns=_parse_pairs("--columns", options.columns.split(",")),
         units=_parse_pairs("--units", options.units.split(",")),
-        decimal=options.decimal, skip=options.skip, sheet=options.sheet, flip=options.flip,
-        between=between, scale=_by_column("--scale", options.scale),
-        zero=_by_column("--zero", options.zero), calibration={
+        decimal=options.decimal,
+        skip=options.skip,
+        sheet=options.sheet,
+        flip=options.flip,
+        between=between,
+        scale=_by_column("--scale", options.scale),
+        zero=_by_column("--zero", options.zero),
+        calibration={
             column: {"points": file}
             for column, file in (_by_column("--calibration", options.calibration) or {}).items()
         },
-        release=options.release, rate=options.rate, sort=options.sort,
-    )  # fmt: skip
+        release=options.release,
+        rate=options.rate,
+        sort=options.sort,
+    )
 
 
 def _by_column(option: str, items: Sequence[str] | None) -> dict[str, str] | None:
@@ -160,28 +176,26 @@ def show_result(result: Any, options: Any, text: str | None = None) -> None:
 
 
 @command(
-    "look", "show what is understood of a record's file, before anything is fitted",
+    "look",
+    "show what is understood of a record's file, before anything is fitted",
     option("file", metavar="FILE", help="a record as an instrument wrote it"),
     option("--plot", metavar="FILE", help="draw the motion to this file (.png, .svg)"),
     option(
-        "--write", metavar="FILE",
+        "--write",
+        metavar="FILE",
         help="write what was understood to this TOML file, which every command takes as a record",
     ),
-    READING, OUTPUT,
+    READING,
+    OUTPUT,
     examples="""\
 examples:
   %(prog)s lab.csv
   %(prog)s lab.csv --columns time=t,height=dist --units height=mm --flip --between 0.5:6
   %(prog)s lab.csv --decimal , --skip 12 --write record.toml    # then: identify record.toml""",
-)  # fmt: skip
+)
 def look(options: Any) -> None:
     """Show what was understood, and keep it if asked."""
-    from granular.readers.options import (
-        ReadOptions,
-        is_description,
-        read_description,
-        write_description,
-    )
+    from granular.readers.options import ReadOptions, is_description, read_description, write_description
     from reduced_models.records.look import look as look_at
     from reduced_models.records.look import plot_look
 

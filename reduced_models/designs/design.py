@@ -118,17 +118,19 @@ def design(
     if not seeds:
         raise InputError("seeds is empty; give at least one random start")
     chosen = damper_maps() if maps is None else maps
-    propose_design(
-        chosen, target
-    )  # refuses what the maps do not hold, before anything is simulated
+    propose_design(chosen, target)  # refuses what the maps do not hold, before anything is simulated
     with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
         return _search(target, chosen, seeds, out, pool, progress)
 
 
 def _search(
-    target: DesignTarget, chosen: DamperMaps, seeds: Sequence[int], out: str | Path | None,
-    executor: Executor, progress: bool,
-) -> Design:  # fmt: skip
+    target: DesignTarget,
+    chosen: DamperMaps,
+    seeds: Sequence[int],
+    out: str | Path | None,
+    executor: Executor,
+    progress: bool,
+) -> Design:
     """Proposals, each checked and the next one corrected by it, until a target is met."""
     rounds: list[DesignRound] = []
     targets = targets_by_grain_count(target)
@@ -142,9 +144,7 @@ def _search(
             try:
                 checks = _run_checks(candidate, seeds, out, executor, progress)
             except GranularError as error:
-                raise DesignError(
-                    str(error), Design(target, tuple(rounds)) if rounds else None
-                ) from None
+                raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
             rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
             result = Design(target, tuple(rounds))
             if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
@@ -166,9 +166,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     last = rounds[-1]
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
-        aim *= (target.frequency / last.mean("frequency")) ** (
-            1.0 / _frequency_response_slope(rounds)
-        )
+        aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
     return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
 
 
@@ -185,11 +183,7 @@ def _frequency_response_slope(rounds: Sequence[DesignRound]) -> float:
 
 
 def _run_checks(
-    candidate: Candidate,
-    seeds: Sequence[int],
-    out: str | Path | None,
-    executor: Executor,
-    progress: bool,
+    candidate: Candidate, seeds: Sequence[int], out: str | Path | None, executor: Executor, progress: bool
 ) -> tuple[DesignCheck, ...]:
     scenes = [candidate.scene(seed) for seed in seeds]
     study = sweep(

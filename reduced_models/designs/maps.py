@@ -126,15 +126,13 @@ class DamperMaps:
             )
         columns = (sound[name] for name in COLUMNS)
         self.dampers = tuple(
-            Candidate(float(m), int(n), float(g), float(r))
-            for m, n, g, r in zip(*columns, strict=True)
+            Candidate(float(m), int(n), float(g), float(r)) for m, n, g, r in zip(*columns, strict=True)
         )
         self.study = sound
         positions = [damper.coordinates() for damper in self.dampers]
         self.surfaces: Mapping[str, Surface] = {
             name: _fit_surface(
-                np.array([_monomials(coordinates, DEGREES[name]) for coordinates in positions]),
-                values,
+                np.array([_monomials(coordinates, DEGREES[name]) for coordinates in positions]), values
             )
             for name, values in _study_figures(sound).items()
         }
@@ -160,18 +158,21 @@ class DamperMaps:
         coordinates = damper.coordinates()
         if np.abs(coordinates).max() > _EDGE:
             limits = ", ".join(
-                f"{name} {low:g} to {high:g}"
-                for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
+                f"{name} {low:g} to {high:g}" for name, low, high in zip(NAMES, LOWEST, HIGHEST, strict=True)
             )
             raise InputError(f"{damper} lies outside the maps; keep to {limits}")
         values = {name: self.at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
         height, frequency, ratio = (math.exp(values[name]) for name in LOGARITHMIC)
         k1 = (2.0 * math.pi * frequency) ** 2
         return Prediction(
-            rest_height=height, frequency=frequency, damping_ratio=ratio,
-            lam=ratio * math.sqrt(k1), k1=k1,
-            k2=values["quadratic"] * k1 / height, k3=values["cubic"] * k1 / height**2,
-        )  # fmt: skip
+            rest_height=height,
+            frequency=frequency,
+            damping_ratio=ratio,
+            lam=ratio * math.sqrt(k1),
+            k1=k1,
+            k2=values["quadratic"] * k1 / height,
+            k3=values["cubic"] * k1 / height**2,
+        )
 
     def at(self, name: str, coordinates: np.ndarray) -> float:
         """Map at a place (4,); the logarithm of the first three figures.
@@ -201,15 +202,25 @@ class DamperMaps:
         from granular.shared.html import LivePage
 
         surfaces = {
-            name: {"coefficients": surface.coefficients.tolist(), "powers": _powers(DEGREES[name]),
-                   "error": surface.error}
+            name: {
+                "coefficients": surface.coefficients.tolist(),
+                "powers": _powers(DEGREES[name]),
+                "error": surface.error,
+            }
             for name, surface in self.surfaces.items()
-        }  # fmt: skip
+        }
         data = {
-            "surfaces": surfaces, "lowest": LOWEST, "highest": HIGHEST, "aspect": ASPECT,
-            "diameter": DIAMETER, "exponent": EXPONENT, "gravity": GRAVITY,
-            "mass": REFERENCE_MASS, "rest": REFERENCE_REST, "count": REFERENCE_COUNT,
-        }  # fmt: skip
+            "surfaces": surfaces,
+            "lowest": LOWEST,
+            "highest": HIGHEST,
+            "aspect": ASPECT,
+            "diameter": DIAMETER,
+            "exponent": EXPONENT,
+            "gravity": GRAVITY,
+            "mass": REFERENCE_MASS,
+            "rest": REFERENCE_REST,
+            "count": REFERENCE_COUNT,
+        }
         return LivePage.of(TEMPLATE, "The damper by its maps", data, _VIEW_HEIGHT)
 
 

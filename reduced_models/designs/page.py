@@ -9,14 +9,7 @@ import numpy as np
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, figure
 from granular.shared.version import versions
-from reduced_models.designs.damper import (
-    DIAMETER,
-    HIGHEST,
-    LOWEST,
-    NAMES,
-    Candidate,
-    damper_at,
-)
+from reduced_models.designs.damper import DIAMETER, HIGHEST, LOWEST, NAMES, Candidate, damper_at
 from reduced_models.designs.maps import DamperMaps
 
 if TYPE_CHECKING:
@@ -43,9 +36,7 @@ class Line(NamedTuple):
 DARK = "#54585e"
 LINES = {
     "frequency": Line("frequency [Hz]", 1.0, 6, COLOURS[0], "-"),
-    "damping_ratio": Line(
-        "damping ratio", 1.0, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4), COLOURS[1], "--"
-    ),
+    "damping_ratio": Line("damping ratio", 1.0, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4), COLOURS[1], "--"),
     "rest_height": Line("height of rest [D]", 1.0 / DIAMETER, 6, DARK, ":"),
 }
 ENDS: dict[str, tuple[int, Any, tuple[int, int], tuple[str, str]]] = {
@@ -77,10 +68,7 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
         ("figure", "error of its map"),
         [
             ("height of rest", _percent_text(maps.surfaces["rest_height"].error)),
-            (
-                "frequency of the undamped small swing",
-                _percent_text(maps.surfaces["frequency"].error),
-            ),
+            ("frequency of the undamped small swing", _percent_text(maps.surfaces["frequency"].error)),
             ("damping ratio", _percent_text(maps.surfaces["damping_ratio"].error)),
             ("k2 h/k1 of the law", format_number(maps.surfaces["quadratic"].error, 2)),
             ("k3 h²/k1 of the law", format_number(maps.surfaces["cubic"].error, 2)),
@@ -108,11 +96,25 @@ def maps_page(maps: DamperMaps, sliders: str | None = None) -> Page:
         "open: its map says little there."
     )
     page.table(
-        ("grains", "mass [kg]", "drag [kg/s]", "h [D]", "f [Hz]", "damping ratio", "lam [1/s]",
-         "k1 [1/s²]", "k2 [1/(m s²)]", "k3 [1/(m² s²)]"),
-        [_law_row(maps, damper_at(np.array([mass, grains, drag, -1.0])))
-         for grains in (-1.0, 0.0, 1.0) for mass in (-0.6, 0.6) for drag in (-0.6, 0.4)],
-    )  # fmt: skip
+        (
+            "grains",
+            "mass [kg]",
+            "drag [kg/s]",
+            "h [D]",
+            "f [Hz]",
+            "damping ratio",
+            "lam [1/s]",
+            "k1 [1/s²]",
+            "k2 [1/(m s²)]",
+            "k3 [1/(m² s²)]",
+        ),
+        [
+            _law_row(maps, damper_at(np.array([mass, grains, drag, -1.0])))
+            for grains in (-1.0, 0.0, 1.0)
+            for mass in (-0.6, 0.6)
+            for drag in (-0.6, 0.4)
+        ],
+    )
     page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
     return page
 
@@ -124,9 +126,16 @@ def _percent_text(value: float) -> str:
 def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
     said = maps.predict(candidate)
     values = (
-        candidate.mass, candidate.drag, said.rest_height / DIAMETER, said.frequency,
-        said.damping_ratio, said.lam, said.k1, said.k2, said.k3,
-    )  # fmt: skip
+        candidate.mass,
+        candidate.drag,
+        said.rest_height / DIAMETER,
+        said.frequency,
+        said.damping_ratio,
+        said.lam,
+        said.k1,
+        said.k2,
+        said.k3,
+    )
     return (str(candidate.grains), *(format_number(value, 3) for value in values))
 
 
@@ -158,12 +167,8 @@ def draw_map(axes: Axes, maps: DamperMaps, count: int, fraction: float) -> None:
     """Contours over mass and drag; the box is sheared in them."""
     side = np.linspace(-1.0, 1.0, _SIDE)
     grains = Candidate(1.0, count, 1.0, fraction).coordinates()[[1, 3]]
-    positions = [
-        [np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side
-    ]
-    dampers = [
-        [_damper_at_grain_count(coordinates, count) for coordinates in row] for row in positions
-    ]
+    positions = [[np.array([damper, grains[0], other, grains[1]]) for damper in side] for other in side]
+    dampers = [[_damper_at_grain_count(coordinates, count) for coordinates in row] for row in positions]
     mass = np.array([[damper.mass for damper in row] for row in dampers])
     drag = np.array([[damper.drag for damper in row] for row in dampers])
     for name, damper in LINES.items():
@@ -194,9 +199,16 @@ def _label_contour(axes: Axes, name: str, level: float, line: np.ndarray) -> Non
     """Level at an end of its line, where no other line has its labels."""
     along, end, offset, (left, top) = ENDS[name]
     axes.annotate(
-        f"{level:g}", line[end(line[:, along])], offset, textcoords="offset points", ha=left,
-        va=top, color=LINES[name].colour, fontsize=8, annotation_clip=False,
-    )  # fmt: skip
+        f"{level:g}",
+        line[end(line[:, along])],
+        offset,
+        textcoords="offset points",
+        ha=left,
+        va=top,
+        color=LINES[name].colour,
+        fontsize=8,
+        annotation_clip=False,
+    )
 
 
 def add_legend(drawing: Figure) -> None:
@@ -204,10 +216,13 @@ def add_legend(drawing: Figure) -> None:
     from matplotlib.lines import Line2D
 
     drawing.legend(
-        handles=[Line2D([], [], color=line.colour, linestyle=line.style, label=line.words)
-                 for line in LINES.values()],
-        loc="outside upper center", ncols=len(LINES),
-    )  # fmt: skip
+        handles=[
+            Line2D([], [], color=line.colour, linestyle=line.style, label=line.words)
+            for line in LINES.values()
+        ],
+        loc="outside upper center",
+        ncols=len(LINES),
+    )
 
 
 def _damper_at_grain_count(coordinates: np.ndarray, count: int) -> Candidate:

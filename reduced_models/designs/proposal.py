@@ -12,12 +12,7 @@ import numpy as np
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.designs.damper import (
-    HIGHEST,
-    LOWEST,
-    Candidate,
-    damper_at,
-)
+from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at
 from reduced_models.designs.maps import DamperMaps
 
 _MET = 1e-4
@@ -68,9 +63,7 @@ class DesignTarget(NamedTuple):
                 "give one of them, or none"
             )
         low, high = int(LOWEST[1]), int(HIGHEST[1])
-        if self.grains is not None and not (
-            isinstance(self.grains, Integral) and low <= self.grains <= high
-        ):
+        if self.grains is not None and not (isinstance(self.grains, Integral) and low <= self.grains <= high):
             raise InputError(f"grains = {quote(self.grains)}; give an integer from {low} to {high}")
         if not (_is_number(self.small_share) and 0.0 <= self.small_share <= HIGHEST[3]):
             raise InputError(
@@ -111,8 +104,7 @@ def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
     target.check()
     aim = (target.frequency, target.damping)
     dampers = (
-        damper_for_target(maps, candidate_target, aim)
-        for candidate_target in targets_by_grain_count(target)
+        damper_for_target(maps, candidate_target, aim) for candidate_target in targets_by_grain_count(target)
     )
     first = next((damper for damper in dampers if damper is not None), None)
     if first is None:
@@ -127,9 +119,7 @@ def targets_by_grain_count(target: DesignTarget) -> list[DesignTarget]:
     return [target._replace(grains=count) for count in COUNTS]
 
 
-def damper_for_target(
-    maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]
-) -> Candidate | None:
+def damper_for_target(maps: DamperMaps, target: DesignTarget, aim: tuple[float, float]) -> Candidate | None:
     """Damper of a narrowed target to which the maps give a frequency and a damping ratio.
 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
@@ -168,9 +158,7 @@ def _to_unit_interval(value: float, low: float, high: float) -> float:
     return 2.0 * (value - low) / (high - low) - 1.0
 
 
-def _solve_for_damper(
-    maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]
-) -> Candidate | None:
+def _solve_for_damper(maps: DamperMaps, positions: Coordinates, aim: tuple[float, float]) -> Candidate | None:
     """Damper of a family that meets the aim; None if there is none."""
     from scipy.optimize import least_squares
 
@@ -180,9 +168,7 @@ def _solve_for_damper(
         position = positions(*free)
         if position is None:
             return np.full(2, 1e3)
-        return (
-            np.array([maps.at(name, position) for name in ("frequency", "damping_ratio")]) - wanted
-        )
+        return np.array([maps.at(name, position) for name in ("frequency", "damping_ratio")]) - wanted
 
     start = min(
         (np.array([coordinate, other]) for coordinate in _GRID[::4] for other in _GRID[::4]),
@@ -226,9 +212,7 @@ def _unreachable_target_text(maps: DamperMaps, target: DesignTarget) -> str:
         )
     near = np.abs(np.log(ratios / target.damping)) < 0.1
     low, high = frequencies[near].min(), frequencies[near].max()
-    more = (
-        "" if target.grains is None and target.mass is None else ", or leave grains and mass free"
-    )
+    more = "" if target.grains is None and target.mass is None else ", or leave grains and mass free"
     return (
         f"frequency = {target.frequency:g} Hz with a damping ratio of {target.damping:g}; {fixed} "
         f"of that kind: give a frequency from {low:.3g} to {high:.3g} Hz{more}, or another "

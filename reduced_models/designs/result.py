@@ -142,9 +142,7 @@ class Design:
             ("damping_ratio", damping_tolerance * self.target.damping),
         )
         return all(
-            high - low <= 2.0 * workspace
-            for name, workspace in pairs
-            for low, high in [self.spread(name)]
+            high - low <= 2.0 * workspace for name, workspace in pairs for low, high in [self.spread(name)]
         )
 
     @property
@@ -164,14 +162,11 @@ class Design:
 
     def __str__(self) -> str:
         chosen, target = self.damper, self.target
-        fraction = (
-            f", {100.0 * chosen.small_share:.3g} % of them small" if chosen.small_share else ""
-        )
+        fraction = f", {100.0 * chosen.small_share:.3g} % of them small" if chosen.small_share else ""
         lines = [
             f"damper for {target.frequency:g} Hz and a damping ratio of {target.damping:g}:",
             f"  piston {chosen.mass:.4g} kg on {chosen.grains} grains{fraction}",
-            f"  drag {chosen.drag:.4g} kg/s a grain (a liquid of {chosen.viscosity:.3g} Pa s, "
-            "by Stokes)",
+            f"  drag {chosen.drag:.4g} kg/s a grain (a liquid of {chosen.viscosity:.3g} Pa s, by Stokes)",
             f"  rests at {self.rest_height:.4g} m",
         ]
         lines += [
@@ -213,14 +208,24 @@ class Design:
                 last = k == len(self.rounds) - 1
                 if round_.damper.grains != self.damper.grains:
                     continue  # lies on another map
-                left.plot(round_.damper.mass, round_.damper.drag, "*" if last else "o",
-                          color="black", markersize=14 if last else 5)  # fmt: skip
+                left.plot(
+                    round_.damper.mass,
+                    round_.damper.drag,
+                    "*" if last else "o",
+                    color="black",
+                    markersize=14 if last else 5,
+                )
             add_legend(drawing)
             left.set_ylabel("drag of a grain [kg/s]")
             left.set_title(f"{self.damper.grains} grains; star: the design", fontsize=10)
             for colour, check in zip(COLOURS, self.checks, strict=False):
-                right.plot(check.times, 1e3 * np.array(check.heights), color=colour, linewidth=0.9,
-                           label=f"random start {check.seed}")  # fmt: skip
+                right.plot(
+                    check.times,
+                    1e3 * np.array(check.heights),
+                    color=colour,
+                    linewidth=0.9,
+                    label=f"random start {check.seed}",
+                )
             right.axhline(1e3 * self.rest_height, color=GREY, linestyle=":")
             right.set_xlabel("time [s]")
             right.set_ylabel("height of the piston [mm]")
@@ -265,12 +270,7 @@ class Design:
                     "",
                     *(format_number(c.rest_gap) for c in self.checks),
                 ),
-                (
-                    "error of the energy ledger",
-                    "",
-                    "",
-                    *(format_number(c.ledger, 2) for c in self.checks),
-                ),
+                ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
             ],
         )
         page.table(
@@ -285,11 +285,7 @@ class Design:
                 ("fraction of small grains", format_number(chosen.small_share), ""),
                 ("width of the cell", format_number(self.scene.cell.width), "m"),
                 ("drag of a large grain", format_number(chosen.drag), "kg/s"),
-                (
-                    "viscosity of the liquid, by Stokes's law",
-                    format_number(chosen.viscosity, 3),
-                    "Pa s",
-                ),
+                ("viscosity of the liquid, by Stokes's law", format_number(chosen.viscosity, 3), "Pa s"),
             ],
         )
         page.figure(
@@ -308,18 +304,21 @@ class Design:
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit} from {len(self.checks)} random starts"
             for words, name, unit in (
-                ("frequency", "frequency", " Hz"), ("damping ratio", "damping_ratio", ""),
+                ("frequency", "frequency", " Hz"),
+                ("damping ratio", "damping_ratio", ""),
                 ("height of rest", "rest_height", " m"),
             )
             for low, high in [self.spread(name)]
-        ]  # fmt: skip
+        ]
         return workshop_sheet(
-            self.scene, self.rest_height,
+            self.scene,
+            self.rest_height,
             title=f"Workshop sheet: {self.target.frequency:g} Hz, damping {self.target.damping:g}",
             lead=f"The piston swings at {self.frequency:.4g} Hz with a damping ratio of "
             f"{self.damping_ratio:.4g}, mean of {len(self.checks)} simulations.",
-            scatter=scatter, notes=self.notes,
-        )  # fmt: skip
+            scatter=scatter,
+            notes=self.notes,
+        )
 
     def save(self, out: str | Path, maps: DamperMaps) -> None:
         """Write report.html, workshop.html, design.json and scene.toml.

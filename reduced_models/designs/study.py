@@ -169,10 +169,7 @@ def _least_gap(run: Trajectory) -> float:
 def check_columns(run: Trajectory) -> Mapping[str, Any]:
     """`bed_figures`, and the motion after the release as columns; nothing is fitted."""
     columns = run.piston("release").from_zero().columns
-    return {
-        **bed_figures(run),
-        "motion": {name: values.tolist() for name, values in columns.items()},
-    }
+    return {**bed_figures(run), "motion": {name: values.tolist() for name, values in columns.items()}}
 
 
 def check_figures(columns: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,14 +35,13 @@ def polish_front(
     ``others`` are shown on the front too, but are neither polished nor chosen.
     """
     order = sorted(candidates, key=lambda candidate_: candidate_.criterion)
-    near = [
-        candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS
-    ][:count]
+    near = [candidate_ for candidate_ in order if candidate_.criterion <= order[0].criterion + _HOPELESS][
+        :count
+    ]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
         done += _best_polishable(
-            [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)],
-            polish,
+            [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)], polish
         )
     done = _with_pruned_candidates(done, polish, judge)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
@@ -75,9 +74,7 @@ def _best_polishable(
 
 
 def _with_pruned_candidates(
-    done: list[CandidateEquation],
-    polish: Callable[[CandidateEquation], CandidateEquation],
-    judge: Judge,
+    done: list[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation], judge: Judge
 ) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
     candidates = list(done)
@@ -110,15 +107,11 @@ def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
     return [term for term, (low, high) in terms if not low <= 0.0 <= high]
 
 
-def _simplest_candidate(
-    candidates: list[CandidateEquation], criteria: list[float]
-) -> CandidateEquation:
+def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
     """One with the fewest numbers of those to which no other is strongly preferred."""
     limit = min(criteria) + _STRONG
     near = [
-        (candidate, value)
-        for candidate, value in zip(candidates, criteria, strict=True)
-        if value <= limit
+        (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
     ]
     return min(near, key=lambda pair: (_number_count(pair[0]), pair[1]))[0]
 
@@ -137,10 +130,7 @@ def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[fl
         noise = max(motion.noise * abs(models[0].map.scale), float(residuals.min()), 1e-300)
         squares += len(motion.time) * (residuals / noise) ** 2
     counts = [len(fit.models[0].parameters) for fit in fitted]
-    return [
-        weighing.criterion(float(square), count)
-        for square, count in zip(squares, counts, strict=True)
-    ]
+    return [weighing.criterion(float(square), count) for square, count in zip(squares, counts, strict=True)]
 
 
 def candidate_notes(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
@@ -237,9 +227,7 @@ def _empty_candidate(judge: Judge) -> float:
     return judge.criterion(float(target @ target), 0)
 
 
-def _selection_fractions(
-    judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int
-) -> np.ndarray:
+def _selection_fractions(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) -> np.ndarray:
     """Fraction of the resamples of the white integrals in which each structure is best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
@@ -257,9 +245,7 @@ def _selection_fractions(
     return wins / _RESAMPLES
 
 
-def _criterion(
-    judge: Judge, gram: np.ndarray, moment: np.ndarray, total: float, chosen: np.ndarray
-) -> float:
+def _criterion(judge: Judge, gram: np.ndarray, moment: np.ndarray, total: float, chosen: np.ndarray) -> float:
     inner = gram[np.ix_(chosen, chosen)] + 1e-12 * np.eye(len(chosen))
     gain = float(moment[chosen] @ np.linalg.solve(inner, moment[chosen]))
     return judge.criterion(total - gain, len(chosen))

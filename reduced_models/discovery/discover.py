@@ -192,9 +192,7 @@ def discover(
             return polish_candidate(candidate, records, height_map, input, seed, name)
 
         count = 0 if target == "force" else polish
-        front, chosen = polish_front(
-            proposed.candidates, polish_one, count, proposed.judge, proposed.others
-        )
+        front, chosen = polish_front(proposed.candidates, polish_one, count, proposed.judge, proposed.others)
         now("done")
     judge = proposed.judge
     sure = None if remembers else weigh_evidence(front[chosen], proposed.candidates, judge, seed)
@@ -231,16 +229,19 @@ def _known_terms(
 
 
 def _choose_library(
-    records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
-    known: tuple[AnyTerm, ...], derivative: DerivativeMethod, column: str | None,
-    wanted: HeightMap | Literal["auto"], degree: int,
-) -> Proposal:  # fmt: skip
+    records: Sequence[PistonRecord],
+    library: str | Sequence[str],
+    terms: Sequence[str],
+    known: tuple[AnyTerm, ...],
+    derivative: DerivativeMethod,
+    column: str | None,
+    wanted: HeightMap | Literal["auto"],
+    degree: int,
+) -> Proposal:
     """Terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
     if _is_single_library(library, AUTO):
-        proposal = propose_library(
-            records, derivative, column, height_map if terms else wanted, degree
-        )
+        proposal = propose_library(records, derivative, column, height_map if terms else wanted, degree)
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
         motions = [estimate_motion(record, height_map, derivative, column) for record in records]
@@ -250,9 +251,11 @@ def _choose_library(
 
 
 def _height_map(
-    records: Sequence[PistonRecord], library: str | Sequence[str], terms: Sequence[str],
+    records: Sequence[PistonRecord],
+    library: str | Sequence[str],
+    terms: Sequence[str],
     wanted: HeightMap | Literal["auto"],
-) -> HeightMap:  # fmt: skip
+) -> HeightMap:
     """Map that is wanted; own terms and libraries other than the usual mean the height."""
     usual = _is_single_library(library, AUTO) or _is_single_library(library, PHYSICAL)
     if wanted == "auto" and (terms or not usual):
@@ -284,9 +287,7 @@ def _is_single_library(library: str | Sequence[str], name: str) -> bool:
     return [library] == [name] or list(library) == [name]
 
 
-def _check_target(
-    records: Sequence[PistonRecord], library: str | Sequence[str], target: str
-) -> None:
+def _check_target(records: Sequence[PistonRecord], library: str | Sequence[str], target: str) -> None:
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
@@ -324,13 +325,9 @@ def _check_arguments(
     if not isinstance(effort, int | float) or not 0.0 < effort < math.inf:
         raise InputError(f"effort = {quote(effort)}; give a number above 0")
     if method in ("auto", "sindy") and target == "height":
-        raise InputError(
-            "target = 'height' needs a symbolic method: give method 'operon' or 'pysr'"
-        )
+        raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
     if method not in ("auto", "sindy") and (ensemble or form != "weak"):
-        raise InputError(
-            f"form and ensemble belong to method 'sindy'; leave them out of {quote(method)}"
-        )
+        raise InputError(f"form and ensemble belong to method 'sindy'; leave them out of {quote(method)}")
 
 
 def _check_kinds(library: object, height_map: object, seed: object) -> None:

@@ -41,16 +41,10 @@ def height_equations(
     rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
     search = search._replace(functions=_FUNCTIONS)
     expressions = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
-    forms = [
-        form
-        for expression in expressions
-        for form in elliptic_variants(sympy.expand_mul(expression))
-    ]
+    forms = [form for expression in expressions for form in elliptic_variants(sympy.expand_mul(expression))]
     fitted = [_fit_numbers(form, time, z, noise) for form in forms]
     if not expressions:
-        raise InputError(
-            f"{search.method!r} found no expression that is finite; try another method"
-        )
+        raise InputError(f"{search.method!r} found no expression that is finite; try another method")
     excess = max(1.0, min(error for _, error in fitted)) ** 2
     candidates = [
         CandidateEquation(
@@ -69,10 +63,7 @@ def height_equations(
 
 
 def _fit_numbers(
-    expression: sympy.Expr,
-    time: np.ndarray,
-    z: np.ndarray,
-    noise: float,
+    expression: sympy.Expr, time: np.ndarray, z: np.ndarray, noise: float
 ) -> tuple[sympy.Expr, float]:
     """Expression with its numbers fitted to all samples, and its error in noise levels."""
     import sympy

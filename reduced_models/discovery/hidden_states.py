@@ -81,9 +81,7 @@ def _relaxing_rate(state: np.ndarray, strain: float, step: float, scale: np.ndar
     return np.asarray(state * np.exp(-saved) - strain * np.expm1(-saved) / saved)
 
 
-def _integrate_states(
-    step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray
-) -> np.ndarray:
+def _integrate_states(step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
@@ -119,23 +117,38 @@ _YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
 
 HIDDEN_STATES = (
     HiddenState(
-        "yielding strain", "w' = " + _YIELDING.format("w", "yielding"), "w", ("yielding",),
-        _one_scale_values(_yielding_rate), _yield_scales,
+        "yielding strain",
+        "w' = " + _YIELDING.format("w", "yielding"),
+        "w",
+        ("yielding",),
+        _one_scale_values(_yielding_rate),
+        _yield_scales,
     ),
     HiddenState(
-        "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", "w",
-        ("yielding",), _one_scale_values(_dahl_rate), _yield_scales,
+        "strain that yields as in Dahl's model",
+        "w' = -(z' + Abs(z')*w/yielding)/z",
+        "w",
+        ("yielding",),
+        _one_scale_values(_dahl_rate),
+        _yield_scales,
     ),
     HiddenState(
-        "relaxing strain", "w' = -z'/z - w/relaxation", "w", ("relaxation",),
-        _one_scale_values(_relaxing_rate), _relaxation_scales,
+        "relaxing strain",
+        "w' = -z'/z - w/relaxation",
+        "w",
+        ("relaxation",),
+        _one_scale_values(_relaxing_rate),
+        _relaxation_scales,
     ),
     HiddenState(
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
-        "(w + share*q)", ("yielding", "later", "share"), _two_scale_values, _yield_scale_pairs,
+        "(w + share*q)",
+        ("yielding", "later", "share"),
+        _two_scale_values,
+        _yield_scale_pairs,
     ),
-)  # fmt: skip
+)
 
 
 class Memory(NamedTuple):

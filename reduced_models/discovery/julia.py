@@ -123,8 +123,7 @@ def regressor_class() -> Any:
             from pysr import PySRRegressor
     except Exception as error:  # Julia's, juliapkg's and the network's are of no common kind
         raise InputError(
-            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try "
-            f"{COMMANDS[1]}"
+            f"PySR could not be started: {type(error).__name__}: {quote(str(error))}; try {COMMANDS[1]}"
         ) from error
     return PySRRegressor
 

@@ -64,8 +64,17 @@ LIBRARIES = MappingProxyType(
             "friction, of constant force or of one that grows with the swing",
         ),
         "contact": (
-            ("1", "z", "z'", "z**3", "max(0, z)", "max(0, z)**1.5", "max(0, -z)**1.5",
-             "max(0, z)*z'", "max(0, -z)*z'"),
+            (
+                "1",
+                "z",
+                "z'",
+                "z**3",
+                "max(0, z)",
+                "max(0, z)**1.5",
+                "max(0, -z)**1.5",
+                "max(0, z)*z'",
+                "max(0, -z)*z'",
+            ),
             "springs and stops that act on one side of z = 0",
         ),
         "driven": (
@@ -73,7 +82,7 @@ LIBRARIES = MappingProxyType(
             "a force or a motion of the support, also where it changes the spring",
         ),
     }
-)  # fmt: skip
+)
 """Terms of each library, and what it is for."""
 
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
@@ -125,9 +134,7 @@ def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     for text, expression in zip(texts, read_terms(texts, column), strict=True):
         terms = split_terms(expression)
         if terms is None:
-            raise InputError(
-                f"the term {quote(text)} is no function of z and z' with exact numbers"
-            )
+            raise InputError(f"the term {quote(text)} is no function of z and z' with exact numbers")
         all_terms += terms
     return all_terms
 
@@ -146,9 +153,7 @@ def program_functions(names: Sequence[str], method: str) -> tuple[str, ...]:
         )
     for name in names:
         if name not in FUNCTIONS:
-            raise InputError(
-                f"the function {quote(name)} is unknown; give some of {', '.join(FUNCTIONS)}"
-            )
+            raise InputError(f"the function {quote(name)} is unknown; give some of {', '.join(FUNCTIONS)}")
     known = _PYSR if method == "pysr" else _OPERON
     return tuple(known.get(name, name) for name in names)
 
@@ -180,9 +185,7 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
     """
     last = len(z) - 1
     sizes = np.abs(term.values(z, v, u))
-    peaks = np.flatnonzero(
-        (sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0))
-    )
+    peaks = np.flatnonzero((sizes >= np.append(sizes[1:], 0.0)) & (sizes >= np.insert(sizes[:-1], 0, 0.0)))
     peaks = peaks[np.argsort(sizes[peaks])[-_PEAKS:]]
     # A term that is zero at a peak, as one of a contact away from it, has grown by nothing there.
     usual = np.median(sizes[sizes > 0.0]) if sizes.any() else 1.0
@@ -271,9 +274,7 @@ def propose_library(
     """
     usual_map = choose_height_map(records, wanted)
     plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
-    weak = weak_form(
-        *(estimate_motion(record, usual_map, derivative, column) for record in records)
-    )
+    weak = weak_form(*(estimate_motion(record, usual_map, derivative, column) for record in records))
     usual = _physical_proposal(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
@@ -285,14 +286,9 @@ def propose_library(
                 continue
             height_map_here = HeightMap()
             weak_form_here = weak_form(
-                *(
-                    estimate_motion(record, height_map_here, derivative, column)
-                    for record in records
-                )
+                *(estimate_motion(record, height_map_here, derivative, column) for record in records)
             )
-        if name == "rational" and not all(
-            (motion.z > 0.0).all() for motion in weak_form_here.motions
-        ):
+        if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
             continue
         terms = library_terms(name, (), 3, column)
         if not any(term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
@@ -303,21 +299,15 @@ def propose_library(
 def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
     """Proposal whose best sum has the least criterion, with a note why."""
     scored = [
-        score_subsets(
-            proposal.weak, proposal.terms, proposal.terms, all_subsets(len(proposal.terms))
-        )
+        score_subsets(proposal.weak, proposal.terms, proposal.terms, all_subsets(len(proposal.terms)))
         for proposal in proposals
     ]
     judges = common_unit_judges([judge for _, judge in scored])
     sums = [ranked[0] for ranked, _ in scored]
     terms = [tuple(sort_terms(item.terms)) for item in sums]
-    squares = [
-        judge.squares(item.misfit, len(item.terms))
-        for item, judge in zip(sums, judges, strict=True)
-    ]
+    squares = [judge.squares(item.misfit, len(item.terms)) for item, judge in zip(sums, judges, strict=True)]
     criteria = [
-        judge.criterion(value, len(term))
-        for judge, value, term in zip(judges, squares, terms, strict=True)
+        judge.criterion(value, len(term)) for judge, value, term in zip(judges, squares, terms, strict=True)
     ]
     best = int(np.argmin(criteria))
     gain = criteria[0] - criteria[best]
@@ -338,21 +328,15 @@ def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
     alike = {
         sum_text(term): proposal.name
         for proposal, term, value in zip(proposals, terms, criteria, strict=True)
-        if value < criteria[best] + _CLEAR
-        and set(term) != set(terms[best])
-        and len(term) <= len(terms[best])
+        if value < criteria[best] + _CLEAR and set(term) != set(terms[best]) and len(term) <= len(terms[best])
     }
     if alike:
         others = ", ".join(f"{text} ({library})" for text, library in alike.items())
-        notes.append(
-            f"the data cannot tell {sum_text(terms[best])} of the library {name!r} from {others}"
-        )
+        notes.append(f"the data cannot tell {sum_text(terms[best])} of the library {name!r} from {others}")
     return proposals[best]._replace(note="; ".join(notes))
 
 
-def _physical_proposal(
-    weak: WeakForm, column: str | None, least_degree: int
-) -> tuple[AnyTerm, ...]:
+def _physical_proposal(weak: WeakForm, column: str | None, least_degree: int) -> tuple[AnyTerm, ...]:
     """Physical library; its degree grows while that makes the error less that is held out."""
     chosen: tuple[AnyTerm, ...] = ()
     least = math.inf

@@ -28,18 +28,9 @@ from reduced_models.discovery.selection import (
     normalise_columns,
     score_subsets,
 )
-from reduced_models.discovery.structures import (
-    Search,
-    Structures,
-    make_candidate,
-    symbolic_candidates,
-)
+from reduced_models.discovery.structures import Search, Structures, make_candidate, symbolic_candidates
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import (
-    ForceIntegrals,
-    WeakForm,
-    noise_free_weak_form,
-)
+from reduced_models.discovery.weak_form import ForceIntegrals, WeakForm, noise_free_weak_form
 
 HIDDEN = "w"
 """Name of the hidden state's fraction of the force in own terms."""
@@ -99,9 +90,7 @@ def structures_with_memory(
     if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
         judged = _score_states(noise_free_weak_form(weak), known)
     judges = common_unit_judges([candidate.judge for candidate in judged])
-    judged = [
-        candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)
-    ]
+    judged = [candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)]
     groups = [_candidates_of_states(candidate) for candidate in judged]
     best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
     candidates = [study for group in groups for study in group] if sparse else []
@@ -155,9 +144,7 @@ class _WhitenedColumns:
         return int(np.argmin(squares))
 
 
-def _score_state(
-    state: HiddenState, white: _WhitenedColumns, known: Sequence[AnyTerm]
-) -> _StateScores:
+def _score_state(state: HiddenState, white: _WhitenedColumns, known: Sequence[AnyTerm]) -> _StateScores:
     """Best sums with a hidden state, at the scales where all terms together leave least."""
     weak = white.weak
     scales = state.tried(weak.motions[0].period)
@@ -196,9 +183,7 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
     ]
 
 
-def with_memory(
-    candidate: CandidateEquation, memory: Memory | None, judge: Judge
-) -> CandidateEquation:
+def with_memory(candidate: CandidateEquation, memory: Memory | None, judge: Judge) -> CandidateEquation:
     """Return a candidate with its hidden state, whose scales cost what other numbers do."""
     if memory is None or candidate.memory is not None:
         return candidate
@@ -211,9 +196,7 @@ def with_memory(
     )
 
 
-def _reweigh_candidate(
-    candidate: CandidateEquation, count: int, judged: _StateScores
-) -> CandidateEquation:
+def _reweigh_candidate(candidate: CandidateEquation, count: int, judged: _StateScores) -> CandidateEquation:
     """Candidate with so many numbers by the common unit of misfit, with its hidden state."""
     judge = judged.judge
     criterion = judge.criterion(judge.squares(candidate.error, count), count)

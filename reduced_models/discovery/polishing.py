@@ -13,13 +13,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import (
-    complexity,
-    sort_terms,
-    split_terms,
-    state_symbols,
-    term_text,
-)
+from reduced_models.discovery.terms import complexity, sort_terms, split_terms, state_symbols, term_text
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -86,9 +80,7 @@ def polish_candidate(
     import sympy
 
     numbers = models[0].parameters
-    expression = template.xreplace(
-        {sympy.Symbol(name): sympy.Float(numbers[name]) for name in values}
-    )
+    expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
     nodes = complexity(expression)
     if memory is not None:
         nodes += len(memory.scales)
@@ -110,8 +102,7 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     if terms is not None:
         names = {f"c{k}": terms[term] for k, term in enumerate(sort_terms(terms))}
         parts = (
-            sympy.Symbol(name) * term.expression
-            for name, term in zip(names, sort_terms(terms), strict=True)
+            sympy.Symbol(name) * term.expression for name, term in zip(names, sort_terms(terms), strict=True)
         )
         return sympy.Add(*parts), names
     floats = sorted(expression.atoms(sympy.Float), key=float)
@@ -119,9 +110,7 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     return expression.xreplace(symbol_of), {symbol_of[item].name: float(item) for item in floats}
 
 
-def smooth_sign(
-    template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
-) -> sympy.Expr:
+def smooth_sign(template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap) -> sympy.Expr:
     """Expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
@@ -140,10 +129,7 @@ def law_from_template(
     import sympy
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {
-            name: value * (1.0 + _SPREAD * random.normal(size=count))
-            for name, value in values.items()
-        }
+        return {name: value * (1.0 + _SPREAD * random.normal(size=count)) for name, value in values.items()}
 
     if column is not None:
         template = template.xreplace({state_symbols()[2]: sympy.Symbol(column)})

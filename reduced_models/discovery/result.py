@@ -154,16 +154,12 @@ class Discovery:
             "   columns: numbers, names and operations of the equation; its rms error (1: as\n"
             "   large as the record's noise makes it, so nothing is left to explain); * is chosen"
         )
-        fractions = ", ".join(
-            f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items()
-        )
+        fractions = ", ".join(f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items())
         if fractions:
             lines.append(f"  needed in this fraction of resampled records: {fractions}")
         costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.costs.items())
         if costs:
-            lines.append(
-                f"  the criterion rises by so much without each term (10 is decisive): {costs}"
-            )
+            lines.append(f"  the criterion rises by so much without each term (10 is decisive): {costs}")
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 

@@ -180,9 +180,7 @@ def _rank_subsets(
     return sorted(scores, key=lambda score: score.criterion)
 
 
-def eliminate_backward(
-    judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]
-) -> list[list[int]]:
+def eliminate_backward(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
     """Backward elimination: a subset, and what is left after the least needed term goes, and so on.
 
     Parameters

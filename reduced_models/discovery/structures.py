@@ -62,9 +62,8 @@ class Search(NamedTuple):
     seed: int = 0
 
     def expressions(
-        self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float,
-        elliptic: bool = False,
-    ) -> list[sympy.Expr]:  # fmt: skip
+        self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float, elliptic: bool = False
+    ) -> list[sympy.Expr]:
         """Return expressions for a target (n,) with such noise, in inputs (n,) by name.
 
         PySR is given Jacobi's functions too, where ``elliptic``.
@@ -72,9 +71,7 @@ class Search(NamedTuple):
         if self.method == "pysr":
             from reduced_models.discovery.julia import pysr_expressions
 
-            return pysr_expressions(
-                inputs, target, noise, self.functions, elliptic, self.effort, self.seed
-            )
+            return pysr_expressions(inputs, target, noise, self.functions, elliptic, self.effort, self.seed)
         from reduced_models.discovery.symbolic import operon_expressions
 
         return operon_expressions(inputs, target, noise, self.functions, self.effort, self.seed)
@@ -143,25 +140,16 @@ def _sparse_supports(
 ) -> tuple[list[np.ndarray], dict[str, float]]:
     if form == "weak" and not ensemble:
         return all_subsets(len(terms)), {}
-    from reduced_models.discovery.structures import (
-        ensemble_supports,
-        strong_regression,
-        weak_regression,
-    )
+    from reduced_models.discovery.structures import ensemble_supports, strong_regression, weak_regression
 
-    if form == "weak":
-        regression = weak_regression(weak, terms)
-    else:
-        regression = strong_regression(weak.motions, terms)
+    regression = weak_regression(weak, terms) if form == "weak" else strong_regression(weak.motions, terms)
     supports = regression.supports()
     inclusion: dict[str, float] = {}
     if ensemble:
         ensembles = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
         supports = [support for item, _ in ensembles for support in item]
         fractions = ensembles[len(ensembles) // 2][1]
-        inclusion = {
-            term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)
-        }
+        inclusion = {term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)}
     return _add_eliminated_supports(weak, terms, supports), inclusion
 
 
@@ -171,20 +159,12 @@ def _add_eliminated_supports(
     """Supports, and all that backward elimination makes of them."""
     whitening = weak.whitening((), np.zeros(0))
     matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
-    paths = (
-        path
-        for support in supports
-        if support
-        for path in eliminate_backward(matrix, target, support)
-    )
+    paths = (path for support in supports if support for path in eliminate_backward(matrix, target, support))
     return group_by_size(paths)
 
 
 def symbolic_candidates(
-    weak: WeakForm,
-    terms: Sequence[AnyTerm],
-    search: Search,
-    subsets: Sequence[np.ndarray] = (),
+    weak: WeakForm, terms: Sequence[AnyTerm], search: Search, subsets: Sequence[np.ndarray] = ()
 ) -> tuple[list[CandidateEquation], Judge]:
     """Expressions of a symbolic regression; of sums of terms also what can be left out of them.
 
@@ -197,9 +177,7 @@ def symbolic_candidates(
         more = [term for term in union if term not in terms]
         union = [*terms, *more][:_MOST_UNION]
     index = {term: k for k, term in enumerate(union)}
-    supports = [
-        [index[term] for term in parts if term in index] for _, parts in sums if parts is not None
-    ]
+    supports = [[index[term] for term in parts if term in index] for _, parts in sums if parts is not None]
     groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
     candidates = [make_candidate(item) for item in _unique_subsets(ranked)]
@@ -229,9 +207,7 @@ def _expressions(
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
     replaced |= {sympy.Symbol(f"own{k}", real=True): item.expression for k, item in enumerate(own)}
-    return [
-        expression.xreplace(replaced) for expression in search.expressions(samples, target, noise)
-    ]
+    return [expression.xreplace(replaced) for expression in search.expressions(samples, target, noise)]
 
 
 def _search_samples(
@@ -260,9 +236,7 @@ def _search_samples(
 
 def make_candidate(scored_terms: ScoredTerms) -> CandidateEquation:
     expression = join_terms(scored_terms.terms, list(scored_terms.coefficients))
-    return CandidateEquation(
-        expression, complexity(expression), scored_terms.misfit, scored_terms.criterion
-    )
+    return CandidateEquation(expression, complexity(expression), scored_terms.misfit, scored_terms.criterion)
 
 
 def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
@@ -276,10 +250,7 @@ def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation
     if not math.isfinite(squares):
         squares = math.inf
     return CandidateEquation(
-        expression,
-        complexity(expression),
-        judge.misfit(squares, count),
-        judge.criterion(squares, count),
+        expression, complexity(expression), judge.misfit(squares, count), judge.criterion(squares, count)
     )
 
 
@@ -321,9 +292,7 @@ class Regression:
         """Share (p,) of bootstrap resamples whose fit keeps each term."""
         import pysindy
 
-        ensemble = pysindy.EnsembleOptimizer(
-            self.threshold_terms(threshold), bagging=True, n_models=_MODELS
-        )
+        ensemble = pysindy.EnsembleOptimizer(self.threshold_terms(threshold), bagging=True, n_models=_MODELS)
         state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
         np.random.seed(seed)  # noqa: NPY002
         try:

@@ -146,9 +146,7 @@ def scale_samples(inputs: Mapping[str, np.ndarray], target: np.ndarray) -> Scale
     sizes = {name: _typical_size(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))
-    return ScaledSamples(
-        matrix, target / _typical_size(target), names, sizes, _typical_size(target)
-    )
+    return ScaledSamples(matrix, target / _typical_size(target), names, sizes, _typical_size(target))
 
 
 def _typical_size(values: np.ndarray) -> float:

@@ -176,9 +176,7 @@ def _read_term(text: str, column: str | None) -> sympy.Expr:
         formula = algebra.sympy_expression(tree, named)
     except formulas.FormulaError as error:
         raise InputError(f"{term} cannot be read: {error}") from None
-    exact = formula.xreplace(
-        {atom: sympy.Rational(str(atom)) for atom in formula.atoms(sympy.Float)}
-    )
+    exact = formula.xreplace({atom: sympy.Rational(str(atom)) for atom in formula.atoms(sympy.Float)})
     if exact == 0:
         raise InputError(f"{term} is zero; leave it out")
     return exact
@@ -198,9 +196,7 @@ def _compiled_term(expression: sympy.Expr) -> Callable[..., Any]:
     return algebra.compile_function(state_symbols(), expression)
 
 
-def _evaluate_term(
-    expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.ndarray | None
-) -> np.ndarray:
+def _evaluate_term(expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     with np.errstate(all="ignore"):
         values = _compiled_term(expression)(z, v, 0.0 if u is None else u)
     return np.broadcast_to(np.asarray(values, dtype=np.float64), z.shape)
@@ -364,8 +360,6 @@ def complexity(expression: sympy.Expr) -> int:
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
-def term_columns(
-    terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None
-) -> np.ndarray:
+def term_columns(terms: Sequence[AnyTerm], z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     """Values (n, p) of terms at samples."""
     return np.stack([term.values(z, v, u) for term in terms], axis=1)

@@ -208,8 +208,7 @@ def _motion_integrals(motion: SmoothedMotion) -> Integrals:
         starts.append(starts[-1] + last - first)
     indices = np.concatenate(columns)
     bump, slope, curvature = (
-        csr_array((np.concatenate(part), indices, starts), shape=(count, len(time)))
-        for part in parts
+        csr_array((np.concatenate(part), indices, starts), shape=(count, len(time))) for part in parts
     )
     return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
@@ -227,10 +226,7 @@ _FLOOR = 1e-6  # least noise, in standard deviations of the record or the force:
 
 
 def estimate_motion(
-    record: PistonRecord,
-    height_map: HeightMap,
-    derivative: DerivativeMethod,
-    drive: str | None = None,
+    record: PistonRecord, height_map: HeightMap, derivative: DerivativeMethod, drive: str | None = None
 ) -> SmoothedMotion:
     """Motion of a record in z, with estimates of its derivatives and noise."""
     guess = first_guesses(record)
@@ -319,9 +315,13 @@ def noise_free_weak_form(weak: WeakForm) -> WeakForm:
     return WeakForm(
         tuple(
             ForceIntegrals(
-                part.motion, part.bump, part.slope, part.curvature, part.target,
+                part.motion,
+                part.bump,
+                part.slope,
+                part.curvature,
+                part.target,
                 part.motion.acceleration_noise,
             )
             for part in weak.parts
         )
-    )  # fmt: skip
+    )

@@ -117,9 +117,7 @@ class DropScores:
             f"{percent_of_drop(best.greatest)} at worst"
         )
         if self.scatter:
-            words += (
-                f", where another random start alone changes {percent_of_drop(max(self.scatter))}"
-            )
+            words += f", where another random start alone changes {percent_of_drop(max(self.scatter))}"
         if others:
             said = (
                 f"{row.name} {percent_of_drop(row.median)}"
@@ -140,9 +138,12 @@ class DropScores:
         for k, row in enumerate(row for row in self.rows if row.model is not None):
             errors = 100.0 * np.array(row.errors)
             axes.plot(
-                heights[order], np.where(np.isfinite(errors), errors, np.nan)[order], marker="o",
-                label=plain_label(row.name), **line_look(k),
-            )  # fmt: skip
+                heights[order],
+                np.where(np.isfinite(errors), errors, np.nan)[order],
+                marker="o",
+                label=plain_label(row.name),
+                **line_look(k),
+            )
         axes.set_yscale("log")
         plain_numbers(axes.yaxis)
         axes.set_xlabel("height of the drop's start [mm]")
@@ -159,12 +160,14 @@ class DropScores:
             "scatter": list(self.scatter),
             "rows": [
                 {
-                    "name": row.name, "errors": list(row.errors), "failure": row.failure,
+                    "name": row.name,
+                    "errors": list(row.errors),
+                    "failure": row.failure,
                     "model": None if row.model is None else row.model.to_plain(),
                 }
                 for row in self.rows
             ],
-        }  # fmt: skip
+        }
 
 
 def percent_of_drop(value: float) -> str:
@@ -228,10 +231,7 @@ def fit_drops(
 
 
 def judge_fits(
-    record: PistonRecord,
-    fits: Sequence[DropScore],
-    unseen: Mapping[str, PistonRecord],
-    level: float,
+    record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], level: float
 ) -> DropScores:
     """Laws of `fit_drops`, judged on falls that they have not seen.
 
@@ -261,9 +261,7 @@ def judge_fits(
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median))
     drop = float(record.height[0]) - level
-    alike = [
-        fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop
-    ]
+    alike = [fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop]
     scatter = tuple(_rms_difference(fall, record.time, record.height) / drop for fall in alike)
     return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
@@ -273,10 +271,14 @@ def _fit_drop(law: Law, record: PistonRecord, scene: Scene | None, starts: int) 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
             model = fit(
-                record, law, test_fraction=0.0, starts=starts, start=_scene_starts(law, scene),
+                record,
+                law,
+                test_fraction=0.0,
+                starts=starts,
+                start=_scene_starts(law, scene),
                 initial={"height": float(record.height[0]), "velocity": 0.0},
                 map="fitted",
-            )  # fmt: skip
+            )
     except GranularError as cause:
         return DropScore(law.name, None, failure=str(cause))
     return DropScore(law.name, model)

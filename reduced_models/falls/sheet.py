@@ -34,19 +34,15 @@ CHANGE = 0.01
 """Relative change of a part whose effect is told."""
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
 _KEYS = {
-    "mass of the piston": "piston.mass", "remanence of the discs": "grains.remanence",
-    "drag of a disc": "effects.drag.coefficient", "width of the cell": "cell.width",
-}  # fmt: skip
+    "mass of the piston": "piston.mass",
+    "remanence of the discs": "grains.remanence",
+    "drag of a disc": "effects.drag.coefficient",
+    "width of the cell": "cell.width",
+}
 
 
 def workshop_sheet(
-    scene: Scene,
-    rest: float,
-    *,
-    title: str,
-    lead: str,
-    scatter: Sequence[str],
-    notes: Sequence[str] = (),
+    scene: Scene, rest: float, *, title: str, lead: str, scatter: Sequence[str], notes: Sequence[str] = ()
 ) -> Page:
     """Page to build a damper from, for a screen or for paper.
 
@@ -86,8 +82,9 @@ def workshop_sheet(
             "between both faces and the plates gives 2 eta A/h, with the face A of the disc. Pick "
             "a gap, and buy the liquid by its viscosity at 25 °C."
         )
-        page.table(("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"),
-                   _gap_rows(scene, drag))  # fmt: skip
+        page.table(
+            ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"), _gap_rows(scene, drag)
+        )
         page.text(
             "A silicone oil that has 3.73 Pa s at -25 °C and 1.18 Pa s at 25 °C (Polisil P10, "
             "Monteiro et al., Journal of Plastination), by the exponential law through these two, "
@@ -95,9 +92,13 @@ def workshop_sheet(
         )
         page.table(
             ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
-            [("drag over that at 25 °C",
-              *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES))],
-        )  # fmt: skip
+            [
+                (
+                    "drag over that at 25 °C",
+                    *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES),
+                )
+            ],
+        )
     else:
         page.text("The damper has no drag, so no liquid.")
     page.section("What a percent costs")
@@ -118,8 +119,7 @@ def workshop_sheet(
     host = " --set effects.host=none" if scene.effects.host else ""  # it is held still
     page.preformat(
         "granular-damper calibrate lab.csv scene.toml --parameter piston.mass \\\n"
-        "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back"
-        + host
+        "    --parameter effects.drag.coefficient --parameter grains.remanence -o out/read-back" + host
     )
     page.footer("Made with " + ", ".join(f"{k} {v}" for k, v in versions().items()))
     return page
@@ -165,9 +165,7 @@ def sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
         for name in key.split("."):
             owner = getattr(owner, name)
         assert isinstance(owner, float)
-        high, low = (
-            _swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE)
-        )
+        high, low = (_swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE))
         changes = [math.log(h / other) / (2.0 * CHANGE) for h, other in zip(high, low, strict=True)]
         result[words] = (changes[0], changes[1])
     return result
@@ -203,21 +201,34 @@ def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
     rows = []
     for k, species in enumerate(grains.species):
         own = masses[kinds == k]
-        thickness, remanence = (
-            float(grains.of_species(name)[k]) for name in ("thickness", "remanence")
+        thickness, remanence = (float(grains.of_species(name)[k]) for name in ("thickness", "remanence"))
+        rows.append(
+            (
+                "disc magnet, magnetised along its axis",
+                str(len(own)),
+                f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
+                f"remanence {remanence:g} T",
+                f"{1e3 * own[0]:.3g} g each, {own.sum():.3g} kg in all",
+            )
         )
-        rows.append((
-            "disc magnet, magnetised along its axis", str(len(own)),
-            f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
-            f"remanence {remanence:g} T",
-            f"{1e3 * own[0]:.3g} g each, {own.sum():.3g} kg in all",
-        ))  # fmt: skip
     width = 1e3 * scene.cell.width
-    rows.append(("piston, as wide as the cell", "1", f"width {width:.4g} mm",
-                 f"{piston.mass or 0.0:.4g} kg with all that moves with it"))  # fmt: skip
-    rows.append(("plates of a material that is not magnetic", "2",
-                 f"inner width {width:.4g} mm, height {1e3 * piston.height:.4g} mm or more "
-                 f"(at rest {1e3 * rest:.4g} mm)", ""))  # fmt: skip
+    rows.append(
+        (
+            "piston, as wide as the cell",
+            "1",
+            f"width {width:.4g} mm",
+            f"{piston.mass or 0.0:.4g} kg with all that moves with it",
+        )
+    )
+    rows.append(
+        (
+            "plates of a material that is not magnetic",
+            "2",
+            f"inner width {width:.4g} mm, height {1e3 * piston.height:.4g} mm or more "
+            f"(at rest {1e3 * rest:.4g} mm)",
+            "",
+        )
+    )
     return rows
 
 
@@ -226,10 +237,13 @@ def _gap_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
     thickness = float(scene.grains.of_species("thickness")[0])
     face = math.pi / 4.0 * first**2
     return [
-        (f"{1e3 * gap:g}", format_number(1e3 * (thickness + 2.0 * gap)),
-         format_number(drag * gap / (2.0 * face), 3))
+        (
+            f"{1e3 * gap:g}",
+            format_number(1e3 * (thickness + 2.0 * gap)),
+            format_number(drag * gap / (2.0 * face), 3),
+        )
         for gap in GAPS
-    ]  # fmt: skip
+    ]
 
 
 def _draw_cell(scene: Scene, rest: float) -> Figure:
@@ -249,10 +263,21 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
         _dimension(axes, (0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}")
         _dimension(axes, (width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}")
         _dimension(axes, (-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}")
-        axes.text(0.5 * width, level + plate, f"piston, {scene.piston.mass:.4g} kg", ha="center",
-                  va="center", bbox=_BLANK)  # fmt: skip
-        axes.text(0.5 * width, height, f"{scene.grains.count} discs, the first of {diameter:g} mm",
-                  ha="center", va="top")  # fmt: skip
+        axes.text(
+            0.5 * width,
+            level + plate,
+            f"piston, {scene.piston.mass:.4g} kg",
+            ha="center",
+            va="center",
+            bbox=_BLANK,
+        )
+        axes.text(
+            0.5 * width,
+            height,
+            f"{scene.grains.count} discs, the first of {diameter:g} mm",
+            ha="center",
+            va="top",
+        )
         axes.set(xlim=(-6 * plate, width + 6 * plate), ylim=(-4.5 * plate, height + 2 * plate))
         axes.set_aspect("equal")
         axes.axis("off")
@@ -267,14 +292,24 @@ def _grain_sites(scene: Scene, width: float, level: float) -> list[tuple[float, 
     across = max(round(width / spacing), 1)
     rows = math.ceil(len(sizes) / across)
     return [
-        ((k % across + (0.25, 0.75)[k // across % 2]) * width / across,
-         (k // across + 0.5) * level / rows, float(size))
+        (
+            (k % across + (0.25, 0.75)[k // across % 2]) * width / across,
+            (k // across + 0.5) * level / rows,
+            float(size),
+        )
         for k, size in enumerate(sizes)
-    ]  # fmt: skip
+    ]
 
 
 def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
     axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
     upright = start[0] == end[0]
-    axes.text(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), text, ha="center", va="center",
-              rotation=90 if upright else 0, bbox=_BLANK)  # fmt: skip
+    axes.text(
+        0.5 * (start[0] + end[0]),
+        0.5 * (start[1] + end[1]),
+        text,
+        ha="center",
+        va="center",
+        rotation=90 if upright else 0,
+        bbox=_BLANK,
+    )

@@ -141,9 +141,7 @@ def predict(scene: Scene) -> PredictedLaw:
         values = bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse=False)
         values["friction"] = friction / accelerated_mass(scene, values)
         # A piston that sticks has no small swing.
-        return PredictedLaw(
-            values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING
-        )
+        return PredictedLaw(values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING)
     values = bed_parameters(scene, refuse=False)
     assert piston is not None
     swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
@@ -258,10 +256,7 @@ def _angular_frequency(rest: float, gravity: float) -> float:
 def _mean_moment_and_mass(scene: Scene) -> tuple[float, float]:
     """Mean moment and mass of the grains, over those of the first species."""
     fraction = np.array(scene.grains.fractions())
-    return (
-        float(fraction @ scene.grains.moment_ratios()),
-        float(fraction @ scene.grains.mass_ratios()),
-    )
+    return (float(fraction @ scene.grains.moment_ratios()), float(fraction @ scene.grains.mass_ratios()))
 
 
 class ShakingRange(NamedTuple):

@@ -16,12 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import (
-    LAW,
-    OutsideRangeWarning,
-    accelerated_mass,
-    bed_parameters,
-)
+from reduced_models.falls.theory import LAW, OutsideRangeWarning, accelerated_mass, bed_parameters
 from reduced_models.laws.equation import compile_rates
 
 if TYPE_CHECKING:
@@ -89,11 +84,7 @@ class WholeFall(NamedTuple):
 
 
 def whole_fall(
-    scene: Scene,
-    height: float | None = None,
-    *,
-    simulate: bool | None = None,
-    progress: bool = True,
+    scene: Scene, height: float | None = None, *, simulate: bool | None = None, progress: bool = True
 ) -> WholeFall:
     """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.
 
@@ -154,9 +145,14 @@ def _fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -
     force = piston.mass * (gravity.acceleration + acceleration)
     rest = values["rest"]
     return WholeFall(
-        start, rest, _settling_time(times, z, rest), float(force.max()),
-        float(z.min()), moved * float(affine[-1]), moved * float(excess[-1]),
-    )  # fmt: skip
+        start,
+        rest,
+        _settling_time(times, z, rest),
+        float(force.max()),
+        float(z.min()),
+        moved * float(affine[-1]),
+        moved * float(excess[-1]),
+    )
 
 
 def _followed_time(scene: Scene) -> float:
@@ -175,12 +171,17 @@ def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
 
     diameter = scene.grains.species[0].diameter
     run = simulate(
-        scene.replace(**{
-            "piston.height": start, "arrangement.height": start - diameter, "output.record": None,
-            "protocol": [{"kind": "free", "name": "drop", "duration": _followed_time(scene)}],
-        }),
-        dt="auto*2", progress=progress,
-    )  # fmt: skip
+        scene.replace(
+            **{
+                "piston.height": start,
+                "arrangement.height": start - diameter,
+                "output.record": None,
+                "protocol": [{"kind": "free", "name": "drop", "duration": _followed_time(scene)}],
+            }
+        ),
+        dt="auto*2",
+        progress=progress,
+    )
     motion = run.piston()
     assert motion.velocity is not None
     assert motion.force is not None
@@ -193,9 +194,14 @@ def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
     lost = float(run.dataset["drag_loss"].values[-1]) if "drag_loss" in run.dataset else 0.0
     rest = float(motion.height[-len(motion.height) // 10 :].mean())
     return WholeFall(
-        start, rest, _settling_time(motion.time, motion.height, rest), float(motion.force.max()),
-        float(motion.height.min()), affine, lost - affine,
-    )  # fmt: skip
+        start,
+        rest,
+        _settling_time(motion.time, motion.height, rest),
+        float(motion.force.max()),
+        float(motion.height.min()),
+        affine,
+        lost - affine,
+    )
 
 
 def _solve_fall(values: dict[str, float], start: float, times: np.ndarray) -> np.ndarray:

@@ -87,10 +87,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     covariance, independent = joint_covariance(
         joint.linearise(theta),
         [grid.loss for grid in joint.grids],
-        [
-            None if level is None else level / joint.unknowns.residual_unit
-            for level in problem.noise
-        ],
+        [None if level is None else level / joint.unknowns.residual_unit for level in problem.noise],
         joint.entries,
         joint.held,
     )
@@ -101,11 +98,15 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     free = ~joint.held
     known = [
         Information(
-            marginal_information(normal, here, free), covariance[np.ix_(here, here)], residuals,
-            int(free.sum()), free[here], independent,
+            marginal_information(normal, here, free),
+            covariance[np.ix_(here, here)],
+            residuals,
+            int(free.sum()),
+            free[here],
+            independent,
         )
         for here in joint.entries
-    ]  # fmt: skip
+    ]
     profiled = None
     if problem.intervals == "profile":
         from reduced_models.fitting.profile import profile_intervals
@@ -122,9 +123,12 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
     for k, here in enumerate(joint.entries):
         height = motions[k].height
         linear, at_rest, undetermined = interval_analysis(
-            joint.unknowns, theta[here], known[k], problem.confidence,
+            joint.unknowns,
+            theta[here],
+            known[k],
+            problem.confidence,
             (float(height.min()), float(height.max())),
-        )  # fmt: skip
+        )
         intervals = linear
         if again is not None:
             drawn = bootstrap_intervals(
@@ -136,9 +140,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _make_model(result, k, intervals, at_rest, motions)
         models.append(
-            dataclasses.replace(
-                model, undetermined=undetermined, covariance_names=names, covariance=matrix
-            )
+            dataclasses.replace(model, undetermined=undetermined, covariance_names=names, covariance=matrix)
         )
     return tuple(models)
 
@@ -228,8 +230,7 @@ def _provenance(record: PistonRecord, problem: FitProblem) -> dict[str, str]:
     if intervals == "bootstrap":
         intervals = f"bootstrap, {REPLICATES} records, seed {problem.seed}"
     return {
-        "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, "
-        f"sha256 {digest[:16]}",
+        "data": f"{len(record)} samples over {record.time[-1] - record.time[0]:.6g} s, sha256 {digest[:16]}",
         "records": str(len(problem.data)),
         "fit": f"{problem.starts} starts, intervals {intervals}" + (f", {bounds}" * bool(bounds)),
     }
@@ -289,9 +290,7 @@ def _quality(result: SearchResult, k: int) -> Quality:
     )
 
 
-def _test_errors(
-    grid: GriddedRecord, trained: np.ndarray, training: int, tested: int
-) -> tuple[float, float]:
+def _test_errors(grid: GriddedRecord, trained: np.ndarray, training: int, tested: int) -> tuple[float, float]:
     """Errors over the held-out motion, of the roll-out and of a piston that stays at rest.
 
     Neither has seen that stretch, from ``training`` to ``tested`` samples; both count in the rms
@@ -377,7 +376,5 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[
             "says little of any law; average more samples or measure a larger motion"
         )
     if quality.test_error == math.inf:
-        notes.append(
-            "fitted to its training stretch only, the law diverges in the held-out stretch"
-        )
+        notes.append("fitted to its training stretch only, the law diverges in the held-out stretch")
     return tuple(notes)

@@ -19,11 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.diagnostics import (
-    autocorrelation_time,
-    fit_autoregression,
-    propagate_covariance,
-)
+from reduced_models.fitting.diagnostics import autocorrelation_time, fit_autoregression, propagate_covariance
 from reduced_models.least_squares.joint_records import Entries, JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
@@ -75,8 +71,7 @@ class Information(NamedTuple):
     def variance(self) -> float:
         """Variance of a residual, enlarged by how the residuals follow each other."""
         total = sum(
-            float((residual**2).sum()) * autocorrelation_time(residual)
-            for residual in self.residuals
+            float((residual**2).sum()) * autocorrelation_time(residual) for residual in self.residuals
         )
         return total / self.dof
 
@@ -200,9 +195,7 @@ def sandwich_covariance(bread: np.ndarray, spread: np.ndarray, variance: float) 
     inverse = 1.0 / np.maximum(strengths, strengths[-1] * 1e-15)
     inner = directions.T @ (spread * np.outer(scale, scale)) @ directions
     resolved = np.where(known, inverse, 0.0)
-    result = resolved[:, None] * inner * resolved + np.diag(
-        np.where(known, 0.0, variance * inverse)
-    )
+    result = resolved[:, None] * inner * resolved + np.diag(np.where(known, 0.0, variance * inverse))
     return np.asarray((directions @ result @ directions.T) * np.outer(scale, scale))
 
 
@@ -216,9 +209,7 @@ def marginal_information(normal: np.ndarray, entries: np.ndarray, free: np.ndarr
     return np.asarray(normal[np.ix_(entries, entries)] - cross @ inner @ cross.T)
 
 
-def bootstrap_replicates(
-    joint: JointRecords, theta: np.ndarray, count: int, seed: int
-) -> np.ndarray:
+def bootstrap_replicates(joint: JointRecords, theta: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Search vectors (count, p) fitted to resampled records."""
     random = np.random.default_rng(seed)
     residuals = joint.residuals(theta)
@@ -226,8 +217,7 @@ def bootstrap_replicates(
     unit = joint.unknowns.residual_unit
     # A residual is solution minus data.
     fitted = [
-        grid.record.height + residual * unit
-        for grid, residual in zip(joint.grids, residuals, strict=True)
+        grid.record.height + residual * unit for grid, residual in zip(joint.grids, residuals, strict=True)
     ]
     draws = [
         _residual_resampler(residual, grid.gain, grid.loss)
@@ -236,9 +226,7 @@ def bootstrap_replicates(
     result = np.empty((count, len(theta)))
     for k in range(count):
         heights = [motion - unit * draw(random) for motion, draw in zip(fitted, draws, strict=True)]
-        grids = tuple(
-            grid.with_heights(height) for grid, height in zip(joint.grids, heights, strict=True)
-        )
+        grids = tuple(grid.with_heights(height) for grid, height in zip(joint.grids, heights, strict=True))
         trial = dataclasses.replace(joint, grids=grids)
         result[k] = trial.refit(theta, lengths, tolerance=1e-6)
     return result

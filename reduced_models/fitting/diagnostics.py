@@ -52,9 +52,7 @@ def residual_structure(
     count = len(residuals)
     power = float((residuals**2).sum())
     if power <= 0.0:
-        return {
-            "whiteness": 1.0, "signs": 1.0, "lag": 0.0, "slow": 0.0, "swinging": 0.0, "drift": 1.0
-        }  # fmt: skip
+        return {"whiteness": 1.0, "signs": 1.0, "lag": 0.0, "slow": 0.0, "swinging": 0.0, "drift": 1.0}
     size = 1 << (2 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
     lags = min(_MOST_LAGS, count // 10)
@@ -150,10 +148,7 @@ def fit_autoregression(residuals: np.ndarray) -> Autoregression:
         reflection = 2.0 * float(forward @ backward) / size
         weights = np.append(weights - reflection * weights[::-1], reflection)
         variance = max(variance * (1.0 - reflection**2), _LEAST * power)
-        forward, backward = (
-            (forward - reflection * backward)[1:],
-            (backward - reflection * forward)[:-1],
-        )
+        forward, backward = ((forward - reflection * backward)[1:], (backward - reflection * forward)[:-1])
         criterion = count * math.log(variance) + _PRICE * order * math.log(count)
         if criterion < least:
             best, least = Autoregression(weights, variance), criterion
@@ -174,9 +169,7 @@ def _correct_bias_of_weight(autoregression: Autoregression, count: int) -> Autor
         return autoregression
     weight = autoregression.weights[0]
     least = 0.5 * (1.0 - weight)  # no closer to a walk than half of what was found
-    return autoregression._replace(
-        weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)])
-    )
+    return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
 
 
 def propagate_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:

@@ -36,13 +36,7 @@ from reduced_models.fitting.options import (
     parameter_bounds,
     parameter_starts,
 )
-from reduced_models.fitting.problem import (
-    FitProblem,
-    Intervals,
-    as_records,
-    training_data,
-    weights_and_noise,
-)
+from reduced_models.fitting.problem import FitProblem, Intervals, as_records, training_data, weights_and_noise
 from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on_verified_grids
 from reduced_models.fitting.search import search_fit
 from reduced_models.fitting.sensor_view import SensorView, sensor_view
@@ -68,9 +62,7 @@ class _FitFunction(Protocol[P]):
     """A fit of one record, which gives a model, or of several, which gives one for each."""
 
     @overload
-    def __call__(
-        self, record: PistonRecord, /, *args: P.args, **kwargs: P.kwargs
-    ) -> ReducedModel: ...
+    def __call__(self, record: PistonRecord, /, *args: P.args, **kwargs: P.kwargs) -> ReducedModel: ...
     @overload
     def __call__(
         self, record: Sequence[PistonRecord], /, *args: P.args, **kwargs: P.kwargs
@@ -215,9 +207,7 @@ def fit(
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = resolve_law(law, records[0], declared)
     check_parameter_names(chosen, declared)
-    chosen = dataclasses.replace(
-        chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive)))
-    )
+    chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
     if drift and intervals == "profile":
         raise InputError("profile intervals know no drift; give intervals='linear' or 'bootstrap'")
     shared, value = fixed_values(fix or {}, len(records))
@@ -244,13 +234,7 @@ def fit(
         law=chosen,
         data=tuple(
             training_data(
-                record,
-                test_fraction,
-                *how,
-                loss,
-                fixed,
-                view.sensor,
-                about_rest="level" in view.untold,
+                record, test_fraction, *how, loss, fixed, view.sensor, about_rest="level" in view.untold
             )
             for record, how, fixed in zip(records, given, value, strict=True)
         ),
@@ -315,9 +299,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     aligned = fine_grids(dataclasses.replace(problem, interpolation="linear"))
     errors = {}
     for how in INTERPOLATIONS:
-        grids = tuple(
-            grid.on(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True)
-        )
+        grids = tuple(grid.on(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True))
         joint = dataclasses.replace(result.joint, grids=grids)
         theta = joint.refit(result.trained, counts, tolerance=1e-6)
         errors[how] = (_later_mean_square(joint, theta, counts), joint)
@@ -351,8 +333,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
     for _ in range(_DRIFT_ROUNDS):
         gains = map(_least_squares_gain, joint.residuals(theta))
         grids = tuple(
-            dataclasses.replace(grid, gain=gain)
-            for grid, gain in zip(joint.grids, gains, strict=True)
+            dataclasses.replace(grid, gain=gain) for grid, gain in zip(joint.grids, gains, strict=True)
         )
         joint = dataclasses.replace(joint, grids=grids)
         theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)

@@ -58,12 +58,8 @@ def checked_histories(
             "not matter; leave initial out"
         )
     if len(given) != len(records):
-        raise InputError(
-            f"initial: {len(given)} motions for {len(records)} records; give one before each"
-        )
-    return [
-        _prepend_history(history, record) for history, record in zip(given, records, strict=True)
-    ]
+        raise InputError(f"initial: {len(given)} motions for {len(records)} records; give one before each")
+    return [_prepend_history(history, record) for history, record in zip(given, records, strict=True)]
 
 
 def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecord:
@@ -77,8 +73,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
         )
     if column_names(history) != column_names(record):
         raise InputError(
-            "initial: the motion before and the record have different columns; cut both from one "
-            "record"
+            "initial: the motion before and the record have different columns; cut both from one record"
         )
     parts = {
         name: np.concatenate([history.columns[name][before], values])

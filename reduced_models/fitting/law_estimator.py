@@ -215,13 +215,10 @@ def _time_vector(given: Any) -> np.ndarray:
     """Return the times (n,) of a column or a vector."""
     array = _real_array(given, "the times X")
     if array.ndim == 2 and array.shape[1] == 0:
-        raise InputError(
-            f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: the time"
-        )
+        raise InputError(f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: the time")
     if array.ndim == 2 and array.shape[1] != 1:
         raise InputError(
-            f"X has {array.shape[1]} features, but LawEstimator is expecting 1 features as input: "
-            "the time"
+            f"X has {array.shape[1]} features, but LawEstimator is expecting 1 features as input: the time"
         )
     if array.ndim not in (1, 2):
         raise InputError(f"the times X have the shape {array.shape}; give (n,) or (n, 1)")
@@ -263,9 +260,7 @@ def _real_array(given: Any, name: str) -> np.ndarray:
 def _not_fitted_error(message: str) -> InputError:
     """Error that scikit-learn, where it is loaded, takes for its NotFittedError too."""
     kind = _sklearn_exception("NotFittedError", InputError)
-    return (
-        kind(message) if kind is InputError else type("NotFitted", (InputError, kind), {})(message)
-    )
+    return kind(message) if kind is InputError else type("NotFitted", (InputError, kind), {})(message)
 
 
 def _sklearn_exception(name: str, otherwise: type[Any]) -> type[Any]:

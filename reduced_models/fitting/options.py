@@ -82,10 +82,7 @@ def fixed_values(fix: Fixed, records: int) -> tuple[dict[str, float], tuple[dict
 
 
 def parameter_bounds(
-    law: Law,
-    bounds: Bounds,
-    fix: Mapping[str, float],
-    by_record: Sequence[Mapping[str, float]] = ({},),
+    law: Law, bounds: Bounds, fix: Mapping[str, float], by_record: Sequence[Mapping[str, float]] = ({},)
 ) -> dict[str, tuple[float, float]]:
     """Least and greatest values of parameters; equal ones where a value is given.
 
@@ -99,8 +96,7 @@ def parameter_bounds(
         _check_name(law, name)
         if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
             raise InputError(
-                f"bounds of {name}: {quote(pair)} is no pair; give (least, greatest), None for "
-                "an open end"
+                f"bounds of {name}: {quote(pair)} is no pair; give (least, greatest), None for an open end"
             )
         low = -math.inf if pair[0] is None else _number(f"bounds of {name}", pair[0])
         high = math.inf if pair[1] is None else _number(f"bounds of {name}", pair[1])
@@ -119,9 +115,7 @@ def parameter_bounds(
             raise InputError(f"fix of {name}: {value:g}, and the law holds for values above 0")
         low, high = result.get(name, (-math.inf, math.inf))
         if not low <= value <= high:
-            raise InputError(
-                f"fix of {name}: {value:g} lies outside its bounds; change one of them"
-            )
+            raise InputError(f"fix of {name}: {value:g} lies outside its bounds; change one of them")
         if name in fix:
             result[name] = (value, value)
     if len({*fix, *by_record[0]}) >= len(law.parameters):

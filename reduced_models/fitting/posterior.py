@@ -91,19 +91,19 @@ def posterior(
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
-        kernel, num_warmup=warmup, num_samples=draws, num_chains=chains,
-        chain_method="vectorized" if chains > 1 else "sequential", progress_bar=False,
-    )  # fmt: skip
-    sampler.run(
-        jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0])
+        kernel,
+        num_warmup=warmup,
+        num_samples=draws,
+        num_chains=chains,
+        chain_method="vectorized" if chains > 1 else "sequential",
+        progress_bar=False,
     )
+    sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
     result = np.asarray(sampler.get_samples(group_by_chain=True))
     return arviz.from_dict(_name_draws(joint, own, centre + result @ spread.T))
 
 
-def _gridded_records(
-    model: Any, record: Any, own: Sequence[str]
-) -> tuple[JointRecords, np.ndarray]:
+def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[JointRecords, np.ndarray]:
     """Return the records on their grids, and the fit."""
     records = [entry.from_zero() for entry in as_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
@@ -120,14 +120,13 @@ def _gridded_records(
     names = unknowns.law.inputs
     grids = tuple(
         record_on_grid(
-            unknowns, record,
-            grid_over(
-                record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution
-            ),
+            unknowns,
+            record,
+            grid_over(record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution),
             models[0].input_interpolation,
         )
         for record in records
-    )  # fmt: skip
+    )
     held = np.zeros(len(theta), dtype=bool)
     for here in entries:
         held[here[unknowns.free + 2 :]] = True

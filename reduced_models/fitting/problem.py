@@ -14,12 +14,7 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
-from reduced_models.records.first_guesses import (
-    LEAST_SAMPLES,
-    FirstGuesses,
-    first_guesses,
-    noise_level,
-)
+from reduced_models.records.first_guesses import LEAST_SAMPLES, FirstGuesses, first_guesses, noise_level
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.release import is_driven
 from reduced_models.records.sensor import Sensor
@@ -180,9 +175,7 @@ def training_data(
         columns = total.columns
         motion = dataclasses.replace(total, height=sensor.motion(columns, about_rest=about_rest))
         total = dataclasses.replace(
-            total,
-            height=sensor.signal(columns),
-            deviations=sensor.signal_deviations(total.deviations),
+            total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
     tested = samples_in_motion(total) if test_fraction > 0.0 else len(total)
     stop = float(total.time[tested - 1]) * (1.0 - test_fraction)

@@ -17,12 +17,7 @@ import numpy as np
 from reduced_models.fitting.covariance import sandwich_covariance
 from reduced_models.fitting.uncertainty import Interval, intervals_between, named_entries
 from reduced_models.least_squares.joint_records import JointRecords
-from reduced_models.least_squares.levenberg_marquardt import (
-    Bounds,
-    Normal,
-    Prior,
-    levenberg_marquardt,
-)
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 
 FAR = math.log(1e6)
 """An entry of the search vector that may go so far is not bounded by the data."""
@@ -89,9 +84,7 @@ def profile_ends(
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
     reach = np.minimum(np.minimum(quantile * spread, _FIRST), most)
     guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
-    distance = _distance_to_end(
-        joint, theta, entry, sign, reach, most, guide, variance[entry], quantile
-    )
+    distance = _distance_to_end(joint, theta, entry, sign, reach, most, guide, variance[entry], quantile)
     # Where the profile does not get there, a bound is the end, or there is none.
     distance = np.where(np.isinf(distance) & (slack < FAR), np.maximum(slack, 0.0), distance)
     low, high = np.full((2, len(theta)), np.nan)
@@ -125,9 +118,7 @@ def _distance_to_end(
         )
         least = min(least, float(costs.min()))
         rise = np.sqrt(np.maximum(costs - least, 0.0) / variance)
-        done = np.where(
-            np.isnan(done) & (np.abs(rise - quantile) <= _CLOSE * quantile), reach, done
-        )
+        done = np.where(np.isnan(done) & (np.abs(rise - quantile) <= _CLOSE * quantile), reach, done)
         inside = rise < quantile
         done = np.where(np.isnan(done) & inside & (reach >= most), np.inf, done)
         lost = (lacking > _LOST * quantile**2 * variance) & (rise < 5.0 * quantile)
@@ -137,9 +128,7 @@ def _distance_to_end(
         far, far_t = np.where(inside, far, reach), np.where(inside, far_t, rise)
         if not np.isnan(done).any():
             break
-        reach = np.where(
-            np.isnan(done), _next_distances(near, near_t, far, far_t, most, quantile), reach
-        )
+        reach = np.where(np.isnan(done), _next_distances(near, near_t, far, far_t, most, quantile), reach)
     return np.where(np.isnan(done), reach, done)
 
 
@@ -202,9 +191,7 @@ def _refit_with_entry_held(
     return start, costs, lacking
 
 
-def _gauss_newton_decrease(
-    gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray
-) -> np.ndarray:
+def _gauss_newton_decrease(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Decrease of sums of squares (s,) by a Gauss-Newton step of the free entries."""
     result = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):

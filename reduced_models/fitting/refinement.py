@@ -16,21 +16,12 @@ import numpy as np
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.start_values import (
-    free_entries,
-    match_accelerations,
-    with_initial_state,
-)
+from reduced_models.fitting.start_values import free_entries, match_accelerations, with_initial_state
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.laws.symmetry import canonical_values
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement_cost
-from reduced_models.least_squares.residuals import (
-    BLOWN_UP,
-    GriddedRecord,
-    cost_and_weight,
-    record_on_grid,
-)
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.records.inputs import Grid, has_drive, input_column
 
@@ -118,11 +109,15 @@ def refine_best_start(
     unknowns = coarse.unknowns
     grids = [
         record_on_grid(
-            unknowns, data.record, grid, problem.interpolation, data.weights,
+            unknowns,
+            data.record,
+            grid,
+            problem.interpolation,
+            data.weights,
             problem.loss_of(data, unknowns.residual_unit),
         )
         for data, grid in zip(problem.data, fine_grids(problem), strict=True)
-    ]  # fmt: skip
+    ]
     joint = JointRecords(tuple(grids), coarse.entries, coarse.bounds)
     count = sum(problem.samples)
     first = _canonical_vector(problem, joint, thetas[int(costs.argmin())])
@@ -209,9 +204,7 @@ def _collocation_fit(
     mapped = leader.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
     matched = match_accelerations(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
-    free = free_entries(
-        unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
-    )
+    free = free_entries(unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)})
     starts = [with_initial_state(unknowns, data, free) for data in problem.data]
     start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
     if not np.isfinite(start).all():
@@ -229,9 +222,7 @@ def _collocation_fit(
     return _refit_from_time(problem, joint, start, reached, _TELLING)
 
 
-def _agrees_with_parabola(
-    normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float
-) -> bool:
+def _agrees_with_parabola(normal: Normal, theta: np.ndarray, adjacent: np.ndarray, risen: float) -> bool:
     """Check that cost and slope at a point are about those of the parabola about a fit.
 
     In another valley the cost may be so by chance; the slope, which falls towards that valley, is
@@ -288,9 +279,7 @@ def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> Gridde
     return grid.on(finer)
 
 
-def _solver_error(
-    grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray
-) -> tuple[float, float, bool]:
+def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
     """Greatest difference to the adaptive solution in amplitudes, its limit, and completeness.
 
     The difference is infinite where a solution is not finite; the last says whether the adaptive

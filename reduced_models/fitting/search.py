@@ -32,12 +32,7 @@ from reduced_models.fitting.start_values import (
     with_initial_state,
 )
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.least_squares.joint_records import (
-    JointRecords,
-    joint_entries,
-    joint_normal,
-    joint_vector,
-)
+from reduced_models.least_squares.joint_records import JointRecords, joint_entries, joint_normal, joint_vector
 from reduced_models.least_squares.levenberg_marquardt import (
     TIE,
     Bounds,
@@ -101,9 +96,7 @@ def _search(
     fine_grids(problem)
     unknowns = scale_unknowns(problem.law, height_map, problem.leader, problem.sensor)
     entries = joint_entries(unknowns, len(problem.data), problem.own)
-    edges = [
-        theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data
-    ]
+    edges = [theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data]
     bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
     grids = tuple(_coarse_record(unknowns, problem, data) for data in problem.data)
     joint = JointRecords(grids, entries, bounds)
@@ -135,9 +128,7 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
         trials = _RIVAL_TRIALS if rival else _TRIALS
         if last:
             waiting = None if not costs.any() else promising_starts(costs, prior.samples)
-            theta, costs = levenberg_marquardt(
-                normal, theta, prior, bounds=joint.bounds, waiting=waiting
-            )
+            theta, costs = levenberg_marquardt(normal, theta, prior, bounds=joint.bounds, waiting=waiting)
         else:
             waiting = None if first else promising_starts(costs, prior.samples)
             theta, costs = levenberg_marquardt(
@@ -180,9 +171,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
         return None
     swinging = swing_unknowns(unknowns, form, draws)
     free = free_entries(swinging, draws)
-    theta = joint_vector(
-        [with_initial_state(swinging, data, free) for data in problem.data], joint.entries
-    )
+    theta = joint_vector([with_initial_state(swinging, data, free) for data in problem.data], joint.entries)
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
     for swings in _search_horizons(problem, swing):
@@ -198,11 +187,15 @@ def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
     vectors = [
         start_vectors(
-            unknowns, data, problem.starts, np.random.default_rng(problem.seed), problem.start,
+            unknowns,
+            data,
+            problem.starts,
+            np.random.default_rng(problem.seed),
+            problem.start,
             problem.bounds_of(data),
         )
         for data in problem.data
-    ]  # fmt: skip
+    ]
     leader = vectors[problem.data.index(problem.leader)]
     shared = slice(0, unknowns.free)
     vectors[0] = vectors[0].copy()

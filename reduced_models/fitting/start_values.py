@@ -77,11 +77,7 @@ def start_values(
 
 
 def match_accelerations(
-    law: Law,
-    guess: FirstGuesses,
-    record: PistonRecord,
-    values: np.ndarray,
-    bounds: Pairs | None = None,
+    law: Law, guess: FirstGuesses, record: PistonRecord, values: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Parameters (p,) of a law without hidden states from accelerations in a record alone.
 
@@ -96,20 +92,13 @@ def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
     """Start values of a law about parameters that are known roughly."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {
-            name: value * np.exp(spread * random.normal(size=count))
-            for name, value in values.items()
-        }
+        return {name: value * np.exp(spread * random.normal(size=count)) for name, value in values.items()}
 
     return start
 
 
 def _random_draws(
-    law: Law,
-    guess: FirstGuesses,
-    random: np.random.Generator,
-    count: int,
-    bounds: Pairs | None = None,
+    law: Law, guess: FirstGuesses, random: np.random.Generator, count: int, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Values (count, p) in powers of the record's own time and lengths."""
     shape = (count, len(law.parameters))
@@ -125,19 +114,13 @@ def _random_draws(
 
 
 def _match_pairs(
-    law: Law,
-    guess: FirstGuesses,
-    record: PistonRecord,
-    draws: np.ndarray,
-    bounds: Pairs | None = None,
+    law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
     from scipy.optimize import least_squares
 
     z, v, a, nodes = local_cubics(record.time, record.height, guess.period, _NODES)
-    drive = interpolate_inputs(
-        record.time, [input_column(record, name) for name in law.inputs], nodes
-    )
+    drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     field = compile_rates(law.equation, law.inputs, "numpy")
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
@@ -188,9 +171,7 @@ def _hidden_starts(
     nodes = np.linspace(0.0, end, max(48, round(_NODES_A_SWING * end / guess.period)))
     motion = local_cubics(record.time, record.height, guess.period, nodes)
     acceleration, times = motion[2:]
-    drive = interpolate_inputs(
-        record.time, [input_column(record, name) for name in law.inputs], times
-    )
+    drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], times)
     carried = acceleration_function(law, motion, drive)
     scale = max(float(np.abs(acceleration).max()), 1e-300)
     target = acceleration[:, None]
@@ -206,9 +187,12 @@ def _hidden_starts(
         order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED]]
     output, cost = levenberg_marquardt(
-        _acceleration_normal_equations(best, misfits), np.zeros_like(best),
-        Prior(np.full(best.shape[1], 0.01), float(len(nodes))), 1e-4, trials=_TRIALS,
-    )  # fmt: skip
+        _acceleration_normal_equations(best, misfits),
+        np.zeros_like(best),
+        Prior(np.full(best.shape[1], 0.01), float(len(nodes))),
+        1e-4,
+        trials=_TRIALS,
+    )
     values = best * np.exp(np.clip(output, -50.0, 50.0))
     order = np.argsort(cost)
     good = order[cost[order] <= _GOOD * cost[order[0]] + 1e-12]
@@ -250,9 +234,7 @@ def acceleration_function(
     return carried
 
 
-def _acceleration_normal_equations(
-    units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]
-) -> Normal:
+def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
     """Return the normal equations of logarithms (m, p) of factors of the units, by differences."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -286,15 +268,12 @@ def scale_unknowns(
     seen_record = data.look.mapped(given.shift, given.scale)
     typical = start_values(law, away, seen_record, np.random.default_rng(0), 1)
     units = tuple(
-        1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0
-        for name in law.parameters
+        1.0 if name in law.positive else abs(float(typical[name][0])) or 1.0 for name in law.parameters
     )
     speed = guess.amplitude * guess.frequency
     signal = data.training.height
     size = float(np.abs(signal - signal.mean()).max()) if sensor is not None else 1.0
-    return Unknowns(
-        law, height_map, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300)
-    )
+    return Unknowns(law, height_map, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300))
 
 
 def start_vectors(
@@ -369,9 +348,7 @@ def draw_swing_parameters(
     return form.start(data.look.time, swing, seen, random, count)
 
 
-def swing_unknowns(
-    unknowns: Unknowns, form: SwingForm, draws: Mapping[str, np.ndarray]
-) -> Unknowns:
+def swing_unknowns(unknowns: Unknowns, form: SwingForm, draws: Mapping[str, np.ndarray]) -> Unknowns:
     """Unknowns of a swing form, in units that some draws tell."""
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
@@ -395,7 +372,5 @@ def _mapped_draws(
     scale = np.exp(random.uniform(-1.5, 1.5, count))
     shift = -scale * random.uniform(-2.0, 4.0, count)
     value = [start(seen.mapped(shift[k], scale[k]), random, 1) for k in range(count)]
-    draws = {
-        name: np.array([float(draw[name][0]) for draw in value]) for name in unknowns.law.parameters
-    }
+    draws = {name: np.array([float(draw[name][0]) for draw in value]) for name in unknowns.law.parameters}
     return draws | {"shift": shift, "scale": scale}

@@ -12,13 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reduced_models.fitting.covariance import Information, marginal_information
-from reduced_models.laws.linearization import (
-    JUMPS,
-    NoSwing,
-    harmonic_cycles,
-    law_rates,
-    small_swing,
-)
+from reduced_models.laws.linearization import JUMPS, NoSwing, harmonic_cycles, law_rates, small_swing
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.quality import Direction
@@ -39,11 +33,7 @@ _MOST_VARIANCE = 1e99  # of what the data leave open
 
 
 def interval_analysis(
-    unknowns: Unknowns,
-    theta: np.ndarray,
-    known: Information,
-    confidence: float,
-    seen: tuple[float, float],
+    unknowns: Unknowns, theta: np.ndarray, known: Information, confidence: float, seen: tuple[float, float]
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[Direction, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open.
 
@@ -63,11 +53,7 @@ def interval_analysis(
 
 
 def bootstrap_intervals(
-    unknowns: Unknowns,
-    replicates: np.ndarray,
-    theta: np.ndarray,
-    confidence: float,
-    known: Information,
+    unknowns: Unknowns, replicates: np.ndarray, theta: np.ndarray, confidence: float, known: Information
 ) -> dict[str, Interval]:
     """Percentile intervals from search vectors (k, p) that were fitted to resampled records.
 
@@ -84,9 +70,7 @@ def bootstrap_intervals(
 
 
 def at_least_linear(
-    linear: Mapping[str, Interval],
-    undetermined: Sequence[Direction],
-    intervals: Mapping[str, Interval],
+    linear: Mapping[str, Interval], undetermined: Sequence[Direction], intervals: Mapping[str, Interval]
 ) -> dict[str, Interval]:
     """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
 
@@ -95,11 +79,7 @@ def at_least_linear(
     """
     left_open = {name for direction in undetermined if direction.open for name in direction.powers}
     return {
-        name: (
-            (min(low, linear[name][0]), max(high, linear[name][1]))
-            if name in left_open
-            else (low, high)
-        )
+        name: ((min(low, linear[name][0]), max(high, linear[name][1])) if name in left_open else (low, high))
         for name, (low, high) in intervals.items()
     }
 
@@ -116,9 +96,7 @@ def intervals_between(unknowns: Unknowns, low: np.ndarray, high: np.ndarray) -> 
     }
 
 
-def named_entries(
-    unknowns: Unknowns, theta: np.ndarray
-) -> tuple[list[str], np.ndarray, list[bool]]:
+def named_entries(unknowns: Unknowns, theta: np.ndarray) -> tuple[list[str], np.ndarray, list[bool]]:
     """Names of parameters and map, their entries of a search vector, and which are logarithms."""
     law = unknowns.law
     names = [*law.parameters]
@@ -194,9 +172,7 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
             continue
         powers = direction / direction[np.argmax(np.abs(direction))]
         moving = {
-            name: float(power)
-            for name, power in zip(names, powers, strict=True)
-            if abs(power) > _SMALL_POWER
+            name: float(power) for name, power in zip(names, powers, strict=True) if abs(power) > _SMALL_POWER
         }
         largest = float(np.abs(direction).max())
         result.append(Direction(moving, min(spread * largest, 1e6)))
@@ -204,11 +180,7 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
 
 
 def _rest_figures(
-    unknowns: Unknowns,
-    theta: np.ndarray,
-    covariance: np.ndarray,
-    quantile: float,
-    edges: tuple[float, float],
+    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray, quantile: float, edges: tuple[float, float]
 ) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = _small_motion(unknowns, theta)
@@ -236,8 +208,7 @@ def _rest_figures(
     slope = (around[:, : len(theta)] - around[:, len(theta) :]) / (2.0 * step)
     spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     intervals = [
-        (float(figure - width), float(figure + width))
-        for figure, width in zip(figures, spread, strict=True)
+        (float(figure - width), float(figure + width)) for figure, width in zip(figures, spread, strict=True)
     ]
     others = None
     if equivalent:
@@ -267,9 +238,12 @@ def _seen_damping(
     values, shift, scale, *_ = unknowns.physical(thetas)
     amplitude = sizes[:, None]
     result = harmonic_cycles(
-        law_rates(law, values), len(law.hidden), amplitude / np.abs(scale),
-        (figures[0] - shift) / scale, 2.0 * math.pi / figures[1],
-    )  # fmt: skip
+        law_rates(law, values),
+        len(law.hidden),
+        amplitude / np.abs(scale),
+        (figures[0] - shift) / scale,
+        2.0 * math.pi / figures[1],
+    )
     wide, narrow = result.resistance(amplitude)
     friction = (FRACTIONS[0] * narrow - FRACTIONS[1] * wide) / (FRACTIONS[0] - FRACTIONS[1])
     return np.vstack([result.damping_ratio, friction])

@@ -8,11 +8,7 @@ from collections.abc import Sequence
 
 from granular.shared.tables import align_columns
 from reduced_models.falls.scores import DropScores, percent_of_drop
-from reduced_models.identification.comparison_table import (
-    Comparison,
-    as_percent,
-    root_mean_square,
-)
+from reduced_models.identification.comparison_table import Comparison, as_percent, root_mean_square
 from reduced_models.identification.engineering import (
     DAMPING_RATIO,
     Quantity,
@@ -72,9 +68,8 @@ def _equation_lines(result: Identification) -> list[str]:
 
 def _wrap(words: str) -> list[str]:
     return textwrap.wrap(
-        words, COLUMNS, initial_indent="  ", subsequent_indent="    ", max_lines=2,
-        placeholder=" ...",
-    )  # fmt: skip
+        words, COLUMNS, initial_indent="  ", subsequent_indent="    ", max_lines=2, placeholder=" ..."
+    )
 
 
 def _figure_lines(result: Identification) -> list[str]:
@@ -96,8 +91,7 @@ def _figure_lines(result: Identification) -> list[str]:
     if result.record.angle:
         meanings |= {"stiffness": "per moment of inertia", "damping": "per moment of inertia"}
     rows = [
-        (f"  {quantity.name}", _with_error(quantity), meanings.get(quantity.name, ""))
-        for quantity in shown
+        (f"  {quantity.name}", _with_error(quantity), meanings.get(quantity.name, "")) for quantity in shown
     ]
     header = f"{small_swing_sentence(result.shown)} about rest (+- {of}):"
     return [_fit_line(header), *align_columns(rows).splitlines()]
@@ -132,9 +126,7 @@ def _fit_line_of_table(line: str) -> str:
 
 def _falls_text(falls: DropScores) -> str:
     """Errors of the laws that predict unseen falls best."""
-    errors = [
-        f"{row.name} {percent_of_drop(row.median)}" for row in falls.rows if row.model is not None
-    ]
+    errors = [f"{row.name} {percent_of_drop(row.median)}" for row in falls.rows if row.model is not None]
     return f"other falls, errors in % of the drop (median): {', '.join(errors[:2])}"
 
 

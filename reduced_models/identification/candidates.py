@@ -29,9 +29,14 @@ from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.inputs import column_names, input_column
 
 CANDIDATES = (
-    "linear", "van-der-pol-like", "polynomial-spring", "power-law-spring", "quadratic-drag",
-    "coulomb", "duffing",
-)  # fmt: skip
+    "linear",
+    "van-der-pol-like",
+    "polynomial-spring",
+    "power-law-spring",
+    "quadratic-drag",
+    "coulomb",
+    "duffing",
+)
 """Laws that can win on a free swing; the others of the package are special cases or have memory."""
 REFERENCE = "linear"
 """Is fitted in any case: what a better law is better than."""
@@ -91,17 +96,13 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
     if not drive.isidentifier() or drive in (*law.parameters, "gain", "z", "t", "pi", "e"):
-        raise InputError(
-            f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u"
-        )
+        raise InputError(f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u")
     size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
         raise InputError(f"the column {quote(drive)} is zero everywhere; it drives nothing")
     own, gain = law_named(law.name).start, "gain"
 
-    def start(
-        guesses: FirstGuesses, random: np.random.Generator, count: int
-    ) -> dict[str, np.ndarray]:
+    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         assert own is not None
         strength = guesses.amplitude * guesses.frequency**2 / size
         logarithm = random.uniform(-2.0 * _SPREAD, 0.0, count)
@@ -188,9 +189,7 @@ def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
         height_map = choose_height_map([record], "auto")
         weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.
-        _, judge = score_subsets(
-            weak, physical_library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
-        )
+        _, judge = score_subsets(weak, physical_library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
     except (GranularError, np.linalg.LinAlgError):
         return Screening({}, math.inf)
     misfits = {}

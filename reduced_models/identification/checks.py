@@ -168,8 +168,7 @@ class SceneChecks:
             step=_record(changed),
             step_check=step,
             starts=tuple(
-                (check.what, _record(motion))
-                for (check, _), motion in zip(self._starts, starts, strict=True)
+                (check.what, _record(motion)) for (check, _), motion in zip(self._starts, starts, strict=True)
             ),
             lift=lifted[0] if lifted else None,
             falls=scores,
@@ -200,9 +199,7 @@ def _motion(
     if outcome["error"] is not None:
         return Failure(what, " ".join(outcome["error"].split()))
     try:
-        return {
-            name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()
-        }
+        return {name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()}
     except RecordError as error:
         return Failure(what, str(error))
 
@@ -211,9 +208,7 @@ def _record(motion: dict[str, PistonRecord] | Failure) -> PistonRecord | Failure
     return motion if isinstance(motion, Failure) else motion[RECORD]
 
 
-def _same_fall(
-    fall: PistonRecord, motion: dict[str, PistonRecord] | Failure
-) -> PistonRecord | Failure:
+def _same_fall(fall: PistonRecord, motion: dict[str, PistonRecord] | Failure) -> PistonRecord | Failure:
     """Fall with which a further run begins, for as long as that of the scene's own."""
     if isinstance(motion, Failure):
         return motion
@@ -240,9 +235,7 @@ def check_figures(
         values = [value for value in values if math.isfinite(value)]
         checked[name] = dataclasses.replace(
             figure,
-            step_error=(
-                None if other is None else runs.step_check.factor * abs(figure.value - other[name])
-            ),
+            step_error=(None if other is None else runs.step_check.factor * abs(figure.value - other[name])),
             seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
         )
     return checked, [result for result in results if isinstance(result, Failure)]
@@ -308,9 +301,7 @@ def lift_for_testing(scene: Scene) -> RunCheck | None:
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:
         return None
-    return RunCheck(
-        "a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by}
-    )
+    return RunCheck("a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by})
 
 
 def end_of_run(run: Trajectory) -> float | None:

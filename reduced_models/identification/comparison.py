@@ -149,9 +149,7 @@ def _make_entry(law: Any, record: PistonRecord) -> _LawEntry:
     model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
     if model.law.start is not None:
         return _LawEntry(model.law, model.map)
-    return _LawEntry(
-        dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map
-    )
+    return _LawEntry(dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map)
 
 
 def _make_row(
@@ -168,22 +166,16 @@ def _make_row(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the models keep their notes
-            models = fit(
-                records, law, test_fraction=test_fraction, own=private, starts=starts, **how
-            )
+            models = fit(records, law, test_fraction=test_fraction, own=private, starts=starts, **how)
         judged = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
         return Row(law.name, failure=str(cause))
-    stretches = tuple(
-        model.quality.test_error for model in models if model.quality.test_error is not None
-    )
+    stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     errors = [*stretches, *(candidate.relative for candidate in judged)]
     error = (
-        root_mean_square(errors)
-        if errors
-        else root_mean_square([model.quality.relative for model in models])
+        root_mean_square(errors) if errors else root_mean_square([model.quality.relative for model in models])
     )
     return Row(law.name, models, count, stretches, judged, error)
 
@@ -225,10 +217,7 @@ def _add_information_criteria(row: Row, correlation: float) -> Row:
     free = row.parameters + 2 * len(row.models)
     deviance = count * math.log(squares / sum(samples))
     return dataclasses.replace(
-        row,
-        deviance=deviance,
-        aic=deviance + 2.0 * free,
-        bic=deviance + math.log(count) * free,
+        row, deviance=deviance, aic=deviance + 2.0 * free, bic=deviance + math.log(count) * free
     )
 
 
@@ -270,7 +259,5 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
         if math.isinf(row.error):
             words += f"; {row.name} diverges"
         else:
-            words += (
-                f"; {row.name} is {as_factor(row.error / max(best.error, 1e-300), 3)} times worse"
-            )
+            words += f"; {row.name} is {as_factor(row.error / max(best.error, 1e-300), 3)} times worse"
     return words + "."

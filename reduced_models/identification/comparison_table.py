@@ -141,10 +141,14 @@ class Comparison:
         """Names of the columns of `cells`."""
         held = len(self.rows[0].records)
         return (
-            "law", "parameters", "test error",
+            "law",
+            "parameters",
+            "test error",
             *(("own end", *(f"record {k + 1}" for k in range(held))) if held else ()),
-            "AIC", "BIC", "diverged",
-        )  # fmt: skip
+            "AIC",
+            "BIC",
+            "diverged",
+        )
 
     def cells(self) -> list[tuple[str, ...]]:
         """Table as texts: errors in per cent of the rms swing, AIC and BIC above the least.
@@ -166,9 +170,16 @@ class Comparison:
                 parts = [as_percent(root_mean_square(row.stretches)) if row.stretches else "-"]
                 parts += [as_percent(record.relative) for record in row.records]
             lines.append(
-                (row.name, str(row.parameters), as_percent(row.error), *parts,
-                 f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}", str(row.blow_ups))
-            )  # fmt: skip
+                (
+                    row.name,
+                    str(row.parameters),
+                    as_percent(row.error),
+                    *parts,
+                    f"{row.aic - aic:+.1f}",
+                    f"{row.bic - bic:+.1f}",
+                    str(row.blow_ups),
+                )
+            )
         return lines
 
     @property
@@ -229,13 +240,18 @@ class Comparison:
 
         rows = [
             {
-                "law": row.name, "parameters": row.parameters, "test error": row.error,
+                "law": row.name,
+                "parameters": row.parameters,
+                "test error": row.error,
                 "own end": root_mean_square(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
-                "AIC": row.aic, "BIC": row.bic, "diverged": row.blow_ups, "failure": row.failure,
+                "AIC": row.aic,
+                "BIC": row.bic,
+                "diverged": row.blow_ups,
+                "failure": row.failure,
             }
             for row in self.rows
-        ]  # fmt: skip
+        ]
         return pandas.DataFrame(rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -261,10 +277,7 @@ class Comparison:
         # By place, since names that are cut may be alike.
         ax.barh(range(len(sound)), values, color=COLOURS[0])
         ax.set_yticks(range(len(sound)), [plain_label(name) for name in names])
-        for level, words, style in (
-            (self.at_rest, "baseline: at rest", "--"),
-            (self.noise, "noise", ":"),
-        ):
+        for level, words, style in ((self.at_rest, "baseline: at rest", "--"), (self.noise, "noise", ":")):
             if level > 1e-3 * min(row.error for row in sound):
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")

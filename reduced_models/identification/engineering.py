@@ -121,17 +121,13 @@ class Units:
 def engineering_units(angle: bool, mass: float | None) -> Units:
     """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
     if angle:
-        return Units(
-            "°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", "rad/s²", 1.0
-        )
+        return Units("°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", "rad/s²", 1.0)
     if mass is None:
         return Units("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
     return Units("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
-def engineering_quantities(
-    model: ReducedModel, angle: bool, mass: float | None
-) -> tuple[Quantity, ...]:
+def engineering_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
     """Figures of the swing about rest; none where the law has no level of rest.
 
     A damping ratio that the record's own peaks contradict gives way to theirs, and what follows
@@ -152,20 +148,20 @@ def engineering_quantities(
         damping = _small_swing_figures(rest, fraction)
     quantities = [
         Quantity(
-            "level of rest", "z", units.length,
+            "level of rest",
+            "z",
+            units.length,
             *(units.scale * value for value in (rest.height, *rest.intervals["height"])),
         ),
         Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
         *damping,
         _symmetric(stiffness, 2.0 * fraction, "stiffness", "k", units.stiffness),
-    ]  # fmt: skip
+    ]
     if damping[0].name == DAMPING_RATIO:
         ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
         wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
         value = units.inertia * 4.0 * math.pi * ratio / rest.period
-        quantities.append(
-            _symmetric(value, math.hypot(fraction, wide), "damping", "c", units.damping)
-        )
+        quantities.append(_symmetric(value, math.hypot(fraction, wide), "damping", "c", units.damping))
     return tuple(quantities)
 
 
@@ -174,9 +170,7 @@ def _small_swing_figures(rest: AtRest, fraction: float) -> list[Quantity]:
     quantities = [_ratio("", ratio, (least, most))]
     if 0.0 < ratio < _UNDERDAMPED:
         quantities += [
-            _symmetric(
-                damped_frequency(rest.period, ratio), fraction, "damped frequency", "f_d", "Hz"
-            ),
+            _symmetric(damped_frequency(rest.period, ratio), fraction, "damped frequency", "f_d", "Hz"),
             _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
             _by_ratio(lambda ratio_: 0.5 / ratio_, ratio, most, least, "quality factor", "Q", ""),
         ]
@@ -204,9 +198,7 @@ def _two_amplitude_figures(
 
 
 def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
-    return Quantity(
-        f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * entry for entry in (value, *ends))
-    )
+    return Quantity(f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * entry for entry in (value, *ends)))
 
 
 def small_swing_sentence(model: ReducedModel) -> str:
@@ -235,9 +227,14 @@ def _symmetric(value: float, fraction: float, name: str, symbol: str, unit: str)
 
 
 def _by_ratio(
-    function: Callable[[float], float], ratio: float, low: float, high: float, name: str,
-    symbol: str, unit: str,
-) -> Quantity:  # fmt: skip
+    function: Callable[[float], float],
+    ratio: float,
+    low: float,
+    high: float,
+    name: str,
+    symbol: str,
+    unit: str,
+) -> Quantity:
     """Quantity that grows with the damping ratio; or falls, where its ends change places."""
     ends = [function(value) if 0.0 < value < _UNDERDAMPED else math.inf for value in (low, high)]
     return Quantity(name, symbol, unit, function(ratio), *ends)
@@ -304,11 +301,7 @@ def propagate_error(quantity: Quantity, figures: Mapping[str, Figure], which: st
         return ""
     if quantity.name == "level of rest":
         rest = figures["height"]
-        return (
-            format_number(abs(quantity.value * known["height"] / rest.value), 2)
-            if rest.value
-            else ""
-        )
+        return format_number(abs(quantity.value * known["height"] / rest.value), 2) if rest.value else ""
     period = known["period"] / figures["period"].value
     ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
     if quantity.symbol in _BY_RATIO:

@@ -18,12 +18,7 @@ from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.fitting.problem import require_positions
 from reduced_models.identification.candidates import candidates, driven_law, unused_columns
-from reduced_models.identification.checks import (
-    SceneChecks,
-    check_figures,
-    end_of_run,
-    free_motions,
-)
+from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import rest_figures
@@ -171,9 +166,13 @@ def identify(
 
 
 def _run_beside_checks(
-    source: Scene | Trajectory, out: Path | None, options: RunOptions, free_step: bool,
-    background: BackgroundCases | None, lift: bool,
-) -> tuple[Trajectory, SceneChecks | None]:  # fmt: skip
+    source: Scene | Trajectory,
+    out: Path | None,
+    options: RunOptions,
+    free_step: bool,
+    background: BackgroundCases | None,
+    lift: bool,
+) -> tuple[Trajectory, SceneChecks | None]:
     """Run of a scene, or one that is there; its checks, which are begun before it.
 
     Parameters
@@ -202,9 +201,15 @@ def _run_beside_checks(
 
 
 def _fit_laws(
-    record: PistonRecord, run: Trajectory | None, laws: Sequence[str | Law] | None,
-    discovery: str | None, drive: str | None, mass: float | None, starts: int, clock: _Stopwatch,
-) -> Identification:  # fmt: skip
+    record: PistonRecord,
+    run: Trajectory | None,
+    laws: Sequence[str | Law] | None,
+    discovery: str | None,
+    drive: str | None,
+    mass: float | None,
+    starts: int,
+    clock: _Stopwatch,
+) -> Identification:
     """Laws of a record, fitted and compared; arguments as of `identify`."""
     left_out: tuple[str, ...] = ()
     if laws is None:
@@ -272,18 +277,14 @@ def _with_drive(law: str | Law, record: PistonRecord, drive: str | None) -> str 
 
 
 def _notes(
-    record: PistonRecord, run: Trajectory | None, comparison: Comparison,
-    models: Sequence[ReducedModel],
-) -> tuple[str, ...]:  # fmt: skip
+    record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
+) -> tuple[str, ...]:
     """Doubts about a run, fits that failed, and columns that were not used."""
     notes = [] if run is None else list(run_notes(run))
-    notes += [
-        f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure
-    ]
+    notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure]
     if run is None:
         notes += [
-            f"the column {sanitize(name)} was not used; as a drive of all laws: --input "
-            f"{sanitize(name)}"
+            f"the column {sanitize(name)} was not used; as a drive of all laws: --input {sanitize(name)}"
             for name in unused_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
@@ -315,10 +316,15 @@ def _check_by_runs(
         for entry in result.models
     )
     return dataclasses.replace(
-        result, models=models, comparison=comparison, figures=figures, figures_law=model.law.name,
-        notes=result.notes + notes, lift=None if comparison is result.comparison else checks.lift,
+        result,
+        models=models,
+        comparison=comparison,
+        figures=figures,
+        figures_law=model.law.name,
+        notes=result.notes + notes,
+        lift=None if comparison is result.comparison else checks.lift,
         falls=checks.falls,
-    )  # fmt: skip
+    )
 
 
 class _Stopwatch:
@@ -335,9 +341,12 @@ class _Stopwatch:
 
 
 def suggest_next_steps(
-    comparison: Comparison, models: Sequence[ReducedModel], record: PistonRecord,
-    run: Trajectory | None, discovery: str | None,
-) -> tuple[str, ...]:  # fmt: skip
+    comparison: Comparison,
+    models: Sequence[ReducedModel],
+    record: PistonRecord,
+    run: Trajectory | None,
+    discovery: str | None,
+) -> tuple[str, ...]:
     """Words on what to try, the most promising first; nothing where the best law is good.
 
     ``discovery`` is the method that was tried already, if any.

@@ -72,9 +72,14 @@ def capitalise(words: str) -> str:
 
 
 def add_engineering(
-    page: Page, quantities: Sequence[Quantity], figures: Mapping[str, Figure],
-    model: ReducedModel, heights: np.ndarray, mass: float | None, averaging: str,
-) -> None:  # fmt: skip
+    page: Page,
+    quantities: Sequence[Quantity],
+    figures: Mapping[str, Figure],
+    model: ReducedModel,
+    heights: np.ndarray,
+    mass: float | None,
+    averaging: str,
+) -> None:
     """Add frequency, damping and stiffness of the swing, and how they change with amplitude.
 
     ``heights`` are those of the record, and ``averaging`` is what elliptic averaging says of the
@@ -84,18 +89,21 @@ def add_engineering(
         page.note("The law has no level of rest near the record, so no small swing can be told.")
         return
     page.section("Frequency, damping, stiffness")
-    checks = (
-        ("step_error", "seed_spread") if any(figure.checked for figure in figures.values()) else ()
-    )
+    checks = ("step_error", "seed_spread") if any(figure.checked for figure in figures.values()) else ()
     header = ["figure", "sign", "value", f"{100 * model.confidence:g} % interval"]
     page.table(
         [*header, "step error", "scatter"] if checks else header,
         [
-            (figure.name, figure.symbol, figure.text, figure.interval,
-             *(propagate_error(figure, figures, name) for name in checks))
+            (
+                figure.name,
+                figure.symbol,
+                figure.text,
+                figure.interval,
+                *(propagate_error(figure, figures, name) for name in checks),
+            )
             for figure in quantities
         ],
-    )  # fmt: skip
+    )
     page.text(_explanation(quantities, model, mass))
     if checks:
         page.text(
@@ -146,8 +154,7 @@ def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: floa
         return words + "Stiffness and damping are per unit of the moment of inertia."
     if mass is None:
         return words + (
-            "Stiffness and damping are per kilogram of what moves; --mass gives them in N/m and "
-            "N s/m."
+            "Stiffness and damping are per kilogram of what moves; --mass gives them in N/m and N s/m."
         )
     return words + f"Stiffness and damping are those of the mass, {mass:.6g} kg."
 
@@ -216,8 +223,7 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
         meaning = f"{height} ({how}), a pure number; the law's time unit is 1 s"
     page.text(f"Source of the law: {model.law.source or 'own'}; t is in seconds, {meaning}.")
     page.table(
-        ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"),
-        _parameter_rows(model),
+        ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
     )
     # Open directions have the signs of their parameters as formulas have them.
     powers = [
@@ -236,20 +242,14 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
 def add_equations(page: Page, model: ReducedModel) -> None:
     """Add a law with symbols and with its numbers, and those of its hidden states."""
     symbols = {
-        name: round_expression(rate, model.printed_digits)
-        for name, rate in model.law.sympy_hidden().items()
+        name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
-    for equation, rates in (
-        (model.equation, symbols),
-        (model.printed_equation, model.printed_hidden),
-    ):
+    for equation, rates in ((model.equation, symbols), (model.printed_equation, model.printed_hidden)):
         page.equation(mathml(equation))
         for name, rate in rates.items():
             page.equation(mathml_of_rate(name, rate))
     if model.law.hidden:
-        starts = (
-            f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden
-        )
+        starts = (f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
         page.text(f"At the start {', '.join(starts)}.")
 
 
@@ -287,9 +287,7 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         digits = max(decimal_places(value, low, high), model.printed_digits - 1 - size)
         # One that is much wider than the value is called open.
         interval = "open" if high - low > 20.0 * abs(value) else format_interval(low, high, digits)
-        rows.append(
-            (parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval)
-        )
+        rows.append((parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
     return rows
 
 
@@ -314,9 +312,11 @@ def add_falls(page: Page, falls: DropScores) -> None:
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
             axes.plot(
-                *downsample(time, 1e3 * motion.height), linewidth=1.2,
-                label=plain_label(row.name), **line_look(k),
-            )  # fmt: skip
+                *downsample(time, 1e3 * motion.height),
+                linewidth=1.2,
+                label=plain_label(row.name),
+                **line_look(k),
+            )
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")
         axes.legend(loc="upper right")

@@ -11,15 +11,7 @@ import numpy as np
 from granular.observables.plots import draw_bed
 from granular.run.record import PistonRecord
 from granular.shared.html import Page, format_number
-from granular.shared.plotting import (
-    COLOURS,
-    GREY,
-    READABLE,
-    STYLES,
-    figure,
-    line_look,
-    plain_label,
-)
+from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_look, plain_label
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -69,10 +61,17 @@ def _left_over(record: PistonRecord) -> _Axis:
 
 
 def _add_curves(
-    page: Page, caption: str, record: PistonRecord, curves: Iterable[tuple[str, np.ndarray, Any]],
-    *, label: str = "record", difference: _Axis, test_from: float | None = None,
-    height: float = 6.2, legend: bool = True,
-) -> None:  # fmt: skip
+    page: Page,
+    caption: str,
+    record: PistonRecord,
+    curves: Iterable[tuple[str, np.ndarray, Any]],
+    *,
+    label: str = "record",
+    difference: _Axis,
+    test_from: float | None = None,
+    height: float = 6.2,
+    legend: bool = True,
+) -> None:
     """Add a record with curves over it, and below what each of them misses.
 
     A curve is its name, its heights from the record's first sample on, and its look; ``legend``
@@ -83,15 +82,11 @@ def _add_curves(
         drawing,
         (top, bottom),
     ):
-        top.plot(
-            *downsample(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label
-        )
+        top.plot(*downsample(time, shown.scale * record.height), color=GREY, linewidth=3.0, label=label)
         for name, values, look in curves:
             count = len(values)
             t, line, missed = downsample(
-                time[:count],
-                shown.scale * values,
-                difference.scale * (record.height[:count] - values),
+                time[:count], shown.scale * values, difference.scale * (record.height[:count] - values)
             )
             top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
             bottom.plot(t, missed, linewidth=1.2, **look)
@@ -124,19 +119,14 @@ def add_record(page: Page, record: PistonRecord, best: ReducedModel) -> None:
     )
 
 
-def add_fits(
-    page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
-) -> None:
+def add_fits(page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel) -> None:
     """Add all fits over the record, and what they leave over."""
     page.section("The record and the fits")
     _add_curves(
         page,
         "The fits of all laws, and what they leave over.",
         record,
-        [
-            (model.law.name, model.follow(record).height, line_look(k))
-            for k, model in enumerate(models)
-        ],
+        [(model.law.name, model.follow(record).height, line_look(k)) for k, model in enumerate(models)],
         difference=_left_over(record),
         test_from=best.quality.test_from,
         height=6.0 + 0.15 * len(models),
@@ -189,10 +179,7 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
         page,
         "The other lift, and what the best laws predict of it.",
         lift,
-        [
-            (name, score.motion.height, line_look(k))
-            for k, (score, name) in enumerate(ranked[:_MOST_LINES])
-        ],
+        [(name, score.motion.height, line_look(k)) for k, (score, name) in enumerate(ranked[:_MOST_LINES])],
         label="simulated",
         difference=_axis(lift)._replace(name="missed"),
     )
@@ -239,12 +226,8 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
     data = run.dataset
     time = data["time"].values
     parts = {key: data[key].values for key in _ENERGIES if key in data}
-    stored_energy = np.sum(
-        [value for key, value in parts.items() if key.endswith("_energy")], axis=0
-    )
-    residual = (
-        stored_energy - stored_energy[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
-    )
+    stored_energy = np.sum([value for key, value in parts.items() if key.endswith("_energy")], axis=0)
+    residual = stored_energy - stored_energy[0] + parts.get("drag_loss", 0.0) - parts.get("work", 0.0)
     with figure(2, 1, height=6.2, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
         drawing,
         (top, bottom),
@@ -259,8 +242,7 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
         bottom.set_ylabel("residual [µJ]")
         bottom.set_xlabel("time [s]")
         page.figure(
-            drawing,
-            "Where the energy is (the weights' relative to the start), and what the ledger misses.",
+            drawing, "Where the energy is (the weights' relative to the start), and what the ledger misses."
         )
     worst = run.settings()["ledger_residual"]
     words = f"The ledger closes to {worst:.1e} of the energy turned over."

@@ -106,9 +106,15 @@ def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
             structure = residual_structure(time, later, speed, period)
             whiteness, signs = structure["whiteness"], structure["signs"]
     return ResidualTests(
-        rms, rms / size, whiteness, signs, swing, double,
-        transient=float(record.time[start] - record.time[0]), after=_rms(left[start:]) / size,
-    )  # fmt: skip
+        rms,
+        rms / size,
+        whiteness,
+        signs,
+        swing,
+        double,
+        transient=float(record.time[start] - record.time[0]),
+        after=_rms(left[start:]) / size,
+    )
 
 
 def samples_of_transient(time: np.ndarray, left: np.ndarray, period: float) -> int:

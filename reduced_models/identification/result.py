@@ -103,9 +103,7 @@ class Identification:
     @property
     def shown(self) -> ReducedModel:
         """The model that the figures come from: the best one with a level of rest."""
-        return next(
-            (model for model in self.models if model.law.name == self.figures_law), self.best
-        )
+        return next((model for model in self.models if model.law.name == self.figures_law), self.best)
 
     @property
     def elliptic(self) -> EllipticMotion | None:
@@ -189,9 +187,7 @@ class Identification:
         lines += ["", self.verdict]
         if self.figures:
             lines.append(f"{small_swing_sentence(self.shown)} about rest, by {self.figures_law}:")
-        lines += [
-            f"  {figure.name}: {figure.text}  [{figure.interval}]" for figure in self.engineering
-        ]
+        lines += [f"  {figure.name}: {figure.text}  [{figure.interval}]" for figure in self.engineering]
         lines += [
             f"  {_checks_text(name, figure, self.shown.unit)}"
             for name, figure in self.figures.items()
@@ -213,9 +209,8 @@ class Identification:
         page = Page(f"The equation of {name}", self.summary)
         averaging = "" if self.averaging is None else self.averaging.text
         blocks.add_engineering(
-            page, self.engineering, self.figures, self.shown, self.record.height, self.mass,
-            averaging,
-        )  # fmt: skip
+            page, self.engineering, self.figures, self.shown, self.record.height, self.mass, averaging
+        )
         pictures.add_record(page, self.record, self.best)
         if self.falls is not None:
             blocks.add_falls(page, self.falls)
@@ -294,9 +289,7 @@ def lift_verdict(table: Comparison) -> str:
 def checked_price_text(run: Trajectory, height: Figure | None) -> str:
     """Price of a run whose rest height [m] was checked; without a check, `price_text`."""
     if height is None or height.step_error is None or not height.value > 0.0:
-        from granular.run.price_table import (
-            price_text,
-        )  # fits alone need nothing of the simulation
+        from granular.run.price_table import price_text  # fits alone need nothing of the simulation
 
         return price_text(run)
     seconds = run.settings()["seconds"]

@@ -1,6 +1,4 @@
 from .catalogue import LAWS, law_named
 from .law import Law
 
-__all__ = [
-    "LAWS", "Law", "law_named",
-]  # fmt: skip
+__all__ = ["LAWS", "Law", "law_named"]

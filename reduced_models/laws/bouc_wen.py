@@ -29,8 +29,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 BOUC_WEN = Law(
     name="bouc-wen",
     equation=(
-        "z'' + omega**2*z + friction*w = g0; "
-        "w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
+        "z'' + omega**2*z + friction*w = g0; w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
     ),
     start=_start,
     positive=("omega", "friction", "rho", "sigma"),

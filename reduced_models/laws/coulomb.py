@@ -38,9 +38,7 @@ COULOMB = Law(
 )
 
 
-def _start_with_drag(
-    guesses: FirstGuesses, random: np.random.Generator, count: int
-) -> dict[str, np.ndarray]:
+def _start_with_drag(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     return split_damping(_start(guesses, random, count), "friction", guesses, random)
 
 

@@ -47,14 +47,7 @@ ELASTOPLASTIC_BED = Law(
     ),
     start=_start,
     positive=("lam", "weight", "rest", "power", "modulus", "strength"),
-    units={
-        "lam": "1/s",
-        "weight": "m/s^2",
-        "rest": "m",
-        "power": "1",
-        "modulus": "1",
-        "strength": "1",
-    },
+    units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1", "modulus": "1", "strength": "1"},
     source="pressure of the dipole lattice, and a shear stress that yields",
     resolution=2,
 )

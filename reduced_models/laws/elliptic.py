@@ -59,9 +59,7 @@ class EllipticMotion(NamedTuple):
         return f"z(t) = {rest}{amplitude} {self.function}({rate} t + phase | {m})"
 
 
-def elliptic_motion(
-    k: float, beta: float, rest: float, z0: float, v0: float
-) -> EllipticMotion | None:
+def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) -> EllipticMotion | None:
     """Motion of z'' + k (z - rest) + beta (z - rest)^3 = 0 from z0 with the velocity v0.
 
     Parameters
@@ -141,9 +139,13 @@ def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillato
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
-        lambda _, a: _drift(a, oscillator), (time[0], time[-1]), [amplitude], t_eval=time,
-        rtol=1e-8, atol=1e-10 * amplitude,
-    )  # fmt: skip
+        lambda _, a: _drift(a, oscillator),
+        (time[0], time[-1]),
+        [amplitude],
+        t_eval=time,
+        rtol=1e-8,
+        atol=1e-10 * amplitude,
+    )
     return np.asarray(ivp.y[0])
 
 
@@ -159,22 +161,16 @@ def critical_fraction(amplitude: float, oscillator: Oscillator) -> float:
     """Greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)
-    return float(
-        np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0]
-    )
+    return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
 
 
 def turns_about_rest(amplitude: np.ndarray, oscillator: Oscillator) -> bool:
     """Return True where swings go through rest and turn back."""
     stiffening = oscillator.beta * amplitude**2
-    return bool(
-        (np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all()
-    )
+    return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 
 
-def _rate_and_parameter(
-    amplitude: np.ndarray, oscillator: Oscillator
-) -> tuple[np.ndarray, np.ndarray]:
+def _rate_and_parameter(amplitude: np.ndarray, oscillator: Oscillator) -> tuple[np.ndarray, np.ndarray]:
     stiffening = oscillator.beta * amplitude**2
     # Not quite up to a hump or a barrier, where a cycle takes for ever.
     least = 0.5 * (1.0 + 1e-9) * stiffening if oscillator.beta > 0.0 else 1e-6 * oscillator.k
@@ -200,8 +196,4 @@ def _functions(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     below = m < 0.0
     stretch = np.sqrt(np.where(below, 1.0 - m, 1.0))
     s, c, d, _ = ellipj(u * stretch, np.where(below, -m / (1.0 - m), m))
-    return (
-        np.where(below, s / (d * stretch), s),
-        np.where(below, c / d, c),
-        np.where(below, 1.0 / d, d),
-    )
+    return (np.where(below, s / (d * stretch), s), np.where(below, c / d, c), np.where(below, 1.0 / d, d))

@@ -114,18 +114,15 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
     known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
     return Parsed(
-        left, right, acceleration, parameters, z, v, a,
-        dict(zip(trees.hidden, rates, strict=True)), inputs,
-    )  # fmt: skip
+        left, right, acceleration, parameters, z, v, a, dict(zip(trees.hidden, rates, strict=True)), inputs
+    )
 
 
 def parse_law_formulas(equation: str) -> Trees:
     """Formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
-        raise InputError(
-            f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read"
-        )
+        raise InputError(f"{law} has {len(equation)} characters; at most {formulas.MAX_CHARACTERS} are read")
     first, *others = equation.split(";")
     if len(others) > _MOST_HIDDEN:
         raise InputError(f"{law} has {len(others)} hidden states; at most {_MOST_HIDDEN} are read")
@@ -161,9 +158,7 @@ def parse_law_formulas(equation: str) -> Trees:
 
 def _coordinate_name(law: str, *trees: formulas.Node) -> str:
     """Name that has two primes; z where there is none."""
-    result = tuple(
-        dict.fromkeys(item.name for item in formulas.variable_names(*trees) if item.primes == 2)
-    )
+    result = tuple(dict.fromkeys(item.name for item in formulas.variable_names(*trees) if item.primes == 2))
     if not result or result == ("z",):
         return "z"
     if len(result) > 1:
@@ -172,9 +167,7 @@ def _coordinate_name(law: str, *trees: formulas.Node) -> str:
             "other as a column of the record, or as a hidden state"
         )
     if "z" in (item.name for item in formulas.variable_names(*trees)):
-        raise InputError(
-            f"{law} names z next to its coordinate {result[0]}; take another name for z"
-        )
+        raise InputError(f"{law} names z next to its coordinate {result[0]}; take another name for z")
     if result[0] == TIME:
         raise InputError(f"{law} has t as its coordinate, which is the time; take another name")
     return result[0]
@@ -203,9 +196,7 @@ def _parse_hidden_state(law: str, text: str) -> tuple[str, formulas.Node]:
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def compile_rates(
-    equation: str, inputs: tuple[str, ...] = (), modules: str = "jax"
-) -> Callable[..., Any]:
+def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
     """[z'', rates of the hidden states], of z, z', hidden states, inputs and parameters."""
     parsed = parse_equation(equation, inputs)
     rates = [parsed.acceleration, *parsed.hidden.values()]

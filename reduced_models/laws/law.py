@@ -182,9 +182,7 @@ class SwingForm:
     mapped: Callable[[Mapping[str, np.ndarray]], dict[str, np.ndarray]]
 
 
-def law_from_text(
-    equation: str, columns: Collection[str] = (), declared: Collection[str] = ()
-) -> Law:
+def law_from_text(equation: str, columns: Collection[str] = (), declared: Collection[str] = ()) -> Law:
     """Law from its equation alone; names that are columns of the record are its inputs.
 
     All other names are parameters. One that looks like a column or a constant, and is none, is
@@ -200,8 +198,7 @@ def law_from_text(
     for name in formulas.constant_names(*trees.all):
         if name in columns:
             raise InputError(
-                f"{law} names {name}, a number, and the record has a column of that name; rename "
-                "the column"
+                f"{law} names {name}, a number, and the record has a column of that name; rename the column"
             )
     inputs = tuple(name for name in trees.names if name in columns and name != "z")
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
@@ -214,11 +211,25 @@ def law_from_text(
 
 
 _MOTION = {
-    "height": "z", "displacement": "z", "velocity": "z'", "speed": "z'", "acceleration": "z''",
+    "height": "z",
+    "displacement": "z",
+    "velocity": "z'",
+    "speed": "z'",
+    "acceleration": "z''",
     "time": "t",
-}  # fmt: skip
-_COLUMNS = ("force", "input", "drive", "load", "excitation", "voltage", "current", "temperature",
-            "pressure", "torque")  # fmt: skip
+}
+_COLUMNS = (
+    "force",
+    "input",
+    "drive",
+    "load",
+    "excitation",
+    "voltage",
+    "current",
+    "temperature",
+    "pressure",
+    "torque",
+)
 _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
@@ -228,8 +239,7 @@ def _refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> No
     declare = f"or declare the parameter, start={{{name!r}: ...}}"
     if lower in near:
         raise InputError(
-            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, "
-            f"{declare}"
+            f"{law} names {name}, and the record has a column {near[lower]!r}; write that, {declare}"
         )
     if name in _MOTION:
         raise InputError(f"{law} names {name}; write {_MOTION[name]} for it, {declare}")
@@ -240,6 +250,4 @@ def _refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> No
             f"column, {declare}"
         )
     if lower in _NUMBERS and len(name) > 1:
-        raise InputError(
-            f"{law} names {name}, which looks like a number; write pi or e for those, {declare}"
-        )
+        raise InputError(f"{law} names {name}, which looks like a number; write pi or e for those, {declare}")

@@ -93,9 +93,7 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
     rate, state = acceleration_expression(equation)
     force, slopes = compile_function(state, rate), jacobian_function([rate], state, state)
     return _swing_or_mean_of_jump(
-        lambda state: np.array([force(*state)], dtype=float),
-        lambda state: slopes(*state),
-        np.array([z, 0.0]),
+        lambda state: np.array([force(*state)], dtype=float), lambda state: slopes(*state), np.array([z, 0.0])
     )
 
 
@@ -140,18 +138,14 @@ def _find_rest(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | N
             if not np.isfinite(free).all():
                 return JUMPS
             # Hidden states that may be anything at rest stay where they are.
-            moving = [0] + [
-                k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()
-            ]
+            moving = [0] + [k for k in range(1, len(left)) if abs(free[k, k]) > _FLAT * np.abs(matrix).max()]
             try:
                 change = np.linalg.solve(free[np.ix_(moving, moving)], left[moving])
             except np.linalg.LinAlgError:
                 return _NO_LEVEL
             for k, step in zip(moving, change, strict=True):
                 state[k + (k > 0)] -= step
-            if not np.isfinite(state).all() or np.abs(change).max() <= 1e-15 * max(
-                1.0, np.abs(state).max()
-            ):
+            if not np.isfinite(state).all() or np.abs(change).max() <= 1e-15 * max(1.0, np.abs(state).max()):
                 break
         if not np.isfinite(state).all():
             return _NO_LEVEL
@@ -238,10 +232,7 @@ def harmonic_cycles(
     at the given one. A stiffness that is not above zero is returned as it is.
     """
     amplitude, centre, omega = np.broadcast_arrays(
-        *(
-            np.atleast_1d(np.asarray(value, dtype=np.float64))
-            for value in (amplitude, centre, omega)
-        )
+        *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (amplitude, centre, omega))
     )
     for _ in range(_MOST_ROUNDS):
         moved, stiffness, damping = centre_cycles(rates, hidden, amplitude, centre, omega)
@@ -290,13 +281,8 @@ def harmonic_coefficients(
                     sums = [value + part * force for value, part in zip(sums, parts, strict=True)]
                 if states:
                     # The explicit midpoint rule: the cycle of z is given.
-                    middle = [
-                        w + half * slope / omega for w, slope in zip(states, slopes, strict=True)
-                    ]
+                    middle = [w + half * slope / omega for w, slope in zip(states, slopes, strict=True)]
                     _, *slopes = rates(*motion(angle + half), *middle)
-                    states = [
-                        w + 2.0 * half * slope / omega
-                        for w, slope in zip(states, slopes, strict=True)
-                    ]
+                    states = [w + 2.0 * half * slope / omega for w, slope in zip(states, slopes, strict=True)]
     mean, stiffness, damping = (2.0 / _NODES * value for value in sums)
     return mean, stiffness / amplitude, damping / (amplitude * omega)

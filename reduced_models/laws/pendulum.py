@@ -18,9 +18,7 @@ def _hanging(law: Law) -> Law:
     assert law.start is not None
     linear: Starts = law.start
 
-    def start(
-        guesses: FirstGuesses, random: np.random.Generator, count: int
-    ) -> dict[str, np.ndarray]:
+    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         values = linear(guesses, random, count)
         values["rest"] = values.pop("g0") / values["omega"] ** 2
         return values

@@ -13,12 +13,36 @@ _MARKS = {"zddot": ("\\ddot{z}", "&#xa8;"), "zdot": ("\\dot{z}", _DOT)}
 
 
 _GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η",
-    "theta": "θ", "kappa": "κ", "lam": "λ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ",
-    "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
-    "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ", "Lambda": "Λ", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ",
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "delta": "δ",
+    "epsilon": "ε",
+    "zeta": "ζ",
+    "eta": "η",
+    "theta": "θ",
+    "kappa": "κ",
+    "lam": "λ",
+    "lambda": "λ",
+    "mu": "μ",
+    "nu": "ν",
+    "xi": "ξ",
+    "rho": "ρ",
+    "sigma": "σ",
+    "tau": "τ",
+    "phi": "φ",
+    "chi": "χ",
+    "psi": "ψ",
+    "omega": "ω",
+    "Gamma": "Γ",
+    "Delta": "Δ",
+    "Theta": "Θ",
+    "Lambda": "Λ",
+    "Sigma": "Σ",
+    "Phi": "Φ",
+    "Psi": "Ψ",
     "Omega": "Ω",
-}  # fmt: skip
+}
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _NAME = re.compile(r"([A-Za-z]+?)_?(\d*)")
 
@@ -49,9 +73,7 @@ def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
     import sympy
 
     result = expression.atoms(sympy.Float)
-    return expression.xreplace(
-        {item: sympy.Float(round_significant(float(item), digits)) for item in result}
-    )
+    return expression.xreplace({item: sympy.Float(round_significant(float(item), digits)) for item in result})
 
 
 def _terms(side: Any) -> list[Any]:

@@ -31,9 +31,7 @@ QUADRATIC_DRAG = Law(
 )
 
 
-def _start_with_drag(
-    guesses: FirstGuesses, random: np.random.Generator, count: int
-) -> dict[str, np.ndarray]:
+def _start_with_drag(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
     return split_damping(_start(guesses, random, count), "c", guesses, random)
 
 

@@ -165,11 +165,7 @@ def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Da
     v1 = -s3 * (4.0 - s * (7.0 - 3.0 * s))
     a0 = 0.5 * s * s * (1.0 - s * (3.0 - s * (3.0 - s)))
     a1 = 0.5 * s3 * (1.0 - s * (2.0 - s))
-    return (
-        z1
-        + step * (v0 * v[point] + v1 * v[point + 1])
-        + step * step * (a0 * a[point] + a1 * a[point + 1])
-    )
+    return z1 + step * (v0 * v[point] + v1 * v[point + 1]) + step * step * (a0 * a[point] + a1 * a[point + 1])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -204,9 +200,7 @@ def _adaptive_solver(equation: str, budget: int) -> Callable[..., tuple[jax.Arra
     def far_away(t: object, state: States, parameters: Parameters, **_: object) -> jax.Array:
         return jnp.abs(state[0]) > FAR * parameters[1]
 
-    def solve(
-        times: jax.Array, state: States, parameters: Parameters, size: Value
-    ) -> tuple[jax.Array, ...]:
+    def solve(times: jax.Array, state: States, parameters: Parameters, size: Value) -> tuple[jax.Array, ...]:
         # A dense solution: asking for times here would check them by a callback into Python, and
         # code with callbacks cannot be kept on disk.
         start = (state[0], state[1], *(size * value for value in state[2:]))
@@ -288,9 +282,7 @@ def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., 
 
     term = diffrax.ODETerm(field)
 
-    def solve(
-        start: States, values: States, length: jax.Array, cubics: jax.Array, split: Value
-    ) -> jax.Array:
+    def solve(start: States, values: States, length: jax.Array, cubics: jax.Array, split: Value) -> jax.Array:
         """State behind each piece of the inputs, that is solved in ``split`` steps."""
         first = solver.init(term, 0.0, length[0], start, (cubics[0], values))
 
@@ -299,9 +291,14 @@ def _fixed_step_solver(equation: str, inputs: tuple[str, ...]) -> Callable[..., 
 
             def advance(index: Value, state: jax.Array) -> jax.Array:
                 result = solver.step(
-                    term, index * step, (index + 1) * step, tuple(state), (piece[1], values),
-                    first, made_jump=True,
-                )[0]  # fmt: skip
+                    term,
+                    index * step,
+                    (index + 1) * step,
+                    tuple(state),
+                    (piece[1], values),
+                    first,
+                    made_jump=True,
+                )[0]
                 return jnp.stack(result)
 
             state = jax.lax.fori_loop(0, split, advance, state)

@@ -126,9 +126,7 @@ def _similarity(
     states[:, 0] = np.abs(states[:, 0])  # many laws are of heights above zero
 
     def rates(state: Any, given: Any, numbers: Any) -> Any:
-        return jax.numpy.stack(
-            [jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)]
-        )
+        return jax.numpy.stack([jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)])
 
     by_state, by_value = (
         np.asarray(jax.vmap(jax.jacfwd(rates, argument), (0, 0, None))(states, drive, values))
@@ -171,11 +169,7 @@ def canonical_values(
     """
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = symmetries(law), bounds or {}
-    collection = {
-        *collection,
-        *law.positive,
-        *(name for name, (low, high) in edges.items() if low == high),
-    }
+    collection = {*collection, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
         if name in collection or other in collection:
             continue

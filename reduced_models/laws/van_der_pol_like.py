@@ -38,11 +38,7 @@ def _start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> di
 
 
 def _swing_start(
-    time: np.ndarray,
-    swing: np.ndarray,
-    guesses: FirstGuesses,
-    random: np.random.Generator,
-    count: int,
+    time: np.ndarray, swing: np.ndarray, guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray] | None:
     """Start values of the quadratic damping, from its weak form."""
     result = quadratic_damping(time, swing, guesses.period)
@@ -66,9 +62,7 @@ def _law_from_swing(swing: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     size = np.abs(c0) + np.abs(c1) + np.abs(c2)
     least = _LEAST * size
     depth = c0 + least
-    steepest = np.where(
-        depth > 0.0, c1**2 / (4.0 * np.maximum(np.abs(depth), _LEAST * least)), np.inf
-    )
+    steepest = np.where(depth > 0.0, c1**2 / (4.0 * np.maximum(np.abs(depth), _LEAST * least)), np.inf)
     c2 = np.maximum(np.minimum(np.maximum(c2, least), steepest), _LEAST * least)
     double_alpha = np.maximum(c1**2 / (4.0 * c2) - c0, np.maximum(-c0, least))
     q = np.sqrt(c2 / double_alpha)

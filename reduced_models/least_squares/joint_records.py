@@ -7,12 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reduced_models.least_squares.levenberg_marquardt import (
-    Bounds,
-    Normal,
-    Prior,
-    levenberg_marquardt,
-)
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.residuals import GriddedRecord
 from reduced_models.least_squares.unknowns import Unknowns
 
@@ -102,15 +97,11 @@ class JointRecords:
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Residuals (n,) of each record, in amplitudes."""
-        return [
-            grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)
-        ]
+        return [grid.residuals(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
     def linearise(self, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
-        return [
-            grid.linearise(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)
-        ]
+        return [grid.linearise(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
     def normal(self, counts: Sequence[int] | None = None) -> Normal:
         """Return the normal equations of the first samples of each record, or of all."""
@@ -122,12 +113,15 @@ class JointRecords:
         """J'J (q, q) of all samples."""
         return np.asarray(self.normal()(theta[None])[2][0])
 
-    def refit(
-        self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11
-    ) -> np.ndarray:
+    def refit(self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11) -> np.ndarray:
         """Fit the first samples of each record, from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
-            self.normal(counts), theta[None], self.prior(float(sum(counts))), tolerance,
-            self.bounds, damping=_NEAR, patience=_PATIENCE,
-        )  # fmt: skip
+            self.normal(counts),
+            theta[None],
+            self.prior(float(sum(counts))),
+            tolerance,
+            self.bounds,
+            damping=_NEAR,
+            patience=_PATIENCE,
+        )
         return np.asarray(theta[0])

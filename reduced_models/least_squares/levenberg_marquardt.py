@@ -142,9 +142,7 @@ def levenberg_marquardt(
     return best[:2]
 
 
-def _search_is_over(
-    resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float
-) -> bool:
+def _search_is_over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
     agreeing = resting & (cost <= agreement_cost(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))

@@ -130,9 +130,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
     law = unknowns.law
     sensor = None
     if unknowns.sensor is not None:
-        sensor = SensorForm(
-            unknowns.sensor.derivative, unknowns.open_settings, unknowns.sensor_entries
-        )
+        sensor = SensorForm(unknowns.sensor.derivative, unknowns.open_settings, unknowns.sensor_entries)
     fits_map = unknowns.map is None
     return _compiled(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
 
@@ -168,9 +166,7 @@ def _compiled(
         else:
             gain, offset, states = sensor_values(vectors[split:], scales, sensor.is_open)
             assert tables is not None
-            signal = solution_signal(
-                grid, step, point, sensor.derivative, tables, states, shift, scale
-            )
+            signal = solution_signal(grid, step, point, sensor.derivative, tables, states, shift, scale)
             result = (gain * signal + offset - height[:, None]) / scales[-3]
         return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * weight[:, None]
 
@@ -181,9 +177,7 @@ def _compiled(
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
         def slope(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
-            return jax.jvp(
-                lambda value: residuals(value, samples, scales), (vectors,), (direction,)
-            )
+            return jax.jvp(lambda value: residuals(value, samples, scales), (vectors,), (direction,))
 
         left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
@@ -191,9 +185,7 @@ def _compiled(
     def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
         return residuals(theta[:, None], samples, scales)[:, 0]
 
-    def linear(
-        theta: jax.Array, samples: Samples, scales: jax.Array
-    ) -> tuple[jax.Array, jax.Array]:
+    def linear(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
         left, jacobian = both(theta[None], samples, scales)
         return left[:, 0], jacobian[:, :, 0]
 
@@ -208,9 +200,7 @@ def _compiled(
             jnp.einsum("pns,qns->spq", weight * jacobian, jacobian),
         )
 
-    functions: dict[Kind, Callable[..., Any]] = {
-        "normal": normal, "linear": linear, "residual": residual
-    }  # fmt: skip
+    functions: dict[Kind, Callable[..., Any]] = {"normal": normal, "linear": linear, "residual": residual}
     return jax.jit(functions[kind])
 
 
@@ -259,9 +249,10 @@ class GriddedRecord:
         if unknowns.sensor is None:
             return self.fitted(theta)
         plain = dataclasses.replace(
-            self, unknowns=dataclasses.replace(unknowns, sensor=None),
+            self,
+            unknowns=dataclasses.replace(unknowns, sensor=None),
             samples=self.samples._replace(sensor=None),
-        )  # fmt: skip
+        )
         # About rest, since residuals of far numbers are cut.
         plain = plain.with_heights(np.full(len(self.record), unknowns.rest))
         return plain.fitted(theta[: len(theta) - unknowns.sensor_entries])
@@ -270,9 +261,7 @@ class GriddedRecord:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
         return self._linear(theta, self._seen(None), len(self.record))
 
-    def _linear(
-        self, theta: np.ndarray, seen: Samples, count: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _linear(self, theta: np.ndarray, seen: Samples, count: int) -> tuple[np.ndarray, np.ndarray]:
         linear = residual_function(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
         value = np.asarray(left)[:count], np.asarray(slopes).T[:count]
@@ -313,9 +302,7 @@ class GriddedRecord:
         """Return the same with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
-            record = dataclasses.replace(
-                record, extra={**record.extra, name: record.extra[name] + deviation}
-            )
+            record = dataclasses.replace(record, extra={**record.extra, name: record.extra[name] + deviation})
         else:
             record = dataclasses.replace(record, **{name: getattr(record, name) + deviation})
         return dataclasses.replace(self, record=record).on(self.grid)

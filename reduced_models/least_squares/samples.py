@@ -11,13 +11,7 @@ from granular.run.record import PistonRecord
 from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
 from reduced_models.least_squares.sensor_signal import SensorTables, filtered, sensor_tables
 from reduced_models.records.derivatives import is_evenly_sampled
-from reduced_models.records.inputs import (
-    STAGE_TIMES,
-    Grid,
-    Interpolation,
-    drive_on_grid,
-    has_drive,
-)
+from reduced_models.records.inputs import STAGE_TIMES, Grid, Interpolation, drive_on_grid, has_drive
 from reduced_models.records.sensor import Sensor
 
 
@@ -93,9 +87,7 @@ def grid_over(
     return Grid(step, round_up_to_chunks(duration / step * (1.0 - 1e-12)))
 
 
-def samples_on_grid(
-    record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation
-) -> Samples:
+def samples_on_grid(record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation) -> Samples:
     """Every sample of a record that starts at time 0, on a grid over all of it."""
     count = len(record)
     point, fraction = _grid_points(record.time, grid)
@@ -138,9 +130,7 @@ def _grid_points(time: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     return point, steps - point
 
 
-def _padded_drive(
-    record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation
-) -> np.ndarray:
+def _padded_drive(record: PistonRecord, grid: Grid, names: tuple[str, ...], how: Interpolation) -> np.ndarray:
     points = padded_steps(grid.steps) + 1
     drive = np.zeros((points, len(STAGE_TIMES), len(names)))
     if names:

@@ -46,9 +46,7 @@ class SensorTables(NamedTuple):
     advance_input: np.ndarray
 
 
-def sensor_tables(
-    sensor: Sensor, grid: Grid, fraction: np.ndarray, base: np.ndarray
-) -> SensorTables:
+def sensor_tables(sensor: Sensor, grid: Grid, fraction: np.ndarray, base: np.ndarray) -> SensorTables:
     """Tables for samples at fractions (n,) of steps; ``base`` (n,) is the base's own signal."""
     size = _DEGREE + 1 - sensor.derivative
     states, inputs, output, through = _filter_matrices(sensor, grid.step)
@@ -99,9 +97,7 @@ def filtered(sensor: Sensor, time: np.ndarray, values: np.ndarray) -> np.ndarray
     return np.asarray(np.interp(time, even, result))
 
 
-def _filter_matrices(
-    sensor: Sensor, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Matrices of x' = A x + b u, y = c x + d u, with time in steps."""
     if not sensor.order:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0
@@ -139,14 +135,16 @@ def solution_signal(
     ``states`` (m, s) are those of the filter at the start; height = ``shift`` + ``scale`` z.
     """
     z, v, a = scale * grid[0] + shift, scale * step * grid[1], scale * step**2 * grid[2]
-    z0, v0, a0, z1, v1, a1 = (
-        item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a)
-    )
+    z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
     ahead, turn, bend = z1 - z0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     coefficients = [
-        z0, v0, 0.5 * a0, 10.0 * ahead - 4.0 * turn + 0.5 * bend,
-        -15.0 * ahead + 7.0 * turn - bend, 6.0 * ahead - 3.0 * turn + 0.5 * bend,
-    ]  # fmt: skip
+        z0,
+        v0,
+        0.5 * a0,
+        10.0 * ahead - 4.0 * turn + 0.5 * bend,
+        -15.0 * ahead + 7.0 * turn - bend,
+        6.0 * ahead - 3.0 * turn + 0.5 * bend,
+    ]
     for _ in range(derivative):
         coefficients = [k * item / step for k, item in enumerate(coefficients)][1:]
     steps = jnp.stack(coefficients)

@@ -113,9 +113,7 @@ class Unknowns:
 
 
 def theta_bounds(
-    unknowns: Unknowns,
-    bounds: Mapping[str, tuple[float, float]],
-    initial: Mapping[str, float] | None = None,
+    unknowns: Unknowns, bounds: Mapping[str, tuple[float, float]], initial: Mapping[str, float] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest entries (p,) of the search vector; equal ones hold an entry.
 
@@ -148,17 +146,17 @@ def _bound_sensor(unknowns: Unknowns, edges: np.ndarray) -> None:
     sensor, k = unknowns.sensor, edges.shape[1] - unknowns.sensor_entries
     if sensor is None:
         return
-    settings = ((sensor.gain, 0.0, sensor.nominal_gain),
-                (sensor.offset, sensor.nominal_offset, unknowns.signal))  # fmt: skip
+    settings = (
+        (sensor.gain, 0.0, sensor.nominal_gain),
+        (sensor.offset, sensor.nominal_offset, unknowns.signal),
+    )
     for (setting, middle, unit), is_open in zip(settings, unknowns.open_settings, strict=True):
         if isinstance(setting, tuple):
             edges[:, k] = sorted((value - middle) / unit for value in setting)
         k += is_open
 
 
-def physical_values(
-    theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any
-) -> Any:
+def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], fits_map: bool, np_: Any) -> Any:
     """Parameters, shift and scale of the map; z, its velocity and hidden states at first."""
     rest, amplitude, speed, shift, scale = (scales[k] for k in range(5))
     count = len(logarithmic)

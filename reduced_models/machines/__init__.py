@@ -5,9 +5,4 @@ from reduced_models.machines.design import design_for
 from reduced_models.machines.port import export_bed
 from reduced_models.machines.response import predicted_response
 
-__all__ = [
-    "compare_response",
-    "design_for",
-    "export_bed",
-    "predicted_response",
-]
+__all__ = ["compare_response", "design_for", "export_bed", "predicted_response"]

@@ -109,15 +109,11 @@ def compare_response(response: Response) -> ResponseComparison:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", OutsideRangeWarning)
             predicted = predicted_response(response.scene, dense.tolist(), force)
-        outside = [
-            str(warning.message) for warning in caught if warning.category is OutsideRangeWarning
-        ]
+        outside = [str(warning.message) for warning in caught if warning.category is OutsideRangeWarning]
         law[force], linear[force] = predicted.displacement, predicted.linear
         simulated = float(data.displacement.sel(amplitude=force).max())
         peaks.append(
-            PeakComparison(
-                force, simulated, predicted.peak, float(predicted.linear.max()), "".join(outside)
-            )
+            PeakComparison(force, simulated, predicted.peak, float(predicted.linear.max()), "".join(outside))
         )
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
@@ -153,8 +149,13 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
 
 def _table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
-        (f"{peak.force:g}", format_number(1e3 * peak.simulated, 3),
-         format_number(1e3 * peak.law, 3), f"{100.0 * peak.error:+.0f}",
-         format_number(1e3 * peak.linear, 3), f"{100.0 * peak.linear_error:+.0f}")
+        (
+            f"{peak.force:g}",
+            format_number(1e3 * peak.simulated, 3),
+            format_number(1e3 * peak.law, 3),
+            f"{100.0 * peak.error:+.0f}",
+            format_number(1e3 * peak.linear, 3),
+            f"{100.0 * peak.linear_error:+.0f}",
+        )
         for peak in peaks
-    ]  # fmt: skip
+    ]

@@ -21,12 +21,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.sheet import workshop_sheet
 from reduced_models.falls.theory import FEWEST, OutsideRangeWarning
-from reduced_models.machines.response import (
-    RANGE,
-    CoupledSystem,
-    PredictedResponse,
-    solve_response,
-)
+from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -145,10 +140,13 @@ class DamperDesign:
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
         return workshop_sheet(
-            self.scene, CoupledSystem.of(self.scene).rest,
-            title=f"Workshop sheet: damper of {self.mass:.3g} kg", lead=f"{self.verdict}.",
-            scatter=scatter, notes=[self.outside] if self.outside else [],
-        )  # fmt: skip
+            self.scene,
+            CoupledSystem.of(self.scene).rest,
+            title=f"Workshop sheet: damper of {self.mass:.3g} kg",
+            lead=f"{self.verdict}.",
+            scatter=scatter,
+            notes=[self.outside] if self.outside else [],
+        )
 
     def __str__(self) -> str:
         return self.verdict
@@ -240,9 +238,8 @@ def design_for(
         return proposal
     started = time.perf_counter()
     simulated = frequency_response(
-        best, _frequencies_near_peak(response), dt="auto*4", out=out, workers=workers,
-        progress=progress,
-    )  # fmt: skip
+        best, _frequencies_near_peak(response), dt="auto*4", out=out, workers=workers, progress=progress
+    )
     seconds = time.perf_counter() - started
     return dataclasses.replace(proposal, simulated=simulated, seconds=seconds)
 
@@ -286,10 +283,15 @@ def _candidate_dampers(host: Host, excitation: Excitation, limit: float) -> Iter
                 continue
             diameter = start.grains.species[0].diameter
             height = 16.0 * diameter * max(count / 368.0, 1.0)
-            scene = start.replace(**{
-                "grains.count": count, "piston.mass": mass, "effects.drag.coefficient": drag,
-                "piston.height": height, "arrangement.height": height - diameter,
-            })  # fmt: skip
+            scene = start.replace(
+                **{
+                    "grains.count": count,
+                    "piston.mass": mass,
+                    "effects.drag.coefficient": drag,
+                    "piston.height": height,
+                    "arrangement.height": height - diameter,
+                }
+            )
             try:
                 law = CoupledSystem.of(scene)
             except InputError:  # the law is not known for so much drag

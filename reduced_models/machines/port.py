@@ -77,15 +77,22 @@ def bed_port(scene: Scene) -> ForcePort:
     system = CoupledSystem.of_bed(scene)
     load, swing = system.piston * system.gravity, system.small_swing
     values = {
-        "lam": 0.5 * system.drag / system.moving, "weight": load / system.moving,
-        "rest": system.rest, "power": POWER, "modulus": system.modulus,
+        "lam": 0.5 * system.drag / system.moving,
+        "weight": load / system.moving,
+        "rest": system.rest,
+        "power": POWER,
+        "modulus": system.modulus,
         "strength": system.strength,
-    }  # fmt: skip
+    }
     at_rest = AtRest(system.rest, math.tau / swing.omega, swing.lam / swing.omega, {})
     model = PredictedLaw(
-        values, (system.rest, 0.0), at_rest, {"data": f"none, from the scene {scene.name}"},
-        ANNEALING_BED, hidden={"q": ORDER},
-    )  # fmt: skip
+        values,
+        (system.rest, 0.0),
+        at_rest,
+        {"data": f"none, from the scene {scene.name}"},
+        ANNEALING_BED,
+        hidden={"q": ORDER},
+    )
     return ForcePort(model, system.moving, load)
 
 

@@ -29,20 +29,8 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.theory import (
-    POWER,
-    OutsideRangeWarning,
-    accelerated_mass,
-    bed_parameters,
-)
-from reduced_models.laws.annealing_bed import (
-    HARDENING,
-    MODULUS,
-    PLASTIC,
-    STIFFENING,
-    STRENGTH,
-    TIME,
-)
+from reduced_models.falls.theory import POWER, OutsideRangeWarning, accelerated_mass, bed_parameters
+from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
 """Amplitudes of the piston over the cell [D] in which the peak of the packaged machine is within
@@ -110,9 +98,7 @@ class CoupledSystem(NamedTuple):
                 "the law is coupled to such a one"
             )
         (body,) = host.bodies
-        return cls.of_bed(scene)._replace(
-            host=body.mass, stiffness=body.stiffness, damping=body.damping
-        )
+        return cls.of_bed(scene)._replace(host=body.mass, stiffness=body.stiffness, damping=body.damping)
 
     @classmethod
     def of_bed(cls, scene: Scene) -> CoupledSystem:
@@ -197,9 +183,7 @@ def fill_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> 
 
 
 @entry
-def squared_amplitudes(
-    law: CoupledSystem, force: float, omega: float, steps: int, last: int
-) -> Array:
+def squared_amplitudes(law: CoupledSystem, force: float, omega: float, steps: int, last: int) -> Array:
     """Squares of the amplitudes of host and piston over the last steps, by Runge and Kutta.
 
     Parameters
@@ -220,9 +204,7 @@ def squared_amplitudes(
                 middle[k] = state[k] + part * slopes[stage - 1, k]
             _state_rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
         for k in range(6):
-            state[k] += (
-                h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
-            )
+            state[k] += h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
         if n >= steps - last:
             sine, cosine = math.sin(omega * (t + h)), math.cos(omega * (t + h))
             sums[0] += 2.0 / last * state[0] * sine
@@ -317,9 +299,7 @@ def _host_force(host: Host | None) -> float:
     return force
 
 
-def solve_response(
-    law: CoupledSystem, frequencies: Sequence[float], force: float
-) -> PredictedResponse:
+def solve_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
     """As `predicted_response`, of given numbers, and without a range."""
     pairs = []
     for frequency in frequencies:

@@ -151,21 +151,47 @@ def equations_text(model: FittedLaw) -> str:
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
 
 _WORDS = {
-    "break", "case", "catch", "continue", "do", "else", "elseif", "end", "equation", "for",
-    "function", "global", "if", "model", "otherwise", "parfor", "persistent", "return", "spmd",
-    "switch", "try", "until", "while",
-}  # fmt: skip
+    "break",
+    "case",
+    "catch",
+    "continue",
+    "do",
+    "else",
+    "elseif",
+    "end",
+    "equation",
+    "for",
+    "function",
+    "global",
+    "if",
+    "model",
+    "otherwise",
+    "parfor",
+    "persistent",
+    "return",
+    "spmd",
+    "switch",
+    "try",
+    "until",
+    "while",
+}
 
 Source = Callable[[FittedLaw, str], str]
 PortSource = Callable[[ForcePort, str], str]
 SOURCES: dict[str, tuple[str, Source, PortSource]] = {
-    ".py": ("a Python module that needs NumPy alone", lambda model, _: numpy_source(model),
-            lambda port, _: port_python_source(port)),
-    ".c": ("C99", lambda model, _: c_source(model),
-           lambda port, name: f'#include "{name}.h"\n{port_c_sources(port, name)[1]}'),
+    ".py": (
+        "a Python module that needs NumPy alone",
+        lambda model, _: numpy_source(model),
+        lambda port, _: port_python_source(port),
+    ),
+    ".c": (
+        "C99",
+        lambda model, _: c_source(model),
+        lambda port, name: f'#include "{name}.h"\n{port_c_sources(port, name)[1]}',
+    ),
     ".m": ("a function for MATLAB and Octave", matlab_source, port_matlab_source),
     ".mo": ("a Modelica model", modelica_source, port_modelica_source),
-}  # fmt: skip
+}
 """Language of each ending, and its writers, of a model and of a port, and the file's name."""
 
 

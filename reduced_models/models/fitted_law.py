@@ -105,13 +105,12 @@ class AtRest:
         elif item is None:
             rows.append(("damping_ratio", self.damping_ratio, ""))
         else:
-            at_half, at_tenth = (
-                f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth)
-            )
+            at_half, at_tenth = (f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth))
             rows += [
-                (at_half, self.damping_ratio, ""), (at_tenth, item.tenth_ratio, ""),
+                (at_half, self.damping_ratio, ""),
+                (at_tenth, item.tenth_ratio, ""),
                 ("friction", item.friction, "m/s^2"),
-            ]  # fmt: skip
+            ]
             known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}
             known |= {"friction": item.intervals["friction"]}
         return "\n".join(
@@ -130,9 +129,7 @@ def _value_with_interval_text(value: float, unit: str, interval: tuple[float, fl
         return f"{value:.4g}{unit}  [{low:.4g}, {high:.4g}]"
     decimals = min(MOST_DIGITS, max(0, 1 - math.floor(math.log10(high - low))))
     below, above = (
-        decimal.Decimal(repr(float(item))).quantize(
-            decimal.Decimal(1).scaleb(-decimals), rounding=how
-        )
+        decimal.Decimal(repr(float(item))).quantize(decimal.Decimal(1).scaleb(-decimals), rounding=how)
         for item, how in ((low, decimal.ROUND_FLOOR), (high, decimal.ROUND_CEILING))
     )
     return f"{value:.{decimals}f}{unit}  [{below:f}, {above:f}]"
@@ -225,9 +222,7 @@ class FittedLaw:
         """
         if self.at_rest is None:
             return FEWEST_DIGITS
-        enough = (
-            digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits)
-        )
+        enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits))
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
@@ -312,10 +307,7 @@ class FittedLaw:
                     f"inputs={{{quote(name)}: "
                     "one value a time}"
                 )
-        start = (
-            self.initial[0] if z0 is None else z0,
-            self.initial[1] if v0 is None else v0,
-        )
+        start = (self.initial[0] if z0 is None else z0, self.initial[1] if v0 is None else v0)
         scale = self.map.scale
         size = max(abs(self.map.to_law(start[0])), abs(start[1] / scale), 1e-300)
         if self.at_rest is not None:
@@ -330,9 +322,8 @@ class FittedLaw:
         same = z0 is None and v0 is None
         hidden = [self.hidden.get(name, 0.0) if same else 0.0 for name in self.law.hidden]
         result = solve_law(
-            self.law, times, z_start, start[1] / scale, values, size, drive, hidden,
-            self.input_interpolation,
-        )  # fmt: skip
+            self.law, times, z_start, start[1] / scale, values, size, drive, hidden, self.input_interpolation
+        )
         if result.ending != "complete":
             raise InputError(_incomplete_solution_text(self.law.name, times, result))
         height, velocity = self.map.to_height(result.z), scale * result.velocity
@@ -383,7 +374,4 @@ def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) ->
             f"needs more than {STEP_BUDGETS[-1]} steps behind t = {last:g} s (it is stiff there, "
             "or leaves where the law is defined)"
         )
-    return (
-        f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a "
-        "shorter time"
-    )
+    return f"the solution of the law {quote(name)} {cause}; start nearer to rest or ask for a shorter time"

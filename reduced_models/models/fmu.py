@@ -22,13 +22,7 @@ from granular.shared.errors import InputError
 from granular.shared.files import replace_when_written
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import (
-    ForcePort,
-    c_locals,
-    port_c_sources,
-    port_jacobian,
-    port_parts,
-)
+from reduced_models.models.ports import ForcePort, c_locals, port_c_sources, port_jacobian, port_parts
 from reduced_models.models.source_code import c_expression, c_numbers, c_source, export_parts
 
 if TYPE_CHECKING:
@@ -114,15 +108,15 @@ static const double model_start_inputs[] = {{ {c_numbers([0.0] * len(parts.input
     names = (model.coordinate, "velocity", *parts.hidden)
     units = (model.unit, f"{model.unit}/s", *("" for _ in parts.hidden))
     variables = _variables(
-        [(name, value, unit, "output")
-         for name, value, unit in zip(names, parts.initial, units, strict=True)],
+        [
+            (name, value, unit, "output")
+            for name, value, unit in zip(names, parts.initial, units, strict=True)
+        ],
         [(name, 0.0, "") for name in parts.inputs],
         [(name, value, "") for name, value in zip(parts.parameters, parts.values, strict=True)],
         (),
-    )  # fmt: skip
-    return Contents(
-        c_source(model) + glue, variables, parts.step, " ".join(parts.comments[:3]), False
     )
+    return Contents(c_source(model) + glue, variables, parts.step, " ".join(parts.comments[:3]), False)
 
 
 def _port_contents(port: ForcePort) -> Contents:
@@ -193,8 +187,7 @@ def _variables(
 
 def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
     """Folder of the system in an FMU, the ending of a library there, and the library."""
-    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))),
-                    None)  # fmt: skip
+    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None)
     if sys.platform not in _SYSTEMS or compiler is None:
         raise InputError(
             "an FMU needs a C compiler, on Linux or macOS, and none is here; install gcc or clang, "
@@ -207,11 +200,19 @@ def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
     with tempfile.TemporaryDirectory() as here:
         path, library = Path(here) / f"{NAME}.c", Path(here) / f"{NAME}{ending}"
         path.write_text(source, encoding="utf-8")
-        command = [compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden",
-                   str(path), "-o", str(library), "-lm"]  # fmt: skip
-        done = subprocess.run(
-            command, check=False, capture_output=True, text=True, timeout=_SECONDS
-        )
+        command = [
+            compiler,
+            "-std=c99",
+            "-O2",
+            "-fPIC",
+            "-shared",
+            "-fvisibility=hidden",
+            str(path),
+            "-o",
+            str(library),
+            "-lm",
+        ]
+        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=_SECONDS)
         if done.returncode:
             raise InputError(f"{compiler} cannot compile the model: {done.stderr.strip()[:300]}")
         return folder, ending, library.read_bytes()
@@ -285,12 +286,9 @@ def _description_3(contents: Contents, guid: str) -> str:
             f'causality="{variable.causality}" variability="{variable.variability}"{more}/>\n'
         )
 
-    groups = zip(("Output", "ContinuousStateDerivative", "InitialUnknown"), _structure(contents),
-                 strict=True)  # fmt: skip
+    groups = zip(("Output", "ContinuousStateDerivative", "InitialUnknown"), _structure(contents), strict=True)
     structure = "".join(
-        f'    <{tag} valueReference="{variable.reference}"/>\n'
-        for tag, which in groups
-        for variable in which
+        f'    <{tag} valueReference="{variable.reference}"/>\n' for tag, which in groups for variable in which
     )
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="{NAME}" instantiationToken="{guid}"
@@ -307,9 +305,7 @@ def _description_3(contents: Contents, guid: str) -> str:
 
 
 def _units() -> str:
-    lines = "".join(
-        f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items()
-    )
+    lines = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"  <UnitDefinitions>\n{lines}  </UnitDefinitions>\n"
 
 

@@ -142,10 +142,7 @@ class ReducedModel(FittedLaw):
         return self.sensor.signal(columns) - signal
 
     def prediction(
-        self,
-        t: np.ndarray,
-        inputs: Mapping[str, np.ndarray] | None = None,
-        confidence: float | None = None,
+        self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
     ) -> prediction.Band:
         """Motion at increasing times [s] with its confidence band; see `simulate`.
 
@@ -174,12 +171,7 @@ class ReducedModel(FittedLaw):
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
         height, spread = prediction.prediction(
-            self,
-            self.covariance,
-            self.covariance_names,
-            ReducedModel._with_changed_value,
-            t,
-            inputs,
+            self, self.covariance, self.covariance_names, ReducedModel._with_changed_value, t, inputs
         )
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
@@ -429,9 +421,7 @@ class ReducedModel(FittedLaw):
                 continue
             low, high = self.intervals[name]
             unit = self.unit_of(name)
-            lines.append(
-                f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]"
-            )
+            lines.append(f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]")
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             rest = self.at_rest
@@ -466,8 +456,7 @@ class ReducedModel(FittedLaw):
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(
-                f"  search: {self.quality.converged} of {self.quality.starts} starts end here"
-                f"{second}"
+                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
             )
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
@@ -569,9 +558,7 @@ class ReducedModel(FittedLaw):
 
 def _at_rest(plain: Mapping[str, Any]) -> AtRest:
     kinds = {"equivalent": EquivalentDamping, "peaks": PeakDamping}
-    parts = {
-        name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()
-    }
+    parts = {name: None if plain[name] is None else kind(**plain[name]) for name, kind in kinds.items()}
     return AtRest(**{**plain, **parts})
 
 

@@ -238,11 +238,11 @@ def port_parts(port: ForcePort) -> PortParts:
     import sympy
 
     model, law = port.model, export_parts(port.model)
-    numbers = [(name, value, model.unit_of(own)) for name, value, own in
-               zip(law.parameters, law.values, model.law.parameters, strict=True)]  # fmt: skip
-    mass, load, height, velocity, shift, scale = sympy.symbols(
-        "mass load height velocity shift scale"
-    )
+    numbers = [
+        (name, value, model.unit_of(own))
+        for name, value, own in zip(law.parameters, law.values, model.law.parameters, strict=True)
+    ]
+    mass, load, height, velocity, shift, scale = sympy.symbols("mass load height velocity shift scale")
     z, z_first, force = height, velocity, mass * law.acceleration + load
     if model.map != HeightMap():
         numbers += [("shift", float(model.map.shift), "m"), ("scale", float(model.map.scale), "m")]
@@ -251,22 +251,35 @@ def port_parts(port: ForcePort) -> PortParts:
     numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
     words = (
         *law.comments[:3],
-        comment_text("force = mass z'' + load, of the bed on the piston: the masses of piston and "
-                     "cell are those of the bodies on both sides."),
-    )  # fmt: skip
+        comment_text(
+            "force = mass z'' + load, of the bed on the piston: the masses of piston and "
+            "cell are those of the bodies on both sides."
+        ),
+    )
     return PortParts(
-        law, ("height", "velocity", *law.inputs), law.hidden, tuple(name for name, *_ in numbers),
-        tuple(float(value) for _, value, _ in numbers), law.initial[2:],
-        tuple(unit for *_, unit in numbers), z, z_first, (force, *law.rates), words,
-    )  # fmt: skip
+        law,
+        ("height", "velocity", *law.inputs),
+        law.hidden,
+        tuple(name for name, *_ in numbers),
+        tuple(float(value) for _, value, _ in numbers),
+        law.initial[2:],
+        tuple(unit for *_, unit in numbers),
+        z,
+        z_first,
+        (force, *law.rates),
+        words,
+    )
 
 
 def port_jacobian(parts: PortParts) -> list[list[sympy.Expr]] | None:
     """Return derivatives of rates, then force, by states, then inputs, or None."""
     import sympy
 
-    real = {symbol: sympy.Symbol(symbol.name, real=True)
-            for output in parts.outputs for symbol in output.free_symbols}  # fmt: skip
+    real = {
+        symbol: sympy.Symbol(symbol.name, real=True)
+        for output in parts.outputs
+        for symbol in output.free_symbols
+    }
     force, *rates = (output.xreplace(real) for output in parts.outputs)
     z, z_first, scale = sympy.Symbol("z"), sympy.Symbol("z_first"), sympy.Symbol("scale")
     by = [sympy.Symbol(name) for name in (*parts.states, z.name, z_first.name, *parts.law.inputs)]
@@ -309,17 +322,22 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
     parts = port_parts(port)
     force, *rates = parts.outputs
     words = {
-        "name": name, "guard": name.upper(), "step": repr(parts.law.step),
+        "name": name,
+        "guard": name.upper(),
+        "step": repr(parts.law.step),
         "comments": "\n".join(f"/* {line} */" for line in parts.comments),
         "states": ", ".join(parts.states) or "none",
         "inputs": ", ".join(["height [m]", "velocity [m/s]", *parts.law.inputs]),
         "names": ", ".join(_with_units(parts)),
-        "n_states": len(parts.states), "n_inputs": len(parts.inputs),
-        "n_parameters": len(parts.parameters), "parameters": c_numbers(parts.values),
-        "start": c_numbers(parts.start), "locals": c_locals(parts), "force": c_expression(force),
-        "rates": "".join(f"    rates[{k}] = {c_expression(rate)};\n" for k, rate in
-                         enumerate(rates)),
-    }  # fmt: skip
+        "n_states": len(parts.states),
+        "n_inputs": len(parts.inputs),
+        "n_parameters": len(parts.parameters),
+        "parameters": c_numbers(parts.values),
+        "start": c_numbers(parts.start),
+        "locals": c_locals(parts),
+        "force": c_expression(force),
+        "rates": "".join(f"    rates[{k}] = {c_expression(rate)};\n" for k, rate in enumerate(rates)),
+    }
     return _HEADER.format(**words), _BODY.format(**words)
 
 
@@ -336,13 +354,17 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
     force, *rates = map(matlab_expression, parts.outputs)
     groups = {"inputs": parts.law.inputs, "parameters": parts.parameters, "states": parts.states}
     return _MATLAB.format(
-        name=name, comments="\n".join(f"% {line}" for line in parts.comments),
-        states=", ".join(parts.states) or "none", start="; ".join(map(repr, parts.start)),
-        names=", ".join(_with_units(parts)), parameters="; ".join(map(repr, parts.values)),
+        name=name,
+        comments="\n".join(f"% {line}" for line in parts.comments),
+        states=", ".join(parts.states) or "none",
+        start="; ".join(map(repr, parts.start)),
+        names=", ".join(_with_units(parts)),
+        parameters="; ".join(map(repr, parts.values)),
         locals=_array_locals(groups, "  {name} = {array}({index});\n", 1)
         + f"  z = {matlab_expression(parts.z)}; z_first = {matlab_expression(parts.z_first)};\n",
-        force=force, rates="; ".join(rates),
-    )  # fmt: skip
+        force=force,
+        rates="; ".join(rates),
+    )
 
 
 def port_python_source(port: ForcePort) -> str:
@@ -359,8 +381,11 @@ def port_python_source(port: ForcePort) -> str:
     return _PYTHON.format(
         comments="\n".join(line.replace('"', "'") for line in parts.comments),
         parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
-        start=repr(parts.start), locals="".join(lines), force=force, rates=", ".join(rates),
-    )  # fmt: skip
+        start=repr(parts.start),
+        locals="".join(lines),
+        force=force,
+        rates=", ".join(rates),
+    )
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
@@ -368,15 +393,15 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
     import sympy
 
     parts = port_parts(port)
-    flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"),
-              sympy.Symbol("velocity"): sympy.Symbol("v_rel")}  # fmt: skip
+    flange = {sympy.Symbol("height"): sympy.Symbol("s_rel"), sympy.Symbol("velocity"): sympy.Symbol("v_rel")}
     z, z_first, force, *rates = (
         modelica_expression(expression.xreplace(flange))
         for expression in (parts.z, parts.z_first, *parts.outputs)
     )
     rows = zip(parts.parameters, parts.values, parts.units, strict=True)
     return _MODELICA.format(
-        name=name, comments="\n".join(f"  // {line}" for line in parts.comments),
+        name=name,
+        comments="\n".join(f"  // {line}" for line in parts.comments),
         parameters="\n".join(
             f'  parameter Real {symbol}(unit = "{modelica_unit(unit)}") = {value!r};'
             for symbol, value, unit in rows
@@ -386,9 +411,10 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
             f"  Real {symbol}(start = {value!r}, fixed = true);\n"
             for symbol, value in zip(parts.states, parts.start, strict=True)
         ),
-        z=z, z_first=z_first, force=force,
+        z=z,
+        z_first=z_first,
+        force=force,
         rates="".join(
-            f"  der({symbol}) = {rate};\n"
-            for symbol, rate in zip(parts.states, rates, strict=True)
+            f"  der({symbol}) = {rate};\n" for symbol, rate in zip(parts.states, rates, strict=True)
         ),
-    )  # fmt: skip
+    )

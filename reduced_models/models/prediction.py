@@ -117,23 +117,22 @@ def _change_along_direction(
 def parameter_value(model: FittedLaw, name: str) -> float:
     """Value of a parameter, of the map, or of the start, by its name."""
     known = {
-        **model.parameters, "shift": model.map.shift, "scale": model.map.scale,
-        "height": model.initial[0], "velocity": model.initial[1],
-    }  # fmt: skip
+        **model.parameters,
+        "shift": model.map.shift,
+        "scale": model.map.scale,
+        "height": model.initial[0],
+        "velocity": model.initial[1],
+    }
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def plot_model(
-    model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes
-) -> Axes:
+def plot_model(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes) -> Axes:
     """Model's motion, over a record where one is given."""
     from granular.shared.plotting import COLOURS, GREY, plain_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
     if record is not None:
-        ax.plot(
-            record.time, factor * record.height, ".", markersize=2.0, color=GREY, label="record"
-        )
+        ax.plot(record.time, factor * record.height, ".", markersize=2.0, color=GREY, label="record")
     label = plain_label(model.law.name)
     ax.plot(motion.time, factor * motion.height, color=COLOURS[0], label=label)
     ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")

@@ -87,9 +87,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
     return model.simulate(time, height + amplitude, 0.0, still)
 
 
-def harmonic_cycle(
-    model: FittedLaw, amplitude: float, frequency: float | None = None
-) -> HarmonicCycle:
+def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
     """Harmonic cycle of a model.
 
     Parameters
@@ -159,16 +157,10 @@ def frequency_response(
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
-    rates, hidden, size = (
-        _model_rates(model),
-        len(model.law.hidden),
-        amplitude / abs(model.map.scale),
-    )
+    rates, hidden, size = (_model_rates(model), len(model.law.hidden), amplitude / abs(model.map.scale))
     centre = np.full_like(amplitude, model.map.to_law(height))
     for _ in range(4):
-        centre, *_ = centre_cycles(
-            rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period)
-        )
+        centre, *_ = centre_cycles(rates, hidden, size, centre, np.full_like(size, 2 * math.pi / period))
     _, stiffness, damping = harmonic_coefficients(
         rates, hidden, size[:, None], centre[:, None], omega[None, :]
     )
@@ -208,9 +200,7 @@ def forced_law(law: Law, name: str = "drive") -> Law:
     "(z'' - force) + 2*lam*z' + omega**2*z = g0"
     """
     if name in (*law.parameters, *law.hidden, *law.inputs):
-        raise InputError(
-            f"the law {quote(law.name)} has a {quote(name)} already; give another name"
-        )
+        raise InputError(f"the law {quote(law.name)} has a {quote(name)} already; give another name")
     text = law.equation.replace("z''", f"(z'' - {name})")
     return Law(
         name=f"{law.name}, driven",
@@ -228,8 +218,7 @@ def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
     """Height [m] and small period [s] at rest."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {quote(model.law.name)} has no level of rest near its record, which this "
-            "needs"
+            f"the law {quote(model.law.name)} has no level of rest near its record, which this needs"
         )
     return model.at_rest.height, model.at_rest.period
 

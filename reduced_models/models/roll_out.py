@@ -111,9 +111,7 @@ def theta_of_model(
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:
         assert guess is not None
-        units = tuple(
-            1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True)
-        )
+        units = tuple(1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True))
         given = HeightMap(model.map.shift, model.map.scale)
         speed = guess.amplitude * guess.frequency
         unknowns = Unknowns(law, given, units, guess.rest, guess.amplitude, speed)

@@ -38,8 +38,7 @@ Check = Callable[[str, Any], Any]
 
 def _wrong_value_error(where: str, value: object, wanted: str) -> InputError:
     return InputError(
-        f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} "
-        "is wanted"
+        f"the data are not those of a reduced model: {sanitize(where)} is {quote(value)}; {wanted} is wanted"
     )
 
 
@@ -126,9 +125,7 @@ def _table(element: Check) -> Check:
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
             raise _wrong_value_error(where, value, f"a table of at most {_MOST_ITEMS} entries")
-        return {
-            _text(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()
-        }
+        return {_text(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()}
 
     return check
 
@@ -177,24 +174,18 @@ _MODEL = _shape(
                     "height": _number(),
                     "period": _SIZE,
                     "damping_ratio": _number(),
-                    "intervals": _shape(
-                        dict.fromkeys(("height", "period", "damping_ratio"), _pair)
-                    ),
+                    "intervals": _shape(dict.fromkeys(("height", "period", "damping_ratio"), _pair)),
                     "equivalent": _null_or(
                         _shape(
                             {
                                 "amplitude": _SIZE,
                                 "tenth_ratio": _number(),
                                 "friction": _number(),
-                                "intervals": _shape(
-                                    dict.fromkeys(("tenth_ratio", "friction"), _pair)
-                                ),
+                                "intervals": _shape(dict.fromkeys(("tenth_ratio", "friction"), _pair)),
                             }
                         )
                     ),
-                    "peaks": _null_or(
-                        _shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))
-                    ),
+                    "peaks": _null_or(_shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))),
                 }
             )
         ),
@@ -218,7 +209,7 @@ _MODEL = _shape(
                 "slow": _SIZE,
                 "swinging": _SIZE,
                 "drift": _SIZE,
-            },
+            }
         ),
         "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
         "domain": _table(_pair),
@@ -246,7 +237,7 @@ _MODEL = _shape(
             )
         ),
         "untold": _list(_text(200)),
-    },
+    }
 )
 
 
@@ -264,9 +255,7 @@ def check_plain_model(data: object) -> dict[str, Any]:
     parameters = result["parameters"]
     for name in result["positive"]:
         if not parameters.get(name, 0.0) > 0.0:
-            raise _wrong_value_error(
-                f"model.parameters.{name}", parameters.get(name), "a number above 0"
-            )
+            raise _wrong_value_error(f"model.parameters.{name}", parameters.get(name), "a number above 0")
     fitted = ("shift", "scale") if result["map"]["fitted"] else ()
     for name in (*parameters, *fitted):
         if name not in result["intervals"]:
@@ -275,9 +264,7 @@ def check_plain_model(data: object) -> dict[str, Any]:
         raise _wrong_value_error("model.map.scale", 0.0, "another number")
     size = len(result["covariance_names"])
     if [len(row) for row in result["covariance"]] != [size] * size:
-        raise _wrong_value_error(
-            "model.covariance", result["covariance"], "a row and a column for each name"
-        )
+        raise _wrong_value_error("model.covariance", result["covariance"], "a row and a column for each name")
     if len(result["initial"]) != 2:
         raise _wrong_value_error("model.initial", result["initial"], "a pair")
     return result
@@ -293,9 +280,7 @@ def read_model(path: Path) -> dict[str, Any]:
     """
     text = read_text(path, _MOST_BYTES)
     try:
-        plain = json.loads(
-            text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_duplicate_keys
-        )
+        plain = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_duplicate_keys)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{sanitize(path)}: cannot be read as a model: {error}") from None
     if not isinstance(plain, dict):

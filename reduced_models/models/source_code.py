@@ -77,16 +77,15 @@ def export_parts(model: FittedLaw) -> ExportParts:
     unit = model.unit
     words = [
         f"The law {law.name}, fitted: {law.equation}",
-        f"Source of the law: {law.source or 'own'}. "
-        f"Data: {model.provenance.get('data', 'unknown')}.",
+        f"Source of the law: {law.source or 'own'}. Data: {model.provenance.get('data', 'unknown')}.",
         f"Fitted to {model.coordinate}s from {low:.6g} to {high:.6g} {unit}.",
-        f"State: {model.coordinate} [{unit}], velocity [{unit}/s]"
-        + "".join(f", {name}" for name in hidden),
-        "Parameters: " + ", ".join(
+        f"State: {model.coordinate} [{unit}], velocity [{unit}/s]" + "".join(f", {name}" for name in hidden),
+        "Parameters: "
+        + ", ".join(
             f"{safe} [{model.unit_of(name) or '?'}]"
             for name, safe in zip(law.parameters, parameters, strict=True)
         ),
-    ]  # fmt: skip
+    ]
     return ExportParts(
         parameters=parameters,
         hidden=hidden,
@@ -236,9 +235,7 @@ def c_numbers(numbers: Sequence[float]) -> str:
 
 def _local_variable_lines(parts: ExportParts) -> list[str]:
     """Parameters, hidden states and inputs by their names."""
-    groups = (
-        (parts.parameters, "parameters", 0), (parts.hidden, "state", 2), (parts.inputs, "inputs", 0)
-    )  # fmt: skip
+    groups = ((parts.parameters, "parameters", 0), (parts.hidden, "state", 2), (parts.inputs, "inputs", 0))
     return [
         f"    const double {name} = {array}[{first + k}];\n"
         for names, array, first in groups
@@ -289,8 +286,7 @@ end
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
     """MATLAB and Octave source of a function of that name, which its file must have too."""
     parts = export_parts(model)
-    lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values,
-                                                            strict=True)]  # fmt: skip
+    lines = [f"{name} = {value!r};" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines += [f"{name} = state({3 + k});" for k, name in enumerate(parts.hidden)]
     lines += [f"{name} = inputs({1 + k});" for k, name in enumerate(parts.inputs)]
     return _MATLAB.format(
@@ -378,6 +374,19 @@ def modelica_unit(unit: str) -> str:
 
 
 _UNITS = {
-    "1", "kg", "N", "m", "rad", "s", "1/s", "rad/s", "1/s2", "m/s2", "rad/s2", "1/m", "1/rad",
-    "1/(m.s2)", "1/(m2.s2)",
-}  # fmt: skip
+    "1",
+    "kg",
+    "N",
+    "m",
+    "rad",
+    "s",
+    "1/s",
+    "rad/s",
+    "1/s2",
+    "m/s2",
+    "rad/s2",
+    "1/m",
+    "1/rad",
+    "1/(m.s2)",
+    "1/(m2.s2)",
+}

@@ -100,9 +100,7 @@ def derivatives(record: PistonRecord, method: DerivativeMethod = "savitzky-golay
         If the record has fewer than 20 samples.
     """
     if method not in DERIVATIVE_METHODS:
-        raise InputError(
-            f"derivative = {quote(method)}; give one of {', '.join(DERIVATIVE_METHODS)}"
-        )
+        raise InputError(f"derivative = {quote(method)}; give one of {', '.join(DERIVATIVE_METHODS)}")
     if len(record) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(record)} samples; at least {LEAST_SAMPLES} are needed to "
@@ -143,9 +141,7 @@ _known_noise_gains = functools.lru_cache(maxsize=64)(_noise_gains)
 # Local polynomials -----------------------------------------------------------------------------
 
 
-def _local_polynomials(
-    time: np.ndarray, height: np.ndarray, sigma: float
-) -> tuple[Smoother, float]:
+def _local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     even, step = is_evenly_sampled(time), float(time[-1] - time[0]) / (len(time) - 1)
 
     def smooth(window: int) -> np.ndarray:
@@ -224,9 +220,7 @@ def _polynomials_at_uneven_times(height: np.ndarray, time: np.ndarray, window: i
 # Splines and differences -------------------------------------------------------------------------
 
 
-def _spline_derivatives(
-    time: np.ndarray, height: np.ndarray, sigma: float
-) -> tuple[Smoother, float]:
+def _spline_derivatives(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     # A penalty in steps^3: 10^p smooths over about 10^(p/4) steps.
     low, high = -2.0, 4.0 * np.log10(len(time))
@@ -248,9 +242,7 @@ def _spline_values(height: np.ndarray, time: np.ndarray, penalty: float) -> np.n
     return np.stack([spline(time), spline.derivative()(time), spline.derivative(2)(time)])
 
 
-def _difference_derivatives(
-    time: np.ndarray, height: np.ndarray, sigma: float
-) -> tuple[Smoother, float]:
+def _difference_derivatives(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     return functools.partial(_difference_values, time=time), 2.0 * step
 
@@ -261,9 +253,7 @@ def _difference_values(height: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.stack([height, np.gradient(height, time), np.pad(bends, 1, mode="edge")])
 
 
-def local_cubics(
-    time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int
-) -> np.ndarray:
+def local_cubics(time: np.ndarray, height: np.ndarray, period: float, nodes: np.ndarray | int) -> np.ndarray:
     """Height, velocity, acceleration and time (4, n) of a motion, by a cubic about each time.
 
     ``nodes`` are the times, or how many, over all of the samples. Times without enough samples

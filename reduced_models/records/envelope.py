@@ -151,9 +151,7 @@ def _alternating_extremes(smooth: Derivatives) -> tuple[np.ndarray, np.ndarray, 
     time, height = smooth.time, smooth.height
     noise = smooth.noise
     least = max(_NOISE_TIMES * noise.height, _LEAST_SHARE * float(np.ptp(height)))
-    result = [
-        (k, sign) for sign in (1.0, -1.0) for k in find_peaks(sign * height, prominence=least)[0]
-    ]
+    result = [(k, sign) for sign in (1.0, -1.0) for k in find_peaks(sign * height, prominence=least)[0]]
     indices: list[tuple[int, float]] = []
     for point, sign in sorted(result):
         if indices and indices[-1][1] == sign:

@@ -101,9 +101,7 @@ def interpolate_inputs(
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
-    return np.stack(
-        [_interpolate_columns(time, column, inside, how) for column in columns], axis=-1
-    )
+    return np.stack([_interpolate_columns(time, column, inside, how) for column in columns], axis=-1)
 
 
 class PiecewiseCubics(NamedTuple):

@@ -87,14 +87,13 @@ class Look:
         low, high = record.height.min(), record.height.max()
         lines = [f"read as {self.meaning.form}"]
         for role, name in self.meaning.source.items():
-            lines.append(f"  {role:9} from {sanitize(name) or 'a column without a name'} "
-                         f"[{self.meaning.units[role]}]")  # fmt: skip
+            lines.append(
+                f"  {role:9} from {sanitize(name) or 'a column without a name'} [{self.meaning.units[role]}]"
+            )
         if record.extra:
             lines.append(f"  further   {', '.join(map(sanitize, sorted(record.extra)))}")
         if self.meaning.left_out:
-            lines.append(
-                f"  left out  {', '.join(map(sanitize, self.meaning.left_out))}: no numbers"
-            )
+            lines.append(f"  left out  {', '.join(map(sanitize, self.meaning.left_out))}: no numbers")
         start, stop = record.time[0], record.time[-1]
         lines += [
             f"{len(record)} samples from {start:.4g} to {stop:.4g} s, {self.rate:.4g} a second"
@@ -137,9 +136,14 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
     usual = float(np.median(steps))
     noise = noise_level(record.height, record.time) if len(record) > 8 else 0.0
     return Look(
-        record, meaning, 1.0 / usual, int((steps > GAP * usual).sum()), float(noise),
-        _quantization_step(record.height), end_of_motion(record),
-    )  # fmt: skip
+        record,
+        meaning,
+        1.0 / usual,
+        int((steps > GAP * usual).sum()),
+        float(noise),
+        _quantization_step(record.height),
+        end_of_motion(record),
+    )
 
 
 def _quantization_step(height: np.ndarray) -> float | None:

@@ -9,11 +9,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.release import cut_at_release, is_driven
 from reduced_models.records.sections import free_motions, knock
-from reduced_models.records.sensor_limits import (
-    without_clipped,
-    without_lost,
-    without_noise_behind,
-)
+from reduced_models.records.sensor_limits import without_clipped, without_lost, without_noise_behind
 
 
 def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
@@ -60,8 +56,7 @@ def find_motion(record: PistonRecord, release: int | str | None = None) -> Pisto
         )
     if not 1 <= (number := int(release or 1)) <= len(motions):
         raise RecordError(
-            f"release {number} of a record that holds {len(motions)}; give one from 1 to "
-            f"{len(motions)}"
+            f"release {number} of a record that holds {len(motions)}; give one from 1 to {len(motions)}"
         )
     return _refine(motions[number - 1])
 

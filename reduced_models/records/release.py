@@ -118,8 +118,7 @@ def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     for _ in range(2):  # the longer the hold is known to be, the better its level
         displacement = np.abs(height - level)
         first, last = (
-            int(np.argmax(displacement >= x * displacement.max()))
-            for x in (_RATIO * _LOWEST, _HIGHEST)
+            int(np.argmax(displacement >= x * displacement.max())) for x in (_RATIO * _LOWEST, _HIGHEST)
         )
         level = float(np.median(height[: max(5, first // 2)]))
     together = 2 * (max(last - first, 0) // 8) + 1
@@ -164,9 +163,7 @@ def _crossings(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -
     ):
         return None
     here = [slice(k - 1, k + 1) for k in (left, first, last)]
-    return np.array(
-        [np.interp(x, displacement[k], time[k]) for x, k in zip(levels, here, strict=True)]
-    )
+    return np.array([np.interp(x, displacement[k], time[k]) for x, k in zip(levels, here, strict=True)])
 
 
 def _squared_onset(times: np.ndarray, levels: np.ndarray) -> float:
@@ -187,9 +184,7 @@ def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: flo
     return bool(error <= _SEEN * curvature and result <= max(error, _STRAIGHT * curvature))
 
 
-def _onset_of_motion(
-    time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float
-) -> float:
+def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
     """Moment between two from which on a level best goes over into a cubic motion."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)

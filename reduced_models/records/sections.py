@@ -68,18 +68,14 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
         starts.append(first)
     starts += [_onset(time, small, k, half) for k in anew]
     ends = np.append(time[starts := sorted(set(starts))], time[-1])
-    starts = [
-        k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long
-    ]
+    starts = [k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long]
     if not starts:
         return [total]
     stops = [_stop(time, small, k, half) for k in starts[1:]] + [len(record)]
     if len(starts) > 1 and not _swings(away[: stops[0]], _LARGE * largest):
         starts, stops = starts[1:], stops[1:]
     return [
-        slice(start, stop)
-        for start, stop in zip(starts, stops, strict=True)
-        if stop - start >= LEAST_SAMPLES
+        slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
     ] or [total]
 
 

@@ -21,9 +21,7 @@ Columns = Mapping[str, np.ndarray]
 Setting = float | tuple[float, float] | Literal["free"]
 """A number that is known, that lies between two, or that is to be fitted."""
 
-_DERIVATIVES: dict[str, int] = {
-    "height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2,
-}  # fmt: skip
+_DERIVATIVES: dict[str, int] = {"height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2}
 _SETTINGS = ("gain", "offset", "low_pass", "high_pass", "damping_ratio", "absolute", "column")
 _MOST_ITEMS = 20  # of a line
 
@@ -88,9 +86,7 @@ class Sensor:
             raise InputError("a sensor has one filter: give low_pass or high_pass")
         for name in ("low_pass", "high_pass", "damping_ratio"):
             value = getattr(self, name)
-            if value is not None and not (
-                isinstance(value, int | float) and 0.0 < value < math.inf
-            ):
+            if value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quote(value)}; give a number above 0")
         if self.damping_ratio is not None and self.corner is None:
             raise InputError("damping_ratio is of a filter: give its low_pass or high_pass too")

@@ -84,9 +84,7 @@ def _spikes(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     none = np.zeros(len(height), dtype=bool)
     if len(height) < LEAST_SAMPLES:
         return none
-    about = np.lib.stride_tricks.sliding_window_view(
-        np.pad(height, _WINDOW // 2, mode="reflect"), _WINDOW
-    )
+    about = np.lib.stride_tricks.sliding_window_view(np.pad(height, _WINDOW // 2, mode="reflect"), _WINDOW)
     middle = np.median(about, axis=1)
     away = np.abs(height - middle)
     spread = np.median(np.abs(about - middle[:, None]), axis=1)
@@ -136,8 +134,7 @@ def without_clipped(record: PistonRecord) -> PistonRecord:
     if not at_limit.any() or (~at_limit).sum() < LEAST_SAMPLES:
         return record
     warnings.warn(
-        f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left "
-        f"out; {KEEP}",
+        f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left out; {KEEP}",
         RecordWarning,
         stacklevel=3,
     )

@@ -69,16 +69,13 @@ def prepare_source(
     if isinstance(result, Scene):
         scene = result.replace(**options.changes)
         if scene.piston is None:
-            raise InputError(
-                f"scene {quote(scene.name)} has no piston, so there is nothing to identify"
-            )
+            raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to identify")
         return scene
     _refuse_run_options(options)
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
-            f"the settings of the run in {result.path} lack {', '.join(sorted(missing))}; run the "
-            "scene again"
+            f"the settings of the run in {result.path} lack {', '.join(sorted(missing))}; run the scene again"
         )
     return result
 
@@ -112,9 +109,7 @@ def show_path(path: Path, most: int = 80) -> str:
     return sanitize(path, most)
 
 
-def read_record(
-    path: str | Path, units: Mapping[str, str] | None = None, **said: Any
-) -> PistonRecord:
+def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
     """Motion in a file: what `PistonRecord.from_file` reads, from its release on.
 
     Left out are samples that the sensor lost or clipped, what stands before the release, further
@@ -197,9 +192,7 @@ def _described(path: Path, options: ReadOptions) -> ReadOptions:
     return read_description(path)[1].merge(options) if is_description(path) else options
 
 
-def open_source(
-    source: str | Path, options: ReadOptions | None = None
-) -> Scene | Trajectory | PistonRecord:
+def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
     """Open a path or a scene's name; of a record's file return the motion in it.
 
     Parameters
@@ -230,9 +223,7 @@ def open_source(
             return load_trajectory(path)
         return load_scene(source)
     except OSError as error:
-        raise InputError(
-            f"{show_path(path)} cannot be read: {error.strerror}; check the path"
-        ) from None
+        raise InputError(f"{show_path(path)} cannot be read: {error.strerror}; check the path") from None
 
 
 def is_record_file(path: Path) -> bool:

@@ -65,9 +65,7 @@ def pictures(results: Results) -> Mapping[str, Figure]:
 
 def add_options(item: Parser) -> None:
     """Which cases are run."""
-    item.add_argument(
-        "--systems", metavar="NAME,...", help="of the fourteen, such as 'pendulum,two wells'"
-    )
+    item.add_argument("--systems", metavar="NAME,...", help="of the fourteen, such as 'pendulum,two wells'")
     item.add_argument("--noise", metavar="SHARE,...", help="of 0.001, 0.01, 0.03 and 0.1")
     item.add_argument("--seeds", type=int, metavar="N", help="1 to 5 (5 if not given)")
     item.add_argument("--anew", action="store_true", help="run also what the directory keeps")

@@ -92,17 +92,16 @@ def measured(case: Case) -> dict[str, Any]:
         return result | {"seconds": seconds, "equation": "", "failure": str(error)}
     except Exception as error:
         seconds = time.process_time() - begun
-        return result | {
-            "seconds": seconds,
-            "equation": "",
-            "crash": f"{type(error).__name__}: {error}",
-        }
+        return result | {"seconds": seconds, "equation": "", "crash": f"{type(error).__name__}: {error}"}
     seconds = time.process_time() - begun
     judged = worth(law, system, height_map)
     return result | {
-        "exact": judged.exact, "usable": judged.usable, "error": judged.error,
-        "seconds": seconds, "equation": _text(law, height_map),
-    }  # fmt: skip
+        "exact": judged.exact,
+        "usable": judged.usable,
+        "error": judged.error,
+        "seconds": seconds,
+        "equation": _text(law, height_map),
+    }
 
 
 def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightMap]:

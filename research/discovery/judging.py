@@ -8,13 +8,7 @@ import numpy as np
 
 from reduced_models.discovery.terms import split_terms
 from reduced_models.laws.height_map import HeightMap
-from research.discovery.systems import (
-    System,
-    right_structures,
-    solved,
-    unseen_motion,
-    unseen_push,
-)
+from research.discovery.systems import System, right_structures, solved, unseen_motion, unseen_push
 
 if TYPE_CHECKING:
     import sympy

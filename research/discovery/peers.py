@@ -63,12 +63,7 @@ PYOPERON_TUNED = PYOPERON | {
 }
 """The same with help."""
 _WORDS = ("smoothing", "uncertainty", "model")
-FUNCTIONS = {
-    "trigonometric": "sin,cos",
-    "contact": "fmax",
-    "rational": "pow",
-    "dry friction": "abs",
-}
+FUNCTIONS = {"trigonometric": "sin,cos", "contact": "fmax", "rational": "pow", "dry friction": "abs"}
 """What pyoperon is given more where the library is named."""
 _HELD_OUT = 0.25
 
@@ -165,9 +160,7 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     )
 
 
-def pyoperon_law(
-    record: PistonRecord, system: System, named: bool, seed: int, tuned: bool
-) -> sympy.Expr:
+def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, tuned: bool) -> sympy.Expr:
     """The law that pyoperon finds for the smoothed z'', with the functions of a named library.
 
     ``tuned`` has the window that was tried out, and is told the noise.
@@ -192,14 +185,15 @@ def pyoperon_law(
     settings["objectives"] = list(_OBJECTIVES)
     samples = np.stack(list(inputs.values()), axis=1)
     error = _roughness(a) if tuned else _forest_error(samples, a, seed)
-    search = SymbolicRegressor(
-        **settings, n_threads=1, random_state=seed + 1, uncertainty=[error]
-    ).fit(samples, a)
+    search = SymbolicRegressor(**settings, n_threads=1, random_state=seed + 1, uncertainty=[error]).fit(
+        samples, a
+    )
     text = search.get_model_string(search.model_, 12, list(inputs))
     _, slope, _ = state_symbols()
     named_symbols = {item.name: item for item in state_symbols()} | {
-        "speed": sympy.Abs(slope), "direction": sympy.sign(slope),
-    }  # fmt: skip
+        "speed": sympy.Abs(slope),
+        "direction": sympy.sign(slope),
+    }
     return algebra.sympy_expression(parse(text, multiplied=False), named_symbols)
 
 

@@ -77,9 +77,7 @@ class Results:
         return {
             "made": dict(self.made),
             "setting": {
-                "systems": {
-                    item.name: {"law": item.law, "library": item.library} for item in SYSTEMS
-                },
+                "systems": {item.name: {"law": item.law, "library": item.library} for item in SYSTEMS},
                 "record": f"{SAMPLES} samples over {DURATION:g} s",
                 "PySINDy": PYSINDY,
                 "pyoperon": {**PYOPERON, "more where the library is named": FUNCTIONS},

@@ -68,9 +68,7 @@ def discovery(
         for case in cases:
             cache.path(case.key).unlink(missing_ok=True)
     try:
-        rows = kept_rows(
-            cases, lambda case: case.key, _measured, cache, what="searches", progress=progress
-        )
+        rows = kept_rows(cases, lambda case: case.key, _measured, cache, what="searches", progress=progress)
     finally:
         if out is not None and cache is not None:
             result = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))

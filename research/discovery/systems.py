@@ -67,43 +67,38 @@ class System(NamedTuple):
         return "z'' = " + " ".join(f"{value:+g}*{term}" for term, value in self.terms.items())
 
 
-_BILINEAR = (
-    frozenset({"z'", "z", "max(0, -z)"}),
-    frozenset({"z'", "max(0, z)", "max(0, -z)"}),
-)
+_BILINEAR = (frozenset({"z'", "z", "max(0, -z)"}), frozenset({"z'", "max(0, z)", "max(0, -z)"}))
 
 SYSTEMS = (
     System("linear", {"z": -1.1, "z'": -0.1}, "polynomial", 1.0, (0.3, 0.7)),
-    System(
-        "van der Pol", {"z": -1.0, "z'": 0.5, "z**2*z'": -0.5}, "polynomial", 0.5, (1.5, 0.5)
-    ),
-    System(
-        "hard Duffing", {"z": -1.0, "z**3": -0.5, "z'": -0.1}, "polynomial", 1.5, (-1.2, 0.3)
-    ),
-    System(
-        "soft Duffing", {"z": -1.0, "z**3": 0.3, "z'": -0.05}, "polynomial", 1.3, (-1.0, 0.3)
-    ),
+    System("van der Pol", {"z": -1.0, "z'": 0.5, "z**2*z'": -0.5}, "polynomial", 0.5, (1.5, 0.5)),
+    System("hard Duffing", {"z": -1.0, "z**3": -0.5, "z'": -0.1}, "polynomial", 1.5, (-1.2, 0.3)),
+    System("soft Duffing", {"z": -1.0, "z**3": 0.3, "z'": -0.05}, "polynomial", 1.3, (-1.0, 0.3)),
     System("two wells", {"z": 1.0, "z**3": -1.0, "z'": -0.1}, "polynomial", 1.8, (0.4, 0.0)),
     System("pendulum", {"sin(z)": -2.0, "z'": -0.15}, "trigonometric", 2.5, (-2.0, 0.5)),
     System("cubic drag", {"z": -1.0, "z'**3": -0.1}, "polynomial", 1.5, (1.0, 0.8)),
     System("quadratic drag", {"z": -1.0, "abs(z')*z'": -0.1}, "dry friction", 1.5, (1.0, 0.8)),
     System("Coulomb friction", {"z": -1.0, "sign(z')": -0.04}, "dry friction", 1.5, (1.0, 0.8)),
     System("quintic spring", {"z": -1.0, "z**5": -0.5, "z'": -0.1}, "polynomial", 1.3, (-1.1, 0.3)),
+    System("power-law spring", {"1": -1.0, "z**-2.5": 1.0, "z'": -0.1}, "rational", 1.8, (0.75, 0.2)),
     System(
-        "power-law spring", {"1": -1.0, "z**-2.5": 1.0, "z'": -0.1}, "rational", 1.8, (0.75, 0.2)
-    ),
-    System(
-        "bilinear spring", {"z": -1.0, "max(0, z)": -1.5, "z'": -0.05}, "contact", 1.0, (0.5, 0.6),
+        "bilinear spring",
+        {"z": -1.0, "max(0, z)": -1.5, "z'": -0.05},
+        "contact",
+        1.0,
+        (0.5, 0.6),
         same=_BILINEAR,
     ),
+    System("parametric", {"z": -1.0, "z*u": -0.4, "z'": -0.1}, "driven", 1.0, (0.6, 0.6), driven=True),
     System(
-        "parametric", {"z": -1.0, "z*u": -0.4, "z'": -0.1}, "driven", 1.0, (0.6, 0.6), driven=True
+        "driven Duffing",
+        {"z": -1.0, "z**3": -0.5, "z'": -0.1, "u": 0.5},
+        "driven",
+        0.0,
+        (0.5, -0.5),
+        driven=True,
     ),
-    System(
-        "driven Duffing", {"z": -1.0, "z**3": -0.5, "z'": -0.1, "u": 0.5}, "driven", 0.0,
-        (0.5, -0.5), driven=True,
-    ),
-)  # fmt: skip
+)
 
 
 def system_named(name: str) -> System:
@@ -178,10 +173,7 @@ def unseen_push(time: np.ndarray) -> np.ndarray:
 
 
 def solved(
-    law: sympy.Expr,
-    time: np.ndarray,
-    start: tuple[float, float],
-    drive: Callable[[np.ndarray], np.ndarray],
+    law: sympy.Expr, time: np.ndarray, start: tuple[float, float], drive: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Heights (n,) of a law's motion; NaN from where it runs away, or takes too long to solve."""
     import sympy
@@ -203,9 +195,8 @@ def solved(
     result = np.full(len(time), np.nan)
     try:
         motion = solve_ivp(
-            rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10,
-            max_step=_SLOWLY,
-        )  # fmt: skip
+            rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10, max_step=_SLOWLY
+        )
     except (FloatingPointError, OverflowError, ValueError, ZeroDivisionError, TypeError):
         return result
     result[: len(motion.t)] = motion.y[0]

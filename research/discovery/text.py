@@ -25,19 +25,23 @@ _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 def text(result: Results) -> str:
     """Both tables, and what they say."""
-    return "\n\n".join(
-        (rates_table(result).text(), systems_table(result).text(), words(result), settings())
-    )
+    return "\n\n".join((rates_table(result).text(), systems_table(result).text(), words(result), settings()))
 
 
 def markdown(result: Results) -> str:
     """The same for a page."""
     made = result.made
-    parts = [words(result), markdown_of(rates_table(result)), systems_words(), markdown_of(
-        systems_table(result)), settings()]  # fmt: skip
+    parts = [
+        words(result),
+        markdown_of(rates_table(result)),
+        systems_words(),
+        markdown_of(systems_table(result)),
+        settings(),
+    ]
     if made:
-        parts.append(f"Made by `{made.get('command', '')}` on {made.get('date', '')}, "
-                     f"{made.get('processor', '')}.")  # fmt: skip
+        parts.append(
+            f"Made by `{made.get('command', '')}` on {made.get('date', '')}, {made.get('processor', '')}."
+        )
     return "\n\n".join(parts)
 
 
@@ -55,11 +59,15 @@ def rates_table(result: Results) -> TextTable:
             rates = [result.rate(method, library, noise) for method in METHODS]
             if not any(rate.run for rate in rates):
                 continue
-            rows.append([
-                f"{100 * noise:g} %", library, *map(rate_words, rates),
-                NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
-                ", ".join("—" if item.seconds is None else f"{item.seconds:.2g}" for item in rates),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    f"{100 * noise:g} %",
+                    library,
+                    *map(rate_words, rates),
+                    NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
+                    ", ".join("—" if item.seconds is None else f"{item.seconds:.2g}" for item in rates),
+                ]
+            )
     return text_table(header, rows)
 
 
@@ -140,5 +148,8 @@ def _setting(result: Mapping[str, object]) -> str:
 
 
 def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, Sequence) and not isinstance(
-        value, str) else str(value)  # fmt: skip
+    return (
+        ", ".join(map(str, value))
+        if isinstance(value, Sequence) and not isinstance(value, str)
+        else str(value)
+    )

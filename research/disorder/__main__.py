@@ -22,8 +22,10 @@ def run(options: Any) -> Results:
     """Results of the questions that are asked."""
     return run_studies(
         tuple(STUDIES) if options.question is None else (options.question,),
-        Path(options.out), quick=options.quick, progress=not options.quiet,
-    )  # fmt: skip
+        Path(options.out),
+        quick=options.quick,
+        progress=not options.quiet,
+    )
 
 
 def show(options: Any) -> Results:
@@ -55,10 +57,12 @@ def pictures(results: Results) -> Mapping[str, Figure]:
 def add_options(item: Parser) -> None:
     """The question, all of them if none is given."""
     item.add_argument(
-        "question", nargs="?", choices=tuple(STUDIES),
+        "question",
+        nargs="?",
+        choices=tuple(STUDIES),
         help="what temperature is; forces at defects; the plastic strain that dislocations carry "
         "(all if not given)",
-    )  # fmt: skip
+    )
 
 
 CAMPAIGN: Campaign[Results] = Campaign(

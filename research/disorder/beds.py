@@ -70,9 +70,19 @@ class Bed(NamedTuple):
 
 
 _SHAKEN = (
-    (20.0, 1.0), (20.0, 1.6), (20.0, 2.4), (40.0, 0.4), (40.0, 0.8), (40.0, 1.4),
-    (60.0, 0.4), (60.0, 0.7), (60.0, 1.2), (100.0, 0.2), (100.0, 0.35), (100.0, 0.6),
-)  # fmt: skip
+    (20.0, 1.0),
+    (20.0, 1.6),
+    (20.0, 2.4),
+    (40.0, 0.4),
+    (40.0, 0.8),
+    (40.0, 1.4),
+    (60.0, 0.4),
+    (60.0, 0.7),
+    (60.0, 1.2),
+    (100.0, 0.2),
+    (100.0, 0.35),
+    (100.0, 0.6),
+)
 _BATHS = (0.01, 0.03, 0.06, 0.09, 0.12, 0.16, 0.22, 0.35)
 _SPEEDS = (5.0, 20.0, 80.0)
 
@@ -82,9 +92,7 @@ def all_beds() -> list[Bed]:
     beds: list[tuple[str, float, float, float]] = []
     for k, fraction in enumerate(_BATHS):
         beds.append(("bath", PACKINGS[k % 3], fraction, 5.0))
-    beds += [
-        ("bath", PACKINGS[(k + 1) % 3], fraction, 5.0) for k, fraction in enumerate(_BATHS[1::2])
-    ]
+    beds += [("bath", PACKINGS[(k + 1) % 3], fraction, 5.0) for k, fraction in enumerate(_BATHS[1::2])]
     beds += [("shaken", PACKINGS[k % 2], *item) for k, item in enumerate(_SHAKEN)]
     beds += [
         ("compressed", packing, speed, drag)
@@ -148,10 +156,9 @@ def _protocol(bed: Bed) -> list[dict[str, Any]]:
     return [
         {"name": "settle", "kind": "hold", "duration": SETTLE},
         {"name": "measure", "kind": "hold", "duration": MEASURE},
-        {"name": "step", "kind": "move", "to": _diameters(bed.height * (1.0 - LOWERED)),
-         "duration": STEP},
+        {"name": "step", "kind": "move", "to": _diameters(bed.height * (1.0 - LOWERED)), "duration": STEP},
         {"name": "after", "kind": "hold", "duration": AFTER + MEASURE},
-    ]  # fmt: skip
+    ]
 
 
 def _diameters(number: float) -> str:

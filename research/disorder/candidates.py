@@ -72,7 +72,8 @@ def measured(run: Trajectory) -> dict[str, float]:
         "kinetic": np.mean([kinetic_temperature(v, masses) for v in velocities]) / energy,
         "local kinetic": np.mean(
             [local_kinetic_temperature(*p, masses) for p in zip(velocities, cells, strict=True)]
-        ) / energy,
+        )
+        / energy,
         "configurational": configurational_temperature(run.scene, places, heights, forces) / energy,
         "piston": _piston_temperature(run, window, places, heights) / energy,
         **_shaking(run, spacing, energy),
@@ -81,15 +82,15 @@ def measured(run: Trajectory) -> dict[str, float]:
         "defects": np.mean([np.mean(item.sides[item.interior] != 6) for item in cells]),
         "psi6": np.mean([psi6(*item) for item in zip(places, cells, strict=True)]),
         "lindemann": _lindemann(places, times[chosen], masses, spacing, energy),
-        "spacing": spacing, "pair energy": energy,
-        "force": _within(run, window)[1].mean(), "closest": _closest(places) / diameter,
-    }  # fmt: skip
+        "spacing": spacing,
+        "pair energy": energy,
+        "force": _within(run, window)[1].mean(),
+        "closest": _closest(places) / diameter,
+    }
     return {name: float(value) for name, value in result.items()}
 
 
-def local_kinetic_temperature(
-    velocities: np.ndarray, cells: VoronoiCells, masses: np.ndarray
-) -> float:
+def local_kinetic_temperature(velocities: np.ndarray, cells: VoronoiCells, masses: np.ndarray) -> float:
     """(1/2) <m |v_i - V_i|^2/(1 + 1/k_i)> with V_i the mean over the k_i neighbours of i [J].
 
     Motion that neighbours share is no heat here; independent velocities of one temperature give
@@ -134,9 +135,7 @@ def _piston_temperature(
     time, force, height = _within(run, window)
     shaking = run.scene.effects.shaking
     moves = np.ptp(height) > 0.0
-    left = without_drive(
-        time, force, None if shaking is None else shaking.frequency, _BENT if moves else 1
-    )
+    left = without_drive(time, force, None if shaking is None else shaking.frequency, _BENT if moves else 1)
     if moves:
         response = float(np.polyfit(height, force, 1)[0])
     else:

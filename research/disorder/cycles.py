@@ -54,8 +54,9 @@ def annealing_scene(count: int, seed: int) -> Scene:
         "effects.drag": None,
         "effects.bath": {"temperature": WARM * _UNIT, "rate": 5.0, "seed": seed},
         "protocol": [{"name": "anneal", "kind": "hold", "duration": ANNEAL}],
-        "output.frames": ANNEAL, "output.scalars": 0.05,
-    }  # fmt: skip
+        "output.frames": ANNEAL,
+        "output.scalars": 0.05,
+    }
     return _bed(count, seed).replace(**changes)
 
 
@@ -69,12 +70,12 @@ def cycle_scene(count: int, seed: int, annealed: Trajectory) -> Scene:
         "arrangement": {"positions": places.tolist()},
         "protocol": [
             {"name": "cool", "kind": "hold", "duration": COOL},
-            {"name": "compress", "kind": "move", "to": _diameters(height * (1.0 - STROKE)),
-             "duration": half},
+            {"name": "compress", "kind": "move", "to": _diameters(height * (1.0 - STROKE)), "duration": half},
             {"name": "expand", "kind": "move", "to": _diameters(height), "duration": half},
         ],
-        "output.frames": FRAMES, "output.scalars": FRAMES,
-    }  # fmt: skip
+        "output.frames": FRAMES,
+        "output.scalars": FRAMES,
+    }
     return _bed(count, seed).replace(**changes)
 
 
@@ -160,9 +161,13 @@ def cycle_row(case: tuple[int, int]) -> Row:
     }
     plain = {name: np.round(values, 5).tolist() for name, values in series.items()}
     return {
-        "grains": count, "seed": seed, "conserved": slip.conserved, "tracks": len(slip.tracks),
-        "climb": round(float(areal_strain(slip.total)[-1]), 5), **plain,
-    }  # fmt: skip
+        "grains": count,
+        "seed": seed,
+        "conserved": slip.conserved,
+        "tracks": len(slip.tracks),
+        "climb": round(float(areal_strain(slip.total)[-1]), 5),
+        **plain,
+    }
 
 
 def _carried(slip: Slip, shown: np.ndarray) -> dict[str, np.ndarray]:

@@ -136,8 +136,7 @@ def collapse(
     tail = 0.5 * (1.0 - LEVEL)
     low, high = np.quantile(again, [tail, 1.0 - tail], axis=0)
     chance = np.quantile(shuffled, LEVEL, axis=0)
-    figures = [Figure(*map(float, item))
-               for item in zip(_both(x, y, owner), low, high, chance, strict=True)]  # fmt: skip
+    figures = [Figure(*map(float, item)) for item in zip(_both(x, y, owner), low, high, chance, strict=True)]
     return Collapse(*figures)
 
 

@@ -47,9 +47,12 @@ def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 
 def carried(
-    rows: Sequence[Mapping[str, Any]], parts: Sequence[str], of: str = "plastic",
-    window: int = WINDOW, seed: int = 1,
-) -> Carried:  # fmt: skip
+    rows: Sequence[Mapping[str, Any]],
+    parts: Sequence[str],
+    of: str = "plastic",
+    window: int = WINDOW,
+    seed: int = 1,
+) -> Carried:
     """The slope over the starts of a size.
 
     Parameters

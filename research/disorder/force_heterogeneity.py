@@ -63,9 +63,7 @@ def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
     return ForceField(*(np.array(item) for item in zip(*rows, strict=True)))
 
 
-def _of_frame(
-    places: np.ndarray, forces: np.ndarray, width: float, height: float
-) -> tuple[np.ndarray, ...]:
+def _of_frame(places: np.ndarray, forces: np.ndarray, width: float, height: float) -> tuple[np.ndarray, ...]:
     cells = voronoi_cells(places)
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * cells.area[cells.interior].mean())
     x, y = places.T

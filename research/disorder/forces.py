@@ -62,8 +62,9 @@ def force_scene(kind: str, seed: int) -> Scene:
         "piston.height": f"{begun!r} D",
         "arrangement.height": f"{begun - 1.0!r} D",
         "arrangement.seed": seed,
-        "output.frames": FRAMES, "output.scalars": FRAMES,
-    }  # fmt: skip
+        "output.frames": FRAMES,
+        "output.scalars": FRAMES,
+    }
     stages: list[dict[str, Any]] = [{"name": "settle", "kind": "hold", "duration": SETTLE}]
     if kind == "compressed":
         stages.append({"name": "press", "kind": "move", "to": f"{height!r} D", "speed": SPEED})
@@ -105,9 +106,7 @@ def of_field(field: ForceField, seed: int = 1) -> Row:
     known = field.depth >= 0
     odd = known & (field.sides != 6)
     random = np.random.default_rng(seed)
-    by_chance = [
-        over_others(field, field.unevenness, shuffle(field, odd, random)) for _ in range(SHUFFLES)
-    ]
+    by_chance = [over_others(field, field.unevenness, shuffle(field, odd, random)) for _ in range(SHUFFLES)]
     events = arrivals(field)
     calm = field.shell == SHELLS
     return {
@@ -118,14 +117,13 @@ def of_field(field: ForceField, seed: int = 1) -> Row:
         "force 5": over_others(field, field.force, known & (field.sides == 5)),
         "force 7": over_others(field, field.force, known & (field.sides == 7)),
         "shells": [
-            over_others(_among(field, calm | (field.shell == k)), field.unevenness,
-                        field.shell == k)
+            over_others(_among(field, calm | (field.shell == k)), field.unevenness, field.shell == k)
             for k in range(SHELLS)
         ],
         "arrivals": len(events),
         "uneven about": about_arrivals(field, field.unevenness, events).tolist(),
         "force about": about_arrivals(field, field.force, events).tolist(),
-    }  # fmt: skip
+    }
 
 
 def _among(field: ForceField, chosen: np.ndarray) -> ForceField:
@@ -153,6 +151,4 @@ def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, 
         "at": slice(QUIET, QUIET + 2),
         "after": slice(QUIET + QUIET // 2 + 1, 2 * QUIET + 1),
     }
-    return {
-        word: interval(table[:, duration].mean(axis=1).tolist()) for word, duration in spans.items()
-    }
+    return {word: interval(table[:, duration].mean(axis=1).tolist()) for word, duration in spans.items()}

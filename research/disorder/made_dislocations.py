@@ -10,12 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from granular.observables.plasticity import (
-    interior_grains,
-    plastic_distortion,
-    swept_area,
-    uniaxial_strain,
-)
+from granular.observables.plasticity import interior_grains, plastic_distortion, swept_area, uniaxial_strain
 from granular.observables.voronoi import voronoi_cells
 
 ROWS = {184: 9, 368: 12}

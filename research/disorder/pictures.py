@@ -34,8 +34,14 @@ def temperature_picture(rows: Sequence[Row]) -> Any:
             for axes, name in zip(line, SHOWN, strict=False):
                 for k, group in enumerate(GROUPS):
                     some = [row for row in rows if row["group"] == group]
-                    axes.plot(*_shown(some, name, order), _MARKS[group], color=COLOURS[k],
-                              markersize=4.0, fillstyle="none", label=group)  # fmt: skip
+                    axes.plot(
+                        *_shown(some, name, order),
+                        _MARKS[group],
+                        color=COLOURS[k],
+                        markersize=4.0,
+                        fillstyle="none",
+                        label=group,
+                    )
                 axes.axvline(MELTING, color=GREY, linestyle=":")
                 axes.set(xscale="log", xlim=(0.7 * _LEAST, 2.0))
             line[0].set_ylabel(textwrap.fill(words, 24))
@@ -65,8 +71,14 @@ def _skills(axes: Any, judged: Sequence[Any], order: str, *, last: bool) -> None
             item = result[name, order].skill
             at = len(CANDIDATES) - index + aside
             axes.plot([max(item.low, -1.0), item.high], [at, at], color=colour, linewidth=1.2)
-            axes.plot(max(item.value, -1.0), at, mark, color=colour, markersize=3.5,
-                      label=words if index == 0 else None)  # fmt: skip
+            axes.plot(
+                max(item.value, -1.0),
+                at,
+                mark,
+                color=colour,
+                markersize=3.5,
+                label=words if index == 0 else None,
+            )
     axes.set(xlim=(-1.05, 1.0), yticks=range(len(CANDIDATES), 0, -1))
     axes.set_yticklabels(CANDIDATES, fontsize=8)
     axes.axvline(0.0, color="black", linewidth=0.8)
@@ -100,14 +112,19 @@ def forces_picture(forces: Sequence[Row], cycles: Sequence[Row]) -> Any:
 def _shells(axes: Any, rows: Sequence[Row], kind: str, colour: str) -> None:
     result = [interval(list(some)) for some in zip(*(row["shells"] for row in rows), strict=True)]
     values = np.array(result)
-    axes.errorbar(range(len(values)), values[:, 0],
-                  [values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]], fmt="o-",
-                  color=colour, label=f"{kind}, {len(rows)} beds", markersize=4.0)  # fmt: skip
+    axes.errorbar(
+        range(len(values)),
+        values[:, 0],
+        [values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]],
+        fmt="o-",
+        color=colour,
+        label=f"{kind}, {len(rows)} beds",
+        markersize=4.0,
+    )
 
 
 def _about(axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, style: str) -> None:
-    result = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows),
-                                                           strict=True)])  # fmt: skip
+    result = np.array([interval(list(some)) for some in zip(*(row[name] for row in rows), strict=True)])
     time = 1e3 * FRAMES * np.arange(-QUIET, QUIET + 1)
     axes.plot(time, result[:, 0], style, color=colour, label=words)
     axes.fill_between(time, result[:, 1], result[:, 2], color=colour, alpha=0.2, linewidth=0)
@@ -116,12 +133,18 @@ def _about(axes: Any, rows: Sequence[Row], name: str, words: str, colour: str, s
 def _cycle(axes: Any, rows: Sequence[Row]) -> None:
     row = max(rows, key=lambda item: (item["grains"], -item["seed"]))
     lines = {
-        "bed, by its bonds": ("plastic",), "bed, by the law": ("law",),
+        "bed, by its bonds": ("plastic",),
+        "bed, by the law": ("law",),
         **{f"dislocations, {item}": PARTS[item] for item in ("followed", "to the rim")},
-    }  # fmt: skip
+    }
     for k, (words, parts) in enumerate(lines.items()):
-        axes.plot(row["driven"], sum(np.array(row[part]) for part in parts), color=COLOURS[k],
-                  linewidth=2.2 if k < 2 else 1.0, label=words)  # fmt: skip
+        axes.plot(
+            row["driven"],
+            sum(np.array(row[part]) for part in parts),
+            color=COLOURS[k],
+            linewidth=2.2 if k < 2 else 1.0,
+            label=words,
+        )
     axes.set(xlabel="strain by the piston", ylabel="plastic strain, yy less xx")
     axes.set_title(f"one cycle of {row['grains']} grains", fontsize=10)
 
@@ -138,5 +161,7 @@ def _slopes(axes: Any, rows: Sequence[Row]) -> None:
         axes.fill_between(ends, item.low * ends, item.high * ends, color=COLOURS[k], alpha=0.2)
     axes.plot(ends, ends, color="black", linewidth=0.8, label="all of it")
     duration = WINDOW * KEPT * FRAMES_OF_CYCLE
-    axes.set(xlabel=f"plastic strain of the bonds in {duration:g} s",
-             ylabel="of the dislocations that were followed")  # fmt: skip
+    axes.set(
+        xlabel=f"plastic strain of the bonds in {duration:g} s",
+        ylabel="of the dislocations that were followed",
+    )

@@ -7,15 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.result_cache import ResultCache
-from research.campaign import (
-    RESULTS,
-    Plain,
-    kept_rows,
-    made_now,
-    read_results,
-    rounded,
-    write_results,
-)
+from research.campaign import RESULTS, Plain, kept_rows, made_now, read_results, rounded, write_results
 from research.disorder.beds import all_beds
 from research.disorder.cycles import SIZES, cycle_key, cycle_row
 from research.disorder.forces import KINDS, STARTS, force_key, force_row
@@ -44,9 +36,11 @@ STUDIES: Mapping[str, Study] = {
     ),
     "slip": Study(
         [(count, seed + 1) for count, starts in SIZES.items() for seed in range(starts)],
-        cycle_key, cycle_row, 16,
+        cycle_key,
+        cycle_row,
+        16,
     ),
-}  # fmt: skip
+}
 
 
 def run_studies(
@@ -63,9 +57,13 @@ def run_studies(
     for question in questions:
         study = STUDIES[question]
         rows = kept_rows(
-            study.cases[:: study.quick if quick else 1], study.key, study.row,
-            ResultCache(out / question), what=question, progress=progress,
-        )  # fmt: skip
+            study.cases[:: study.quick if quick else 1],
+            study.key,
+            study.row,
+            ResultCache(out / question),
+            what=question,
+            progress=progress,
+        )
         command = f"python -m research.disorder {question} {'--quick' if quick else '--full'}"
         result[question] = {"made": made_now(command), "rows": rounded(rows, DIGITS)}
     write_results({**read_results(out / RESULTS, from_plain, {}), **result}, out / RESULTS)
@@ -74,9 +72,7 @@ def run_studies(
 
 def from_plain(plain: Any) -> Results:
     """Results from what a file holds."""
-    return {
-        name: {"made": item["made"], "rows": list(item["rows"])} for name, item in plain.items()
-    }
+    return {name: {"made": item["made"], "rows": list(item["rows"])} for name, item in plain.items()}
 
 
 def is_whole(question: str, rows: Sequence[Plain]) -> bool:

@@ -38,8 +38,7 @@ def temperature_text(rows: Sequence[Row]) -> str:
         f"|---|{'---|' * (2 * len(heads))}",
     ]
     for name, words in CANDIDATES.items():
-        cells = [_interval(judged[name, order].skill)
-                 for judged in (every, moving) for order in ORDERS]  # fmt: skip
+        cells = [_interval(judged[name, order].skill) for judged in (every, moving) for order in ORDERS]
         lines.append(f"| {words} | {' | '.join(cells)} |")
     chance = max(item.skill.chance for judged in (every, moving) for item in judged.values())
     words = (
@@ -75,8 +74,7 @@ def _thermometers(rows: Sequence[Row]) -> str:
         told.append(f"{name} {np.mean(ratios):.3f} ± {np.std(ratios, ddof=1):.3f}")
     apart = []
     for name in THERMOMETERS[1:]:
-        low, middle, high = np.quantile([row[name] / row["kinetic"] for row in shaken],
-                                        [0.1, 0.5, 0.9])  # fmt: skip
+        low, middle, high = np.quantile([row[name] / row["kinetic"] for row in shaken], [0.1, 0.5, 0.9])
         apart.append(f"{name} {middle:.2f} ({low:.2f} to {high:.2f})")
     return (
         f"Over the bath's own temperature they read, over {len(bath)} beds: {', '.join(told)}. "
@@ -91,8 +89,9 @@ def _frozen(rows: Sequence[Row]) -> str:
     cold = [row for row in rows if row["group"] == "bath" and row["first"] <= 0.03]
     spans = [
         f"{100 * min(row['defects'] for row in some):.0f} to "
-        f"{100 * max(row['defects'] for row in some):.0f} %" for some in (settled, cold)
-    ]  # fmt: skip
+        f"{100 * max(row['defects'] for row in some):.0f} %"
+        for some in (settled, cold)
+    ]
     low, high = (end([row["configurational"] for row in settled]) for end in (min, max))
     return (
         f"Settled beds hold {spans[0]} of defects at a configurational temperature of {low:.2g} to "
@@ -108,9 +107,7 @@ def forces_text(rows: Sequence[Row]) -> str:
     """Ratios at defects, and what comes before and after their arrival."""
     columns = [_forces_of([row for row in rows if row["kind"] == kind]) for kind in KINDS]
     lines = [f"| | {' | '.join(f'{kind} beds' for kind in KINDS)} |", f"|---|{'---|' * len(KINDS)}"]
-    lines += [
-        f"| {words} | {' | '.join(column[words] for column in columns)} |" for words in columns[0]
-    ]
+    lines += [f"| {words} | {' | '.join(column[words] for column in columns)} |" for words in columns[0]]
     return "\n".join(lines)
 
 
@@ -136,8 +133,7 @@ def _forces_of(rows: Sequence[Row]) -> dict[str, str]:
 
 _STEP = 1e3 * FRAMES
 _WHEN = {
-    "before": f"{QUIET * _STEP:.0f} to {(QUIET // 2 + 1) * _STEP:.0f} ms "
-    "before an arrival, over calm grains",
+    "before": f"{QUIET * _STEP:.0f} to {(QUIET // 2 + 1) * _STEP:.0f} ms before an arrival, over calm grains",
     "just before": f"in the {2 * _STEP:.0f} ms before",
     "at": "at the arrival",
     "after": f"{(QUIET // 2 + 1) * _STEP:.0f} to {QUIET * _STEP:.0f} ms after",
@@ -173,9 +169,9 @@ _STRAINS = {"plastic": "of the bonds' strain", "law": "of the law's"}
 def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> str:
     most = max(of_size)
     beds_of = " and ".join(
-        f"{sum(row['grains'] == size for row in rows)} starts of {size} grains ({len(some)} "
-        "different beds)" for size, some in of_size.items()
-    )  # fmt: skip
+        f"{sum(row['grains'] == size for row in rows)} starts of {size} grains ({len(some)} different beds)"
+        for size, some in of_size.items()
+    )
     slopes = [carried(of_size[most], ("moves",), window=item).slope for item in (1, 2, 5, 10, 25)]
     left = [carried(some, ("moves",)).left for some in of_size.values()]
     law = [carried(some, ("law",)) for some in of_size.values()]
@@ -197,9 +193,7 @@ def _slip_words(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> st
 
 
 def _over(result: Carried, fraction: float) -> str:
-    return (
-        f"{result.slope / fraction:.2f} [{result.low / fraction:.2f}, {result.high / fraction:.2f}]"
-    )
+    return f"{result.slope / fraction:.2f} [{result.low / fraction:.2f}, {result.high / fraction:.2f}]"
 
 
 def _carried(result: Carried) -> str:
@@ -215,17 +209,20 @@ def _words(names: Sequence[str]) -> str:
 
 
 TEXTS: Mapping[str, Callable[[Sequence[Row]], str]] = {
-    "temperature": temperature_text, "forces": forces_text, "slip": slip_text,
-}  # fmt: skip
+    "temperature": temperature_text,
+    "forces": forces_text,
+    "slip": slip_text,
+}
 
 
 def text(results: Results) -> str:
     """Tables and words of each question; of one that is not run whole, how many beds are."""
     return "\n\n".join(
-        TEXTS[question](item["rows"]) if is_whole(question, item["rows"])
+        TEXTS[question](item["rows"])
+        if is_whole(question, item["rows"])
         else f"{question}: {len(item['rows'])} of {len(STUDIES[question].cases)} beds are run"
         for question, item in results.items()
-    )  # fmt: skip
+    )
 
 
 def summary(results: Results) -> dict[str, Any]:

@@ -95,14 +95,10 @@ def mode_squares(
         Wave vectors [1/m].
     """
     phase = np.exp(-1j * sites @ vectors.T) / math.sqrt(len(sites))
-    modes = np.array([
-        phase[item.site].T @ (item.moved - item.moved.mean(axis=0)) for item in result
-    ])  # fmt: skip
+    modes = np.array([phase[item.site].T @ (item.moved - item.moved.mean(axis=0)) for item in result])
     along = vectors / np.hypot(*vectors.T)[:, None]
     across = along[:, ::-1] * [-1.0, 1.0]
-    first, second = (
-        np.abs(np.einsum("fmk,mk->fm", modes, way)) ** 2 for way in (along, across)
-    )  # fmt: skip
+    first, second = (np.abs(np.einsum("fmk,mk->fm", modes, way)) ** 2 for way in (along, across))
     return first, second
 
 
@@ -163,9 +159,8 @@ def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
 
 
 def lindemann(
-    frames: np.ndarray, periods: tuple[float, float], spacing: float, lags: np.ndarray,
-    every: int = 10,
-) -> np.ndarray:  # fmt: skip
+    frames: np.ndarray, periods: tuple[float, float], spacing: float, lags: np.ndarray, every: int = 10
+) -> np.ndarray:
     """Dynamic Lindemann parameter <|du_i - du_j|^2>/(2 a^2) over neighbours, float (k,).
 
     As `granular.observables.lindemann_parameter`, in a periodic cell.

@@ -36,13 +36,13 @@ FORM = 2
 QUICK = Plan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
 FULL = Plan(
     (60.0, 64.0, 66.0, 67.0, 68.0, 68.25, 68.5, 68.75, 69.0, 70.0, 71.0, 72.0, 75.0, 80.0, 100.0),
-    64, 50.0, 100.0,
-)  # fmt: skip
+    64,
+    50.0,
+    100.0,
+)
 
 
-def run_plan(
-    plan: Plan, directory: Path, *, workers: int = 1, progress: bool = True
-) -> list[dict[str, Any]]:
+def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = True) -> list[dict[str, Any]]:
     """Figures of every layer, in the plan's order; those in the directory are found again.
 
     Parameters
@@ -88,9 +88,14 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
     kept = cache.read(f"{key}-{FORM}")
     if kept is None:
         run = simulate(
-            item.scene, t_end=plan.settling + plan.measured, dt=STEP, threads=1,
-            out=directory / "runs" / key, resume=True, progress=False,
-        )  # fmt: skip
+            item.scene,
+            t_end=plan.settling + plan.measured,
+            dt=STEP,
+            threads=1,
+            out=directory / "runs" / key,
+            resume=True,
+            progress=False,
+        )
         kept = figures(item, run, plan.settling)
         make_directory(cache.directory)
         cache.keep(f"{key}-{FORM}", kept)

@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.observables.temperature import configurational_temperature
-from research.melting.displacements import (
-    LONGEST_WAVE,
-    lindemann,
-    mode_squares,
-    on_sites,
-    plateau,
-    waves,
-)
+from research.melting.displacements import LONGEST_WAVE, lindemann, mode_squares, on_sites, plateau, waves
 from research.melting.neighbours import bond_order, correlation, neighbours
 from research.melting.scenes import Layer
 
@@ -82,9 +75,7 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
         "waves": (vectors * a).tolist(),
         "along": _block_means(along / a**2),
         "across": _block_means(across / a**2),
-        "translation": [
-            float(np.mean([item.order for item in block])) for block in _blocks(result)
-        ],
+        "translation": [float(np.mean([item.order for item in block])) for block in _blocks(result)],
         "plateau": plateau(result[::EVERY], sites, periods, a),
     }
 

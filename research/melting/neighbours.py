@@ -76,9 +76,12 @@ def bond_order(result: Neighbours) -> np.ndarray:
 
 
 def correlation(
-    positions: np.ndarray, order: np.ndarray, periods: tuple[float, float], edges: np.ndarray,
+    positions: np.ndarray,
+    order: np.ndarray,
+    periods: tuple[float, float],
+    edges: np.ndarray,
     origins: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Sums of Re psi6*(0) psi6(r) over pairs of some grains with all, and their numbers.
 
     Parameters

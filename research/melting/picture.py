@@ -27,21 +27,17 @@ def draw(results: Results) -> Figure:
         for item, shade in zip(layers, shades, strict=True):
             g6 = np.mean(item["g6"], axis=0)
             axes[0, 0].plot(item["r"], g6, color=shade)
-            axes[0, 1].plot(
-                item["lags"], item["lindemann"], color=shade, label=f"{item['gamma']:g}"
-            )
+            axes[0, 1].plot(item["lags"], item["lindemann"], color=shade, label=f"{item['gamma']:g}")
         r = np.array([4.0, 16.0])
         axes[0, 0].plot(r, 0.5 * (r / r[0]) ** -HEXATIC_EXPONENT, "k--", linewidth=1.0)
         axes[0, 0].set(
-            xscale="log", yscale="log", xlim=(1.0, None), ylim=(0.01, 1.0), xlabel="r/a",
-            ylabel="g6",
-        )  # fmt: skip
+            xscale="log", yscale="log", xlim=(1.0, None), ylim=(0.01, 1.0), xlabel="r/a", ylabel="g6"
+        )
         axes[0, 1].legend(title="Γ", ncol=3, loc="upper left", fontsize="x-small")
         axes[0, 1].axhline(0.033, color="k", linestyle="--", linewidth=1.0)
         axes[0, 1].set(
-            xscale="log", yscale="log", ylim=(0.01, 3e3), xlabel="time [units]",
-            ylabel="Lindemann parameter",
-        )  # fmt: skip
+            xscale="log", yscale="log", ylim=(0.01, 3e3), xlabel="time [units]", ylabel="Lindemann parameter"
+        )
         shown = [k for k, item in enumerate(orders) if math.isfinite(item.exponent.value)]
         _points(axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0)
         axes[1, 0].axhline(HEXATIC_EXPONENT, color="k", linestyle="--", linewidth=1.0)

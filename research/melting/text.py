@@ -10,9 +10,17 @@ from research.melting.results import Results
 from research.melting.transitions import Interval
 
 _HEAD = (
-    "Gamma", "translation", "psi6", "eta6", "power/exp.", "K/16pi", "plateau", "Lindemann",
-    "growth", "defects",
-)  # fmt: skip
+    "Gamma",
+    "translation",
+    "psi6",
+    "eta6",
+    "power/exp.",
+    "K/16pi",
+    "plateau",
+    "Lindemann",
+    "growth",
+    "defects",
+)
 
 
 def summary(results: Results) -> dict[str, Any]:
@@ -20,12 +28,9 @@ def summary(results: Results) -> dict[str, Any]:
     return {
         "made": dict(results.made),
         "layers": [
-            {name: _plain(value) for name, value in item._asdict().items()}
-            for item in results.orders
+            {name: _plain(value) for name, value in item._asdict().items()} for item in results.orders
         ],
-        "transitions": {
-            name: _plain(value) for name, value in results.transitions._asdict().items()
-        },
+        "transitions": {name: _plain(value) for name, value in results.transitions._asdict().items()},
     }
 
 
@@ -37,14 +42,19 @@ def rows_of(results: Results) -> list[tuple[str, ...]]:
     """A row of words for each layer."""
     return [
         (
-            f"{item.gamma:g}", f"{item.translation:.2f}", f"{item.order:.3f}",
-            _words(item.exponent, 1.0, 3), f"{item.algebraic:.2f}",
+            f"{item.gamma:g}",
+            f"{item.translation:.2f}",
+            f"{item.order:.3f}",
+            _words(item.exponent, 1.0, 3),
+            f"{item.algebraic:.2f}",
             _words(item.modulus, 1.0 / (16.0 * math.pi), 2),
             "" if math.isnan(item.plateau) else f"{item.plateau:.4f}",
-            f"{item.lindemann:.3g}", f"{item.growth:.2f}", f"{100.0 * item.defects:.1f} %",
+            f"{item.lindemann:.3g}",
+            f"{item.growth:.2f}",
+            f"{100.0 * item.defects:.1f} %",
         )
         for item in results.orders
-    ]  # fmt: skip
+    ]
 
 
 def _words(item: Interval, scale: float, digits: int) -> str:
@@ -90,16 +100,26 @@ def text(results: Results) -> str:
 def markdown(results: Results) -> str:
     """The table and the transitions, for the guide."""
     head = (
-        "Γ", "translation", "∣Ψ6∣", "η6", "power over exponential", "K/16π", "plateau", "Lindemann",
-        "growth", "defects",
-    )  # fmt: skip
+        "Γ",
+        "translation",
+        "∣Ψ6∣",
+        "η6",
+        "power over exponential",
+        "K/16π",
+        "plateau",
+        "Lindemann",
+        "growth",
+        "defects",
+    )
     lines = [markdown_table(head, rows_of(results))]
     result = results.transitions
     lines += [
-        "", "| | η6 is 1/4 at Γ | K is 16π at Γ | how |", "|---|---|---|---|",
+        "",
+        "| | η6 is 1/4 at Γ | K is 16π at Γ | how |",
+        "|---|---|---|---|",
         f"| here | {_cell(result.hexatic)} | {_cell(result.crystal)} | simulation, "
         f"{results.layers[0]['grains']} grains, one start from the crystal |",
-    ]  # fmt: skip
+    ]
     lines += ["", *(f"- {item}" for item in sentences(results).splitlines())]
     return "\n".join(lines)
 

@@ -184,9 +184,7 @@ def crossing(
     return Interval(result[0], min(low, high), max(low, high))
 
 
-def _passes(
-    gammas: Sequence[float], values: Sequence[float], wanted: float, rising: bool
-) -> float | None:
+def _passes(gammas: Sequence[float], values: Sequence[float], wanted: float, rising: bool) -> float | None:
     sign = 1.0 if rising else -1.0
     above = [sign * (value - wanted) for value in values]
     for k in reversed(range(len(gammas) - 1)):

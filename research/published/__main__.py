@@ -61,9 +61,10 @@ def pictures(shown: Shown) -> Mapping[str, Figure]:
 def add_options(item: Parser) -> None:
     """One entry instead of all, and how many processes."""
     item.add_argument(
-        "--only", metavar="KEY",
+        "--only",
+        metavar="KEY",
         help="run what is behind one entry anew, and compare every figure with the file's",
-    )  # fmt: skip
+    )
     add_workers(item, None, "all processors")
 
 

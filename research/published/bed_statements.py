@@ -5,19 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from research.published.measures import together
-from research.published.plan import (
-    SIZES,
-    SPEEDS,
-)
+from research.published.plan import SIZES, SPEEDS
 from research.published.protocols import QUICK
 from research.published.results import Results
-from research.published.statement import (
-    StatementCheck,
-    course_of,
-    mean_course,
-    means_of,
-    packings,
-)
+from research.published.statement import StatementCheck, course_of, mean_course, means_of, packings
 
 
 def exponential(results: Results) -> StatementCheck | None:
@@ -77,9 +68,7 @@ def speed_courses(results: Results) -> StatementCheck | None:
     if len(known) < len(courses):
         return None
     worst = max(float(np.abs(item - known[0]).max()) for item in known[1:])
-    return StatementCheck(
-        worst <= 0.5, f"the courses lie at most {worst:.2f} D from that at 8.33 mm/s"
-    )
+    return StatementCheck(worst <= 0.5, f"the courses lie at most {worst:.2f} D from that at 8.33 mm/s")
 
 
 def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
@@ -171,8 +160,7 @@ def same_packing(results: Results) -> StatementCheck | None:
         return None
     grid = np.linspace(0.14, 0.24, 41)
     rows = [
-        np.interp(grid, packings(n, item), item / item[-1])
-        for n, item in zip(SIZES, courses, strict=True)
+        np.interp(grid, packings(n, item), item / item[-1]) for n, item in zip(SIZES, courses, strict=True)
     ]
     worst = float(np.ptp(rows, axis=0).max())
     return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")

@@ -72,23 +72,28 @@ def with_both_causes(results: Results) -> list[WithBoth]:
             if usual is None or both is None:
                 continue
             published = float(published_value(f"{key}[{k}]"))
-            verdicts = [
-                verdict(published, None, finding, PLAIN, 2) for finding in (usual, both, late)
-            ]
+            verdicts = [verdict(published, None, finding, PLAIN, 2) for finding in (usual, both, late)]
             allowed = [judged.allowed or 0.0 for judged in verdicts]
             within = [judged.agrees is True for judged in verdicts]
             rows.append(
                 WithBoth(
-                    count, what, published, usual, both, late, allowed[1], allowed[2], within[0],
-                    within[1], within[2],
+                    count,
+                    what,
+                    published,
+                    usual,
+                    both,
+                    late,
+                    allowed[1],
+                    allowed[2],
+                    within[0],
+                    within[1],
+                    within[2],
                 )
-            )  # fmt: skip
+            )
     return rows
 
 
-def _late(
-    results: Results, what: str, count: int, figure: str, beds: Sequence[str]
-) -> Finding | None:
+def _late(results: Results, what: str, count: int, figure: str, beds: Sequence[str]) -> Finding | None:
     """The independent loop's, with the scatter of the beds with both causes."""
     names = [f"{count}, {seed}" for seed in LATE_SEEDS]
     ends = {
@@ -102,9 +107,7 @@ def _late(
     values = {"start": start, "end": end, "hysteresis": start - end}[what]
     spread, freedom = pooled
     error = spread / len(values) ** 0.5
-    return Finding(
-        float(values.mean()), spread, len(values), "late", error=error, freedom=float(freedom)
-    )
+    return Finding(float(values.mean()), spread, len(values), "late", error=error, freedom=float(freedom))
 
 
 def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
@@ -179,10 +182,7 @@ def creep_over_step(results: Results) -> list[Creep]:
     """Of `CREEP_SIZE` grains, from the exact law (step 0) on."""
     usual = mean_of(f"direct {CREEP_SIZE}", "half_end_D")(results)
     names = [f"direct {CREEP_SIZE}, {creep_name(step)}" for step in STEPS]
-    creeping = [
-        mean_of(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results)
-        for name in names
-    ]
+    creeping = [mean_of(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results) for name in names]
     ends = zip((0.0, *STEPS), (usual, *creeping), strict=True)
     return [Creep(x, end) for x, end in ends if end is not None]
 
@@ -194,8 +194,9 @@ def words_on_creep(results: Results) -> str:
     wide = mean_of(name, "half_end_D", protocol=ACCELERATED.name)(results)
     if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
-    listed = ", ".join(f"{point.end.value - points[0].end.value:.2f} D at {point.step:g}"
-                       for point in points[1:])  # fmt: skip
+    listed = ", ".join(
+        f"{point.end.value - points[0].end.value:.2f} D at {point.step:g}" for point in points[1:]
+    )
     same = _same_creep(results)
     return (
         f"Creep widens a bed of {CREEP_SIZE} grains at the end of the cycle by {listed} times de "
@@ -225,6 +226,4 @@ def _same_creep(results: Results) -> str:
 
 def grid_of_steps(points: Sequence[Creep]) -> np.ndarray:
     """Steps, ends and half intervals as columns."""
-    return np.array(
-        [(point.step, point.end.value, point.end.half_width() or 0.0) for point in points]
-    ).T
+    return np.array([(point.step, point.end.value, point.end.half_width() or 0.0) for point in points]).T

@@ -215,9 +215,7 @@ def calculated(directory: Path, *, full: bool) -> None:
 def kept(directory: Path) -> dict[str, Numbers]:
     """The calculations that a directory keeps, the full ones where both are there."""
     cache = _cache(directory)
-    result = {
-        name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS
-    }
+    result = {name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS}
     return {name: full or quick for name, (full, quick) in result.items() if full or quick}
 
 

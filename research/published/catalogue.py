@@ -88,8 +88,7 @@ LOST_PAIRS = (
 )
 OWN_LINE = "Misprint or rounding: the printed forces lie on their own line with R² = 0.998."
 FROM_DEVIATION = (
-    "The printed 0.001 contradicts the 0.24 N of the thesis's own Table 3.2; ours is like the "
-    "latter."
+    "The printed 0.001 contradicts the 0.24 N of the thesis's own Table 3.2; ours is like the latter."
 )
 
 
@@ -125,9 +124,7 @@ def _constants() -> list[Entry]:
 def _final_heights() -> Entry:
     """One formula, [D, eq. 4.23], and so one entry: its sixty-two rows follow from it."""
     first, *rest = (
-        f"final_height.{name}[{k}]"
-        for name, (_, _, ratios) in HEIGHTS.items()
-        for k in range(len(ratios))
+        f"final_height.{name}[{k}]" for name, (_, _, ratios) in HEIGHTS.items() for k in range(len(ratios))
     )
     return Entry(first, f"final piston height, {1 + len(rest)} rows of one formula",
                  calculation("final_heights", "three_fifths[0]"), "D", MADE, digits=5,
@@ -167,8 +164,7 @@ def _independence() -> list[Entry]:
 def _distances() -> list[Entry]:
     name = "half_mean_distance"
     notes = {
-        92: "De Paula starts the smallest bed higher up, and does not say from where. "
-        + HYSTERESIS,
+        92: "De Paula starts the smallest bed higher up, and does not say from where. " + HYSTERESIS,
         184: ROUNDED_CELL,
     }
     columns = (
@@ -345,9 +341,7 @@ def _orders() -> list[Entry]:
     def correlation(aspect: float, big: float = 0.005) -> Measure:
         return order_correlation([mixture_name(aspect, r, big) for r in RATIOS])
 
-    variants = [
-        order_correlation([f"{name}, R = {r:g}" for r in VARIANT_RATIOS]) for name in VARIANTS
-    ]
+    variants = [order_correlation([f"{name}, R = {r:g}" for r in VARIANT_RATIOS]) for name in VARIANTS]
     return [
         *(
             Entry(f"bidisperse_all_r.psi6_n6_correlation[{k}]", "correlation of Psi6 and the "

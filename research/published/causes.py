@@ -113,9 +113,7 @@ _FIGURES = {
 }
 _BED_FIGURES = ("force", "half_full_D", "hexagons_full", "hysteresis_D")
 _WIDE = ("force", "half_start_D", "half_full_D", "half_end_D", "hysteresis_D")
-_MIXTURE_FIGURES = (
-    "force", "least_distance_D", "hexagons_full", "regularity_full", "regularity_start",
-)  # fmt: skip
+_MIXTURE_FIGURES = ("force", "least_distance_D", "hexagons_full", "regularity_full", "regularity_start")
 
 
 class Change(NamedTuple):
@@ -151,28 +149,49 @@ def changes() -> list[Change]:
     """All changes, in the order of the report."""
     middle = mixture_name(0.6, 0.5)
     return [
-        *(Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
-          for end, words in HYSTERESIS_CHANGES.items()
-          for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)),
+        *(
+            Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
+            for end, words in HYSTERESIS_CHANGES.items()
+            for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)
+        ),
         Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
-        *(Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
-          for start, words in (("source's friction", _FRICTION),
-                               ("wide cell", "cell of 0.36 m, as Table 4.3 prints it"),
-                               ("both", "that friction and that cell together"))
-          for bed in (*MIXTURES, mixture_name(0.6, 1.0))),
+        *(
+            Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
+            for start, words in (
+                ("source's friction", _FRICTION),
+                ("wide cell", "cell of 0.36 m, as Table 4.3 prints it"),
+                ("both", "that friction and that cell together"),
+            )
+            for bed in (*MIXTURES, mixture_name(0.6, 1.0))
+        ),
         Change(_STEP, "direct 368", f"direct 368, {_STEP}", _BED_FIGURES),
         Change(_STEP, middle, f"{middle}, {_STEP}", _MIXTURE_FIGURES),
         Change("drag instead of friction", "starts", "drag", _BED_FIGURES),
-        *(Change("friction with the misprinted angle (42 times)", mixture_name(a, 0.5),
-                 f"misprinted angle, a = {a:g}", _MIXTURE_FIGURES) for a in ASPECTS),
-        *(Change("de Paula's every-k-th mixing", mixture_name(0.6, r),
-                 f"every k-th, a = 0.6, R = {r:g}", _MIXTURE_FIGURES) for r in OWN_RATIOS),
-        *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",))
-          for n in (368, 736)),
-        *(Change(f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D",
-                 ("force",)) for radius in RADII),
+        *(
+            Change(
+                "friction with the misprinted angle (42 times)",
+                mixture_name(a, 0.5),
+                f"misprinted angle, a = {a:g}",
+                _MIXTURE_FIGURES,
+            )
+            for a in ASPECTS
+        ),
+        *(
+            Change(
+                "de Paula's every-k-th mixing",
+                mixture_name(0.6, r),
+                f"every k-th, a = 0.6, R = {r:g}",
+                _MIXTURE_FIGURES,
+            )
+            for r in OWN_RATIOS
+        ),
+        *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",)) for n in (368, 736)),
+        *(
+            Change(f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D", ("force",))
+            for radius in RADII
+        ),
         Change("the mesh instead of every pair", "direct 736", "mesh 736", _WIDE),
-    ]  # fmt: skip
+    ]
 
 
 def comparisons(results: Results) -> list[ChangedFigure]:
@@ -195,10 +214,7 @@ def comparisons(results: Results) -> list[ChangedFigure]:
 def _changed(
     results: Results, change: Change, protocol: str, changed_protocol: str
 ) -> list[ChangedFigure | None]:
-    return [
-        _comparison(results, change, figure, protocol, changed_protocol)
-        for figure in change.figures
-    ]
+    return [_comparison(results, change, figure, protocol, changed_protocol) for figure in change.figures]
 
 
 def _comparison(
@@ -210,9 +226,13 @@ def _comparison(
         return None
     bed = change.bed.replace("direct ", "N = ")
     return ChangedFigure(
-        change.words, bed, *_FIGURES[figure], published_figure(change.bed, figure),
-        without.finding(), with_it.finding(),
-    )  # fmt: skip
+        change.words,
+        bed,
+        *_FIGURES[figure],
+        published_figure(change.bed, figure),
+        without.finding(),
+        with_it.finding(),
+    )
 
 
 def published_figure(bed: str, figure: str) -> float | None:
@@ -238,9 +258,7 @@ def published_figure(bed: str, figure: str) -> float | None:
         if figure == "least_distance_D":
             return float(published_value(f"{section}.least_piston_distance[{position}]"))
         if figure in names:
-            return float(
-                published_value(f"{section}.hexagon_regularity_{names[figure]}[{position}]")
-            )
+            return float(published_value(f"{section}.hexagon_regularity_{names[figure]}[{position}]"))
     return None
 
 
@@ -271,9 +289,10 @@ def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
     started = f"Hysteresis of the mean distance over a cycle: {gaps}. Tried: {tried}."
     met = [item for item in best.values() if item.explains]
     causes = [
-        words for words in dict.fromkeys(item.change for item in met)
+        words
+        for words in dict.fromkeys(item.change for item in met)
         if sum(item.change == words for item in met) >= CAUSE_SIZES
-    ]  # fmt: skip
+    ]
     if not causes:
         alone = "; ".join(f"{item.change} at {item.bed}" for item in met)
         tail = f" Met at one size alone: {alone}." if met else ""
@@ -304,9 +323,7 @@ def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedF
         started += f"; at {', '.join(alike)} the bed has it, or may have it, without that too"
     if not missed:
         return f"{started}."
-    gaps = ", ".join(
-        f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}" for item in missed
-    )
+    gaps = ", ".join(f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}" for item in missed)
     judgement = " So it is no explanation." if len(missed) >= len(met) else ""
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
@@ -352,10 +369,11 @@ def words_on_large_beds(results: Results) -> str:
 def _ends(result: Sequence[ChangedFigure], item: ChangedFigure) -> str:
     """The mean distances at start and end of the bed that a comparison is of."""
     adjacent = [
-        other for other in result
+        other
+        for other in result
         if (other.change, other.bed) == (item.change, item.bed)
         and other.with_it.protocol == item.with_it.protocol
-    ]  # fmt: skip
+    ]
     words = [
         f"{other.with_it.value:.2f} D ({other.published:.2f})"
         for name in ("half_start_D", "half_end_D")

@@ -21,9 +21,7 @@ from research.published.series_runs import case_keys, outcomes_in_order, referen
 
 COURSES = ("down", "up", "half_course_D")
 """Courses, which are kept where they are shown: the file is to stay small."""
-WITH_COURSES = (
-    "starts", "second order", "second order, 0.8", "drag", "slabs", "infinite walls", "mixture",
-)  # fmt: skip
+WITH_COURSES = ("starts", "second order", "second order, 0.8", "drag", "slabs", "infinite walls", "mixture")
 
 
 def collected(
@@ -61,18 +59,14 @@ def former_of(own: Results, package: Results) -> list[Results]:
 
     Of series that are stale in the directory, or run anew, what the package holds does not count.
     """
-    rest = {
-        key: item for key, item in package.series.items() if not _is_anew(own.series.get(key, {}))
-    }
+    rest = {key: item for key, item in package.series.items() if not _is_anew(own.series.get(key, {}))}
     both = (own, Results(rest, package.calculations, package.made))
     return [item for item in both if item.series]
 
 
 def still_stale(results: Results, own: Results) -> Results:
     """The results with every series that a directory's file marks stale as it stands there."""
-    stale = {
-        key: item for key, item in own.series.items() if key in results.series and item.get("stale")
-    }
+    stale = {key: item for key, item in own.series.items() if key in results.series and item.get("stale")}
     return Results({**results.series, **stale}, results.calculations, results.made)
 
 
@@ -156,9 +150,7 @@ def _start(outcome: Plain, key: str, series: Series, seed: int, directory: Path)
         figures = rest_figures(outcome["figures"], series.scene(seed))
         cache.keep(name, figures)
     wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
-    return {
-        "key": key, "error": None, "figures": wanted, "versions": outcome["figures"]["versions"],
-    }  # fmt: skip
+    return {"key": key, "error": None, "figures": wanted, "versions": outcome["figures"]["versions"]}
 
 
 def _from_file(results: Results, series: Series, key: str) -> Plain | None:

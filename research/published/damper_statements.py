@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 from research.published.measures import together
-from research.published.plan import (
-    GAMMAS,
-    MASSES,
-    SOURCE_DRAG,
-    damper_name,
-)
+from research.published.plan import GAMMAS, MASSES, SOURCE_DRAG, damper_name
 from research.published.results import Results
-from research.published.statement import (
-    StatementCheck,
-)
+from research.published.statement import StatementCheck
 
 
 def symbolic(results: Results) -> StatementCheck | None:
@@ -41,11 +34,11 @@ def van_der_pol(results: Results) -> StatementCheck | None:
         return None
     listed = ", ".join(
         f"{100.0 * item[0]:.1f} and {100.0 * item[1]:.1f} % at {drag:g}"
-        for drag, item in rows if item is not None
-    )  # fmt: skip
+        for drag, item in rows
+        if item is not None
+    )
     return StatementCheck(
-        at_source[0] < 0.5 * at_source[1],
-        f"what both leave over of the swing: {listed} kg/s",
+        at_source[0] < 0.5 * at_source[1], f"what both leave over of the swing: {listed} kg/s"
     )
 
 
@@ -60,8 +53,12 @@ def van_der_pol_printed(results: Results) -> StatementCheck | None:
 
 
 def scattered(results: Results) -> StatementCheck | None:
-    names = ["pressed, R = 1", "pressed, R = 1, moments ± 0.1", "pressed, R = 0",
-             "pressed, R = 0, moments ± 0.1"]  # fmt: skip
+    names = [
+        "pressed, R = 1",
+        "pressed, R = 1, moments ± 0.1",
+        "pressed, R = 0",
+        "pressed, R = 0, moments ± 0.1",
+    ]
     result = together(names, "hexagons_pressed", results)
     if result is None:
         return None

@@ -125,11 +125,7 @@ class Verdict(NamedTuple):
 
 
 def verdict(
-    published: float,
-    published_spread: float | None,
-    result: Finding | None,
-    rule: Rule,
-    digits: int,
+    published: float, published_spread: float | None, result: Finding | None, rule: Rule, digits: int
 ) -> Verdict:
     """Whether ours differs from the published value.
 

@@ -27,10 +27,12 @@ HEAVY = 15.0
 def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
     """Three seconds of a piston that falls from a height [D]."""
     changes = {
-        "piston.height": height * DIAMETER, "arrangement.height": (height - 1.0) * DIAMETER,
-        "arrangement.seed": seed, "output.record": "drop",
+        "piston.height": height * DIAMETER,
+        "arrangement.height": (height - 1.0) * DIAMETER,
+        "arrangement.seed": seed,
+        "output.record": "drop",
         "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
-    }  # fmt: skip
+    }
     from granular.run.simulation import simulate
 
     return simulate(scene.replace(**changes), dt="auto*2", threads=1, progress=False).piston()
@@ -66,10 +68,14 @@ def fall_errors() -> dict[str, float]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = fit(
-                record, law="elastoplastic-bed", test_fraction=0.0, map="fitted", fix=fixed,
+                record,
+                law="elastoplastic-bed",
+                test_fraction=0.0,
+                map="fitted",
+                fix=fixed,
                 start={name: value for name, value in theory.items() if name not in fixed},
                 initial={"height": float(record.height[0]), "velocity": 0.0},
-            )  # fmt: skip
+            )
         errors = 100.0 * np.array([fall_error(model, other, level) for other in others])
         numbers |= _named(words, errors)
         numbers |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
@@ -78,9 +84,7 @@ def fall_errors() -> dict[str, float]:
     numbers["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
     heavy = damper(HEAVY)
     levels = [level_of(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
-    numbers["rest_off_heavy"] = 100.0 * (
-        bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0
-    )
+    numbers["rest_off_heavy"] = 100.0 * (bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0)
     return numbers
 
 

@@ -164,14 +164,12 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     made: Figures = {
         "dip": test.dip,
         "dip_p": test.p,
-        "fluctuation": float(np.nanmean(relative_fluctuation(
-            np.where(inside, sizes, np.nan), owner
-        ))),
+        "fluctuation": float(np.nanmean(relative_fluctuation(np.where(inside, sizes, np.nan), owner))),
         "polar_order": directions.polar,
         "axial_order": directions.axial,
         "axial_p": directions.axial_p,
         "modes": np.histogram(pressed[inside] / pressed[inside].max(), 25, (0.0, 1.0))[0],
-    }  # fmt: skip
+    }
     for index, name in enumerate(("big", "small")):
         chosen = inside & (owner == index)
         if chosen.any():

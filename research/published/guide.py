@@ -11,14 +11,7 @@ from research.published.entry import AGREES, DIFFERS
 from research.published.falls import words_on_falls
 from research.published.judging import Judged, counts, judged, said
 from research.published.page import FIRST, describe_fields
-from research.published.plan import (
-    ASPECTS,
-    GAMMAS,
-    MASSES,
-    SOURCE_DRAG,
-    damper_name,
-    mixture_name,
-)
+from research.published.plan import ASPECTS, GAMMAS, MASSES, SOURCE_DRAG, damper_name, mixture_name
 from research.published.results import Results, counted
 from research.published.statements import counted_statements
 from validation.published import published_keys
@@ -38,9 +31,13 @@ PAGES: Mapping[str, str] = {
 def blocks(results: Results) -> dict[str, Block]:
     """The text of every block."""
     makers: Mapping[str, Callable[[Results], str]] = {
-        "summary": _summary, "counts": _counts, "figures": _figures, "damper law": _damper_law,
-        "packaged damper": _packaged_damper, "falls": _falls,
-    }  # fmt: skip
+        "summary": _summary,
+        "counts": _counts,
+        "figures": _figures,
+        "damper law": _damper_law,
+        "packaged damper": _packaged_damper,
+        "falls": _falls,
+    }
     return {name: Block(PAGES[name], make(results)) for name, make in makers.items()}
 
 
@@ -106,9 +103,10 @@ def _modes(results: Results) -> str:
     beds += [(f"R = 1, a = {a:g}", mixture_name(a, 1.0)) for a in ASPECTS]
     for label, name in beds:
         result = [
-            item for protocol in ("published", "quick")
+            item
+            for protocol in ("published", "quick")
             if (item := results.sample(name, "dip_p", protocol)) is not None
-        ]  # fmt: skip
+        ]
         if result:
             low, high = float(result[0].values.min()), float(result[0].values.max())
             p = f"{low:.2g}" if len(result[0].values) == 1 else f"{low:.2g} to {high:.2g}"

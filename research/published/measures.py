@@ -16,11 +16,7 @@ Measure = Callable[[Results], Finding | None]
 
 
 def mean_of(
-    name: str,
-    figure: str,
-    scale: float = 1.0,
-    pool: Sequence[str] = (),
-    protocol: str | None = None,
+    name: str, figure: str, scale: float = 1.0, pool: Sequence[str] = (), protocol: str | None = None
 ) -> Measure:
     """Mean and deviation of a figure of one series.
 
@@ -90,9 +86,7 @@ def percent_difference(count: int) -> Measure:
     return measure
 
 
-def _of_ratio(
-    item: Finding, other: Finding, value: Callable[[float], float], slope: float
-) -> Finding:
+def _of_ratio(item: Finding, other: Finding, value: Callable[[float], float], slope: float) -> Finding:
     """A function of one over the other, whose slope over the ratio is given."""
     ratio = item.value / other.value
 
@@ -103,9 +97,7 @@ def _of_ratio(
 
     spread, error = both(item.spread, other.spread), both(item.error, other.error)
     freedom = item.freedom + other.freedom if error is not None else 0.0
-    return Finding(
-        value(ratio), spread, item.starts + other.starts, item.protocol, item.step, error, freedom
-    )
+    return Finding(value(ratio), spread, item.starts + other.starts, item.protocol, item.step, error, freedom)
 
 
 class Line:
@@ -145,9 +137,14 @@ class Line:
         errors = np.array([item.finding().error or 0.0 for item in result])
         starts = sum(len(item.values) for item in result)
         return Finding(
-            value, None, starts, result[0].protocol, result[0].step,
-            float(np.linalg.norm(row * errors)), float(starts - len(result)),
-        )  # fmt: skip
+            value,
+            None,
+            starts,
+            result[0].protocol,
+            result[0].step,
+            float(np.linalg.norm(row * errors)),
+            float(starts - len(result)),
+        )
 
 
 def without_error(value: float, result: Sequence[Sample]) -> Finding:
@@ -324,9 +321,7 @@ def force_ratio(name: str, last: str) -> Measure:
     return measure
 
 
-def over_curve(
-    curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]
-) -> Measure:
+def over_curve(curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]) -> Measure:
     """F(R)/F(1) over a published curve of it, at the R where the two differ by most errors."""
 
     def measure(results: Results) -> Finding | None:

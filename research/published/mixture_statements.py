@@ -7,19 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from research.published.measures import together
-from research.published.plan import (
-    ASPECTS,
-    RATIOS,
-    VARIANT_RATIOS,
-    VARIANTS,
-    mixture_name,
-)
+from research.published.plan import ASPECTS, RATIOS, VARIANT_RATIOS, VARIANTS, mixture_name
 from research.published.results import Results
-from research.published.statement import (
-    LEVEL,
-    StatementCheck,
-    mean_course,
-)
+from research.published.statement import LEVEL, StatementCheck, mean_course
 from validation.published import published_value
 
 ALIKE = 0.2
@@ -58,9 +48,7 @@ def mixture_courses(results: Results) -> StatementCheck | None:
 
 def on_curves(results: Results) -> StatementCheck | None:
     words, holds = [], []
-    for index, (label, big) in enumerate(
-        (("0.75", 0.005), ("0.6", 0.005), ("0.5", 0.005), ("0.75", 0.008))
-    ):
+    for index, (label, big) in enumerate((("0.75", 0.005), ("0.6", 0.005), ("0.5", 0.005), ("0.75", 0.008))):
         names = [mixture_name(float(label), r, big) for r in RATIOS]
         result = together(names, "force", results)
         if result is None:
@@ -175,12 +163,9 @@ def grows_with_ratio(results: Results) -> StatementCheck | None:
         return None
     known = [item for item in scans if item is not None]
     words = "; ".join(
-        f"a = {a:g}: {item[0]:.1f} to {item[-1]:.1f} N"
-        for a, item in zip(ASPECTS, known, strict=True)
+        f"a = {a:g}: {item[0]:.1f} to {item[-1]:.1f} N" for a, item in zip(ASPECTS, known, strict=True)
     )
-    return StatementCheck(
-        all(bool((np.diff(item) > -0.01 * item[:-1]).all()) for item in known), words
-    )
+    return StatementCheck(all(bool((np.diff(item) > -0.01 * item[:-1]).all()) for item in known), words)
 
 
 def grows_as_aspect_falls(results: Results) -> StatementCheck | None:
@@ -209,9 +194,7 @@ def least_order(results: Results) -> StatementCheck | None:
     if any(item is None for item in scans):
         return None
     least = [RATIOS[int(item.argmin())] for item in scans if item is not None]
-    return StatementCheck(
-        all(0.3 <= item <= 0.7 for item in least), f"least at R = {listed(least, 'g')}"
-    )
+    return StatementCheck(all(0.3 <= item <= 0.7 for item in least), f"least at R = {listed(least, 'g')}")
 
 
 def variant_forces(results: Results) -> StatementCheck | None:
@@ -240,6 +223,4 @@ def grain_forces(results: Results) -> StatementCheck | None:
     if big is None or small is None:
         return None
     ratios = [s / b for s, b in zip(small, big, strict=True)]
-    return StatementCheck(
-        max(ratios) < 1.0, f"compressive force, small over big: {listed(ratios, '.2f')}"
-    )
+    return StatementCheck(max(ratios) < 1.0, f"compressive force, small over big: {listed(ratios, '.2f')}")

@@ -9,22 +9,11 @@ from granular.shared.html import Page
 from research.campaign import Plain
 from research.published import plots
 from research.published.both_causes import with_both_causes, words_on_both, words_on_creep
-from research.published.causes import (
-    ChangedFigure,
-    comparisons,
-    verdict_on_hysteresis,
-    words_on_large_beds,
-)
+from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis, words_on_large_beds
 from research.published.entry import AGREES, DIFFERS
 from research.published.finding import Finding
 from research.published.judging import Judged, judged, said
-from research.published.results import (
-    Results,
-    counted,
-    is_stopped,
-    is_whole,
-    worst_residual,
-)
+from research.published.results import Results, counted, is_stopped, is_whole, worst_residual
 from research.published.statements import counted_statements, statements
 
 TITLE = "Published results, reproduced"
@@ -44,18 +33,23 @@ FIRST = (
 """The ten figures that matter most."""
 
 SECTIONS = {
-    "Force on the piston": ("piston_force_direct_sum", "piston_force_verlet", "mono_further",
-                            "algorithm"),
+    "Force on the piston": ("piston_force_direct_sum", "piston_force_verlet", "mono_further", "algorithm"),
     "Mean distance": ("half_mean_distance", "hysteresis_of_distance"),
     "Independence of start and speed": ("independence_of_start", "velocity"),
     "Polygons": ("voronoi_shares_direct_sum", "voronoi_shares_verlet"),
-    "Mixtures": ("bidisperse_r_half", "bidisperse_r_zero", "bidisperse_further",
-                 "bidisperse_all_r", "bidisperse_variants", "fmax_over_r", "biexponential_fmax"),
+    "Mixtures": (
+        "bidisperse_r_half",
+        "bidisperse_r_zero",
+        "bidisperse_further",
+        "bidisperse_all_r",
+        "bidisperse_variants",
+        "fmax_over_r",
+        "biexponential_fmax",
+    ),
     "Damper": ("damper", "damper_implied"),
     "Experiment": ("experiment",),
-    "Constants and the method": ("default_grain", "walls", "single_particle", "final_height",
-                                 "oscillator"),
-}  # fmt: skip
+    "Constants and the method": ("default_grain", "walls", "single_particle", "final_height", "oscillator"),
+}
 """Sections of the report, with those of ``published.toml`` that they show."""
 
 
@@ -148,10 +142,16 @@ def _differences(made: Page, rows: Sequence[Judged]) -> None:
         return
     chosen.sort(key=_relative, reverse=True)
     cells = [
-        (row.entry.what, published_of(row), ours_of(row.found, row.entry.unit),
-         f"{_relative(row):.1%}", f"{row.verdict.allowed or 0.0:.2g}", row.note)
+        (
+            row.entry.what,
+            published_of(row),
+            ours_of(row.found, row.entry.unit),
+            f"{_relative(row):.1%}",
+            f"{row.verdict.allowed or 0.0:.2g}",
+            row.note,
+        )
         for row in chosen
-    ]  # fmt: skip
+    ]
     header = ("what", "published", "ours", "difference", "allowed", "why")
     made.table(header, cells)
 
@@ -170,9 +170,15 @@ def _entries(
     for row, other in rows:
         result, allowed = row.found, row.verdict.allowed
         cells.append(
-            [row.entry.what, published_of(row), ours_of(result, row.entry.unit), _verdict(row),
-             "" if allowed is None else f"{allowed:.2g}", "" if result is None else result.protocol]
-        )  # fmt: skip
+            [
+                row.entry.what,
+                published_of(row),
+                ours_of(result, row.entry.unit),
+                _verdict(row),
+                "" if allowed is None else f"{allowed:.2g}",
+                "" if result is None else result.protocol,
+            ]
+        )
         if other is not None:
             cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
         if row.note and row.note not in told:
@@ -226,16 +232,35 @@ def _statements(made: Page, results: Results) -> None:
 
 def _both(made: Page, results: Results) -> None:
     rows = [
-        (str(item.grains), item.what, f"{item.published:.2f} D", ours_of(item.usual, "D"),
-         "yes" if item.usual_within else "no", ours_of(item.both, "D"), f"{item.allowed:.2g}",
-         "yes" if item.within else "no", ours_of(item.late, "D"),
-         "" if item.late is None else f"{item.late_allowed:.2g}",
-         "" if item.late is None else "yes" if item.late_within else "no")
+        (
+            str(item.grains),
+            item.what,
+            f"{item.published:.2f} D",
+            ours_of(item.usual, "D"),
+            "yes" if item.usual_within else "no",
+            ours_of(item.both, "D"),
+            f"{item.allowed:.2g}",
+            "yes" if item.within else "no",
+            ours_of(item.late, "D"),
+            "" if item.late is None else f"{item.late_allowed:.2g}",
+            "" if item.late is None else "yes" if item.late_within else "no",
+        )
         for item in with_both_causes(results)
-    ]  # fmt: skip
+    ]
     if rows:
-        head = ("grains", "half mean distance", "published", "exact law", "within", "both causes",
-                "allowed", "within", "equation 2.17 late", "allowed", "within")  # fmt: skip
+        head = (
+            "grains",
+            "half mean distance",
+            "published",
+            "exact law",
+            "within",
+            "both causes",
+            "allowed",
+            "within",
+            "equation 2.17 late",
+            "allowed",
+            "within",
+        )
         made.table(head, rows)
 
 
@@ -256,11 +281,17 @@ def _causes(made: Page, results: Results, result: Sequence[ChangedFigure]) -> No
         made.text("Not run.")
         return
     rows = [
-        (item.change, item.bed, item.figure,
-         "" if item.published is None else f"{item.published:g}{_unit(item.unit)}",
-         ours_of(item.without, item.unit), ours_of(item.with_it, ""), _mattering(item))
+        (
+            item.change,
+            item.bed,
+            item.figure,
+            "" if item.published is None else f"{item.published:g}{_unit(item.unit)}",
+            ours_of(item.without, item.unit),
+            ours_of(item.with_it, ""),
+            _mattering(item),
+        )
         for item in result
-    ]  # fmt: skip
+    ]
     made.table(("change", "bed", "figure", "published", "without", "with", ""), rows)
 
 
@@ -276,12 +307,15 @@ def _state(made: Page, results: Results) -> None:
     made.section("State of the series")
     made.text(f"{describe_fields(counted(results))}.")
     rows = [
-        (key, _word(item),
-         item["step"] + (" (de Paula's scheme)" if item["coarse"] else ""),
-         f"{worst_residual(item):.1e}" if item["done"] else "")
+        (
+            key,
+            _word(item),
+            item["step"] + (" (de Paula's scheme)" if item["coarse"] else ""),
+            f"{worst_residual(item):.1e}" if item["done"] else "",
+        )
         for key, item in results.series.items()
         if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
-    ]  # fmt: skip
+    ]
     if rows:
         made.text("Series that are not whole, or whose energy is off by more than 1e-4:")
         made.table(("series", "state", "step", "energy residual"), rows)

@@ -25,9 +25,7 @@ def _direct(x: np.ndarray, y: np.ndarray, force: np.ndarray) -> None:
 
 
 @numba.njit(cache=True)
-def _listed(
-    x: np.ndarray, y: np.ndarray, force: np.ndarray, first: np.ndarray, others: np.ndarray
-) -> None:
+def _listed(x: np.ndarray, y: np.ndarray, force: np.ndarray, first: np.ndarray, others: np.ndarray) -> None:
     force[:] = 0.0
     for i in range(x.size):
         for k in range(first[i], first[i + 1]):

@@ -56,9 +56,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "no gravity, dry and viscous": {"effects__gravity": None, "effects__drag": DRAG},
 }
 WALLS: dict[str, dict[str, Any]] = {
-    "infinite walls": {
-        f"effects__walls__{side}": "infinite" for side in ("left", "right", "bottom", "top")
-    },
+    "infinite walls": {f"effects__walls__{side}": "infinite" for side in ("left", "right", "bottom", "top")},
     "slabs": {
         "effects__walls__left": {"law": "slab", "length": "100 D"},
         "effects__walls__right": {"law": "slab", "length": "100 D"},
@@ -157,9 +155,7 @@ def _friction(protocol: Protocol, speed: float | None = None) -> list[Series]:
     return [
         mono("second order", 368, protocol, speed=speed, effects__friction=second),
         # Rough grains slip in larger jumps, which longer steps do not follow.
-        mono(
-            "second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high
-        ),
+        mono("second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high),
         mono("drag", 368, protocol, speed=speed, **drag),
     ]
 
@@ -195,11 +191,8 @@ def _scan(protocol: Protocol) -> list[Series]:
     """All other R, two starts each, as in the thesis."""
     two = (1, 2)
     between = [r for r in reversed(RATIOS) if r not in (0.0, 0.5, 1.0)]
-    return [
-        mixture(mixture_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS
-    ] + [
-        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
-        for r in between
+    return [mixture(mixture_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS] + [
+        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two) for r in between
     ]
 
 
@@ -217,10 +210,15 @@ def _walls() -> list[Series]:
 
 def _lists() -> list[Series]:
     return [
-        mono(f"list of radius {radius:g} D", 368, QUICK, pairs__method="verlet-list",
-             pairs__cut_off=f"{radius} D")
+        mono(
+            f"list of radius {radius:g} D",
+            368,
+            QUICK,
+            pairs__method="verlet-list",
+            pairs__cut_off=f"{radius} D",
+        )
         for radius in RADII
-    ] + [mono(f"cut-off {n}", n, QUICK, pairs__method="cut-off") for n in (368, 736)]  # fmt: skip
+    ] + [mono(f"cut-off {n}", n, QUICK, pairs__method="cut-off") for n in (368, 736)]
 
 
 def _steps() -> list[Series]:
@@ -253,29 +251,46 @@ def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
         wide: dict[str, Any] = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
         made += [
             mono(f"{name}, wider cell", n, QUICK, seeds=two, **wide),
-            mono(f"{name}, half the friction", n, QUICK, seeds=two,
-                 effects__friction={"static": 0.3, "dynamic": 0.225}),
+            mono(
+                f"{name}, half the friction",
+                n,
+                QUICK,
+                seeds=two,
+                effects__friction={"static": 0.3, "dynamic": 0.225},
+            ),
             mono(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
-            mono(f"{name}, all together", n, QUICK, seeds=two if n < 736 else (1,),
-                 **own, **wide, **grid_of_height(n, LOOSE)),
-        ]  # fmt: skip
+            mono(
+                f"{name}, all together",
+                n,
+                QUICK,
+                seeds=two if n < 736 else (1,),
+                **own,
+                **wide,
+                **grid_of_height(n, LOOSE),
+            ),
+        ]
     return [*made, _rounded_184()] if 184 in sizes else made
 
 
 def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
-    return [
-        mono(f"direct {n}, loose start", n, protocol, **grid_of_height(n, LOOSE)) for n in sizes
-    ]
+    return [mono(f"direct {n}, loose start", n, protocol, **grid_of_height(n, LOOSE)) for n in sizes]
 
 
 def _rounded_184() -> Series:
     """184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
     scale, height = 0.7, 75.0
     start, end = scale * height * 0.006, scale * 20.0 * 0.006
-    return mono("direct 184, scale 0.70", 184, QUICK, cell__width="42 D",
-                piston__height=1.2 * start, arrangement__height=start,
-                protocol__relax__to=start, protocol__compress__to=end,
-                protocol__expand__to=start)  # fmt: skip
+    return mono(
+        "direct 184, scale 0.70",
+        184,
+        QUICK,
+        cell__width="42 D",
+        piston__height=1.2 * start,
+        arrangement__height=start,
+        protocol__relax__to=start,
+        protocol__compress__to=end,
+        protocol__expand__to=start,
+    )
 
 
 def _mixture_causes() -> list[Series]:
@@ -284,21 +299,23 @@ def _mixture_causes() -> list[Series]:
     The step is 1e-6 T of the thesis's own compression.
     """
     friction: dict[str, Any] = {
-        "step": 1e-6 * MIXTURE_PERIOD, "effects__friction": regularised(MIXTURE_PERIOD, 0.005),
-    }  # fmt: skip
+        "step": 1e-6 * MIXTURE_PERIOD,
+        "effects__friction": regularised(MIXTURE_PERIOD, 0.005),
+    }
     wide: dict[str, Any] = {"cell__width": WIDE_CELL}
     beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]
     made = [
         mixture(f"{words}, {mixture_name(a, r)}", a, r, QUICK, seeds=(1, 2), **changes)
         for words, changes in (
-            ("source's friction", friction), ("wide cell", wide), ("both", friction | wide)
+            ("source's friction", friction),
+            ("wide cell", wide),
+            ("both", friction | wide),
         )
         for a, r in beds
-    ]  # fmt: skip
+    ]
     rough = {"static": 0.6 * MISPRINT, "dynamic": 0.45 * MISPRINT}
     return made + [
-        mixture(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough)
-        for a in ASPECTS
+        mixture(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough) for a in ASPECTS
     ]
 
 
@@ -321,7 +338,5 @@ def _pressed() -> list[Series]:
 def _dampers() -> list[Series]:
     packaged = [fall(damper_name(mass), mass) for mass in MASSES]
     scan = [fall(damper_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2)) for g in GAMMAS[1:]]
-    adjacent = [
-        fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES
-    ]
+    adjacent = [fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES]
     return [*packaged, *scan, *adjacent]

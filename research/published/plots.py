@@ -9,12 +9,7 @@ import numpy as np
 
 from granular.shared.html import Page
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from research.published.both_causes import (
-    CREEP_SIZE,
-    creep_over_step,
-    grid_of_steps,
-    with_both_causes,
-)
+from research.published.both_causes import CREEP_SIZE, creep_over_step, grid_of_steps, with_both_causes
 from research.published.entry import error_of_difference, quantile
 from research.published.finding import Finding
 from research.published.judging import Judged
@@ -60,19 +55,36 @@ def adjacent(page: Page, rows: Sequence[Judged]) -> None:
             assert result is not None
             error, freedom = error_of_difference(row.published_spread, Finding(0.0))
             theirs = quantile(freedom) * error + 0.5 * 10.0**-row.entry.digits
-            axes.errorbar(1.0, index + 0.13, xerr=theirs / size, color=COLOURS[1], marker="x",
-                          label="published" if index == 0 else None, capsize=2.0)  # fmt: skip
+            axes.errorbar(
+                1.0,
+                index + 0.13,
+                xerr=theirs / size,
+                color=COLOURS[1],
+                marker="x",
+                label="published" if index == 0 else None,
+                capsize=2.0,
+            )
             ours, half = result.value / row.published, (result.half_width() or 0.0) / size
-            axes.errorbar(ours, index - 0.13, xerr=half, color=COLOURS[0], marker="o",
-                          markersize=4, label="ours" if index == 0 else None,
-                          capsize=2.0)  # fmt: skip
+            axes.errorbar(
+                ours,
+                index - 0.13,
+                xerr=half,
+                color=COLOURS[0],
+                marker="o",
+                markersize=4,
+                label="ours" if index == 0 else None,
+                capsize=2.0,
+            )
         axes.axvline(1.0, color=GREY, linewidth=0.8)
         axes.set_ylim(-0.6, len(there) - 0.4)
         axes.set_yticks(range(len(there)), [row.entry.what for row in reversed(there)], fontsize=8)
         axes.set(xlabel="over the published value")
         axes.legend(fontsize=8)
-        page.figure(drawing, "Ours and the published values, over the latter; bars are intervals "
-                    "of 95 % of the means, or half of the last printed digit.")  # fmt: skip
+        page.figure(
+            drawing,
+            "Ours and the published values, over the latter; bars are intervals "
+            "of 95 % of the means, or half of the last printed digit.",
+        )
 
 
 def both_causes(page: Page, results: Results) -> None:
@@ -109,10 +121,17 @@ def draw_both_causes(left: Any, right: Any, results: Results) -> None:
             result = [((item.usual, item.both, item.late)[m], item) for item in chosen]
             known = [(value, item) for value, item in result if value is not None]
             bars = [item.allowed for _, item in known] if m == 1 else None
-            left.errorbar([item.grains + 10 * k for _, item in known],
-                          [value.value - item.published for value, item in known], bars,
-                          color=COLOURS[k], linestyle=STYLES[m], marker="osD"[m], markersize=4,
-                          linewidth=1.0, label=f"{what}, {label}")  # fmt: skip
+            left.errorbar(
+                [item.grains + 10 * k for _, item in known],
+                [value.value - item.published for value, item in known],
+                bars,
+                color=COLOURS[k],
+                linestyle=STYLES[m],
+                marker="osD"[m],
+                markersize=4,
+                linewidth=1.0,
+                label=f"{what}, {label}",
+            )
     left.axhline(0.0, color=GREY, linewidth=0.8)
     left.set(xlabel="number of grains", ylabel="here less published [D]")
     left.legend(fontsize=8)
@@ -140,15 +159,30 @@ def _points(
 def _force_over_size(page: Page, results: Results) -> None:
     sizes = (*LISTED, *LARGE)
     with figure(width=WIDTH) as (drawing, axes):
-        for k, (way, section, label) in enumerate((
-            ("direct", "piston_force_direct_sum", "every pair"),
-            ("list", "piston_force_verlet", "de Paula's list"),
-        )):  # fmt: skip
+        for k, (way, section, label) in enumerate(
+            (
+                ("direct", "piston_force_direct_sum", "every pair"),
+                ("list", "piston_force_verlet", "de Paula's list"),
+            )
+        ):
             x, y, errors = _points(results, [f"{way} {n}" for n in sizes], sizes, "force")
-            axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
-                          markersize=4, label=f"{label}, ours")  # fmt: skip
-            axes.plot(sizes, published_value(f"{section}.mean"), color=COLOURS[k],
-                      label=f"{label}, published", **_PUBLISHED)  # fmt: skip
+            axes.errorbar(
+                x,
+                y,
+                errors,
+                color=COLOURS[k],
+                linestyle=STYLES[k],
+                marker="o",
+                markersize=4,
+                label=f"{label}, ours",
+            )
+            axes.plot(
+                sizes,
+                published_value(f"{section}.mean"),
+                color=COLOURS[k],
+                label=f"{label}, published",
+                **_PUBLISHED,
+            )
         axes.set(xlabel="number of grains", ylabel="piston force [N]")
         axes.legend()
         page.figure(drawing, "Piston force at full compression over the number of grains.")
@@ -162,11 +196,22 @@ def _losses(page: Page, results: Results) -> None:
     if not result:
         return
     with figure(width=WIDTH) as (drawing, axes):
-        axes.errorbar([n for n, _ in result], [item.value for _, item in result],
-                      [item.half_width() or 0.0 for _, item in result], color=COLOURS[0],
-                      marker="o",                      markersize=4, label="ours")  # fmt: skip
-        axes.plot(sizes, published_value("piston_force_verlet.percent_difference"),
-                  color=COLOURS[1], label="published", **_PUBLISHED)  # fmt: skip
+        axes.errorbar(
+            [n for n, _ in result],
+            [item.value for _, item in result],
+            [item.half_width() or 0.0 for _, item in result],
+            color=COLOURS[0],
+            marker="o",
+            markersize=4,
+            label="ours",
+        )
+        axes.plot(
+            sizes,
+            published_value("piston_force_verlet.percent_difference"),
+            color=COLOURS[1],
+            label="published",
+            **_PUBLISHED,
+        )
         axes.set(xlabel="number of grains", ylabel="list less every pair [%]")
         axes.legend()
         page.figure(drawing, "What de Paula's list loses, in percent of its own force.")
@@ -181,10 +226,23 @@ def _distance_over_size(page: Page, results: Results) -> None:
     with figure(width=WIDTH) as (drawing, axes):
         for k, (column, name, label) in enumerate(columns):
             x, y, errors = _points(results, [f"direct {n}" for n in SIZES], SIZES, name)
-            axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=STYLES[k], marker="o",
-                          markersize=4, label=f"{label}, ours")  # fmt: skip
-            axes.plot(SIZES, published_value(f"half_mean_distance.{column}"), color=COLOURS[k],
-                      label="published" if k == 0 else None, **_PUBLISHED)  # fmt: skip
+            axes.errorbar(
+                x,
+                y,
+                errors,
+                color=COLOURS[k],
+                linestyle=STYLES[k],
+                marker="o",
+                markersize=4,
+                label=f"{label}, ours",
+            )
+            axes.plot(
+                SIZES,
+                published_value(f"half_mean_distance.{column}"),
+                color=COLOURS[k],
+                label="published" if k == 0 else None,
+                **_PUBLISHED,
+            )
         axes.set(xlabel="number of grains", ylabel="half mean distance [D]")
         axes.legend()
         page.figure(drawing, "Half mean distance over the number of grains.")
@@ -200,8 +258,16 @@ def _shares_over_size(page: Page, results: Results) -> None:
                 colour = COLOURS[2 * k + m]
                 names = [f"{way} {n}" for n in LISTED]
                 x, y, errors = _points(results, names, LISTED, f"{kind}_full")
-                axes.errorbar(x, y, errors, color=colour, linestyle=STYLES[m], marker="o",
-                              markersize=4, label=f"{kind}, {label}")  # fmt: skip
+                axes.errorbar(
+                    x,
+                    y,
+                    errors,
+                    color=colour,
+                    linestyle=STYLES[m],
+                    marker="o",
+                    markersize=4,
+                    label=f"{kind}, {label}",
+                )
                 published = published_value(f"voronoi_shares_{section}.{kind}")
                 axes.plot(LISTED, published, color=colour, **_PUBLISHED)
         for axes, limits in zip(both, ((0.8, 1.0), (0.0, 0.12)), strict=True):
@@ -220,9 +286,7 @@ def _course(page: Page, results: Results) -> None:
         for k, (trajectory, label) in enumerate(zip(courses, ("down", "up"), strict=True)):
             x = stroke if k == 0 else 1.0 - stroke
             axes.plot(x, trajectory.T, color=COLOURS[k], linewidth=0.6, alpha=0.6)
-            axes.plot(
-                x, trajectory.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label
-            )
+            axes.plot(x, trajectory.mean(axis=0), color=COLOURS[k], linestyle=STYLES[k], label=label)
         axes.set(xlabel="stroke of the piston, over its greatest", ylabel="piston force [N]")
         axes.legend()
         page.figure(drawing, "The cycle from ten starts, and its mean (368 grains, 5.63 mm/s).")
@@ -241,8 +305,16 @@ def _force_over_ratio(page: Page, results: Results) -> None:
                 last = result[-1].values.mean()
                 means = [item.values.mean() / last for item in result]
                 errors = [(item.finding().half_width() or 0.0) / last for item in result]
-                axes.errorbar(RATIOS, means, errors, color=COLOURS[k], linestyle="none",
-                              marker="o", markersize=4, label=f"a = {label}, ours")  # fmt: skip
+                axes.errorbar(
+                    RATIOS,
+                    means,
+                    errors,
+                    color=COLOURS[k],
+                    linestyle="none",
+                    marker="o",
+                    markersize=4,
+                    label=f"a = {label}, ours",
+                )
             a, slow, b, fast = (
                 float(published_value(f"biexponential_fmax.{name}[{k}]"))
                 for name in ("A", "lambda1", "B", "lambda2")
@@ -256,8 +328,10 @@ def _force_over_ratio(page: Page, results: Results) -> None:
             )
         axes.set(xlabel="fraction R of small grains", ylabel="F(R)/F(1)")
         axes.legend(fontsize=8)
-        page.figure(drawing, "Greatest force over the fraction of small grains, with the curves of "
-                    "the published fits.")  # fmt: skip
+        page.figure(
+            drawing,
+            "Greatest force over the fraction of small grains, with the curves of the published fits.",
+        )
 
 
 def _order_over_ratio(page: Page, results: Results) -> None:
@@ -267,13 +341,24 @@ def _order_over_ratio(page: Page, results: Results) -> None:
             for axes, name in zip(both, ("hexagons_full", "psi6_full"), strict=True):
                 x, y, errors = _points(results, names, RATIOS, name)
                 line = STYLES[k] if len(x) == len(RATIOS) else "none"
-                axes.errorbar(x, y, errors, color=COLOURS[k], linestyle=line, marker="o",
-                              markersize=3.5, label=f"a = {label}")  # fmt: skip
+                axes.errorbar(
+                    x,
+                    y,
+                    errors,
+                    color=COLOURS[k],
+                    linestyle=line,
+                    marker="o",
+                    markersize=3.5,
+                    label=f"a = {label}",
+                )
         for axes, label in zip(both, ("fraction of hexagons", "Ψ₆"), strict=True):
             axes.set(xlabel="R", ylabel=label, ylim=(0.0, 1.0))
         both[1].legend(fontsize=8)
-        page.figure(drawing, "Order at full compression over the fraction of small grains. De "
-                    "Paula draws these, and prints no numbers.")  # fmt: skip
+        page.figure(
+            drawing,
+            "Order at full compression over the fraction of small grains. De "
+            "Paula draws these, and prints no numbers.",
+        )
 
 
 def _hysteresis(page: Page, results: Results) -> None:
@@ -288,8 +373,16 @@ def _hysteresis(page: Page, results: Results) -> None:
         together_names = [f"direct {n}, source's friction" for n in SIZES]
         x, y, errors = _points(results, together_names, SIZES, "hysteresis_D")
         if len(x):
-            axes.errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="s",
-                          markersize=4, label="de Paula's friction, ours")  # fmt: skip
+            axes.errorbar(
+                x,
+                y,
+                errors,
+                color=COLOURS[2],
+                linestyle="none",
+                marker="s",
+                markersize=4,
+                label="de Paula's friction, ours",
+            )
         axes.set(xlabel="number of grains", ylabel="hysteresis of the half mean distance [D]")
         axes.legend(fontsize=8)
         page.figure(drawing, "Half mean distance at the start less that at the end of the cycle.")
@@ -297,16 +390,19 @@ def _hysteresis(page: Page, results: Results) -> None:
 
 def _speed_courses(page: Page, results: Results) -> None:
     names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
-    courses = {
-        speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()
-    }
+    courses = {speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()}
     if any(item.ndim != 2 for item in courses.values()):
         return
     with figure(width=WIDTH) as (drawing, axes):
         for k, (speed, trajectory) in enumerate(courses.items()):
             mean = trajectory.mean(axis=0)
-            axes.plot(np.linspace(0.0, 3.0, len(mean)), mean, color=COLOURS[k],
-                      linestyle=STYLES[k % len(STYLES)], label=f"{speed} mm/s")  # fmt: skip
+            axes.plot(
+                np.linspace(0.0, 3.0, len(mean)),
+                mean,
+                color=COLOURS[k],
+                linestyle=STYLES[k % len(STYLES)],
+                label=f"{speed} mm/s",
+            )
         axes.set(xlabel="time [T]", ylabel="half mean distance [D]")
         axes.legend(fontsize=8)
         page.figure(drawing, "Half mean distance over the cycle for several speeds (368 grains).")
@@ -317,17 +413,27 @@ def _grain_forces(page: Page, results: Results) -> None:
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, kind in enumerate(("big", "small")):
             x, y, errors = _points(results, names, RATIOS, f"{kind}_compression")
-            both[0].errorbar(x, y, errors, color=COLOURS[k], linestyle="none",
-                             marker="os"[k], markersize=4, label=f"{kind} grains")  # fmt: skip
+            both[0].errorbar(
+                x,
+                y,
+                errors,
+                color=COLOURS[k],
+                linestyle="none",
+                marker="os"[k],
+                markersize=4,
+                label=f"{kind} grains",
+            )
         x, y, errors = _points(results, names, RATIOS, "fluctuation")
-        both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o",
-                         markersize=4)  # fmt: skip
+        both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o", markersize=4)
         both[0].set(xlabel="R", ylabel="compressive force on a grain [N]", ylim=(0.0, None))
         both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
         both[0].legend(fontsize=8)
-        page.figure(drawing, "Mean compressive force (sum of magnitudes) on the grains of each "
-                    "species at full compression (a = 0.6), and the mean fluctuation of the "
-                    "resulting force [D, eq. 4.35].")  # fmt: skip
+        page.figure(
+            drawing,
+            "Mean compressive force (sum of magnitudes) on the grains of each "
+            "species at full compression (a = 0.6), and the mean fluctuation of the "
+            "resulting force [D, eq. 4.35].",
+        )
 
 
 def _force_modes(page: Page, results: Results) -> None:
@@ -348,9 +454,12 @@ def _force_modes(page: Page, results: Results) -> None:
             axes.set_title(label + p, fontsize=8)
             axes.set_xlabel("F/F_max", fontsize=8)
         np.atleast_1d(row)[0].set_ylabel("density")
-        page.figure(drawing, "Compressive force of the grains at full compression over its "
-                    "greatest, both species together (a = 0.6), and the greatest p of the dip test "
-                    "for one mode.")  # fmt: skip
+        page.figure(
+            drawing,
+            "Compressive force of the grains at full compression over its "
+            "greatest, both species together (a = 0.6), and the greatest p of the dip test "
+            "for one mode.",
+        )
 
 
 def _dampers(page: Page, results: Results) -> None:
@@ -359,24 +468,26 @@ def _dampers(page: Page, results: Results) -> None:
     if not len(x):
         return
     with figure(1, 2, width=WIDTH) as (drawing, both):
-        both[0].errorbar(x, ratio, errors, color=COLOURS[0], marker="o", markersize=4,
-                         label="ours")  # fmt: skip
+        both[0].errorbar(x, ratio, errors, color=COLOURS[0], marker="o", markersize=4, label="ours")
         printed = float(published_value("damper_implied.alpha_over_omega"))
         both[0].axhline(printed, color=COLOURS[1], linestyle="--", label="published")
         for k, (figure_name, label) in enumerate(
             (("free_misfit", "Van der Pol-like"), ("free_linear_misfit", "linear"))
         ):
             x, y, errors = _points(results, names, GAMMAS, figure_name)
-            both[1].errorbar(x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k],
-                             markersize=4, label=label)  # fmt: skip
+            both[1].errorbar(
+                x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k], markersize=4, label=label
+            )
         both[0].set(xlabel="drag of a grain [kg/s]", ylabel="alpha/omega", ylim=(0.0, None))
-        both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]",
-                    ylim=(0.0, None))  # fmt: skip
+        both[1].set(xlabel="drag of a grain [kg/s]", ylabel="left over of the swing [%]", ylim=(0.0, None))
         both[0].legend(fontsize=8)
         both[1].legend(fontsize=8)
-        page.figure(drawing, "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
-                    "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
-                    "over with shift and scale free.")  # fmt: skip
+        page.figure(
+            drawing,
+            "De Paula's law fitted to the swing after a lift of 0.2 D, 6.24 kg: "
+            "its alpha/omega in de Paula's scaling, and what it and the linear law leave "
+            "over with shift and scale free.",
+        )
 
 
 def _pressed(page: Page, results: Results) -> None:
@@ -387,15 +498,25 @@ def _pressed(page: Page, results: Results) -> None:
             names = [f"pressed, R = {r:g}{scatter}" for r in ratios]
             x, y, errors = _points(results, names, ratios, "hexagons_pressed")
             drawn += len(x)
-            axes.errorbar(x, y, errors, color=COLOURS[k], marker="os"[k], markersize=4,
-                          linestyle=STYLES[k],
-                          label="scatter of 10 %" if scatter else "equal moments")  # fmt: skip
+            axes.errorbar(
+                x,
+                y,
+                errors,
+                color=COLOURS[k],
+                marker="os"[k],
+                markersize=4,
+                linestyle=STYLES[k],
+                label="scatter of 10 %" if scatter else "equal moments",
+            )
         if not drawn:
             return
         axes.set(xlabel="R", ylabel="fraction of hexagons at 110 N", ylim=(0.0, 1.0))
         axes.legend(fontsize=8)
-        page.figure(drawing, "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
-                    "numbers de Paula does not print.")  # fmt: skip
+        page.figure(
+            drawing,
+            "Mixtures of a = 0.6 pressed until 110 N as in the experiment, whose "
+            "numbers de Paula does not print.",
+        )
 
 
 def _variants(page: Page, results: Results) -> None:
@@ -408,9 +529,16 @@ def _variants(page: Page, results: Results) -> None:
             for axes, name in zip(both, ("force", "hexagons_full"), strict=True):
                 x, y, errors = _points(results, names, VARIANT_RATIOS, name)
                 scale = y[-1] if name == "force" else 1.0
-                axes.errorbar(x, y / scale, errors / scale, color=COLOURS[k],
-                              linestyle=STYLES[k], marker="o", markersize=3.5,
-                              label=label)  # fmt: skip
+                axes.errorbar(
+                    x,
+                    y / scale,
+                    errors / scale,
+                    color=COLOURS[k],
+                    linestyle=STYLES[k],
+                    marker="o",
+                    markersize=3.5,
+                    label=label,
+                )
         both[0].set(xlabel="R", ylabel="F(R)/F(1)")
         both[1].set(xlabel="R", ylabel="fraction of hexagons", ylim=(0.0, 1.0))
         both[0].legend(fontsize=8)

@@ -65,11 +65,10 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
         for figure, values in result.series[name]["figures"].items()
         if figure not in TIMED
         for seed, new, old in zip(
-            result.series[name]["done"], values, former.series[name]["figures"].get(figure, []),
-            strict=False,
+            result.series[name]["done"], values, former.series[name]["figures"].get(figure, []), strict=False
         )
         if new != old
-    ]  # fmt: skip
+    ]
     timed = _is_timed(entry, result)
     equal = ours is not None and before is not None and (timed or ours.value == before.value)
     return {
@@ -80,9 +79,7 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
         "timed": timed,
         "same": equal and not differences,
         "differences": differences,
-        "lacking": [
-            name for name in names if former.series[name]["done"] != result.series[name]["done"]
-        ],
+        "lacking": [name for name in names if former.series[name]["done"] != result.series[name]["done"]],
     }
 
 

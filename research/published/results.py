@@ -76,9 +76,7 @@ class Results:
         None unless all of its starts were run by today's code: nothing stands in for them.
         """
         item = self._integer(name, protocol)
-        numbers = (
-            [] if item is None else [x for x in item["figures"].get(figure, []) if x is not None]
-        )
+        numbers = [] if item is None else [x for x in item["figures"].get(figure, []) if x is not None]
         if item is None or not numbers:
             return None
         return Sample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
@@ -135,9 +133,10 @@ def counted(results: Results) -> dict[str, int]:
     integer = [item for item in results.series.values() if is_whole(item)]
     stale = [item for item in results.series.values() if item.get("stale")]
     started = [
-        item for item in results.series.values()
+        item
+        for item in results.series.values()
         if item["done"] and not is_whole(item) and not item.get("stale")
-    ]  # fmt: skip
+    ]
     stopped = [item for item in results.series.values() if is_stopped(item)]
     off = [item for item in integer if not item["coarse"] and worst_residual(item) > RESIDUAL]
     return {

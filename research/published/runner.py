@@ -77,11 +77,7 @@ class Shown(NamedTuple):
 
 
 def compare(
-    where: Path,
-    length: Length | None = None,
-    *,
-    workers: int | None = None,
-    progress: bool = True,
+    where: Path, length: Length | None = None, *, workers: int | None = None, progress: bool = True
 ) -> Shown:
     """Run and write as `published` does; the results too."""
     make_directory(where)
@@ -128,21 +124,23 @@ def _full(where: Path, workers: int | None, progress: bool) -> Results:
         _write_results(collected(plan, where, command, former), where)
 
     write()
-    run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress,
-               after=write)  # fmt: skip
+    run_groups(_waiting(plan, where, former), where, workers=workers, progress=progress, after=write)
     return collected(plan, where, command, former)
 
 
 def _waiting(plan: Sequence[Group], where: Path, former: Sequence[Results]) -> list[Group]:
     """The plan with those starts alone that were not run yet."""
     return [
-        Group(group.title, [
-            series._replace(seeds=seeds)
-            for series in group.series
-            if (seeds := missing(series, where, former))
-        ])
+        Group(
+            group.title,
+            [
+                series._replace(seeds=seeds)
+                for series in group.series
+                if (seeds := missing(series, where, former))
+            ],
+        )
         for group in plan
-    ]  # fmt: skip
+    ]
 
 
 def _say(words: str) -> None:
@@ -176,20 +174,30 @@ def summary(results: Results) -> dict[str, Any]:
         "series": counted(results),
         "entries": [row.to_plain() for row in rows],
         "statements": [
-            {"source": item.source, "words": item.words,
-             "holds": None if check is None else check.holds,
-             "figures": None if check is None else check.figures}
+            {
+                "source": item.source,
+                "words": item.words,
+                "holds": None if check is None else check.holds,
+                "figures": None if check is None else check.figures,
+            }
             for item, check in checks
         ],
         "both_causes": summary_of_both(with_both_causes(results)),
         "statement_counts": counted_statements(results),
         "comparisons": [
-            {"change": item.change, "bed": item.bed, "figure": item.figure, "unit": item.unit,
-             "published": item.published, "without": item.without._asdict(),
-             "with": item.with_it._asdict(), "matters": item.matters}
+            {
+                "change": item.change,
+                "bed": item.bed,
+                "figure": item.figure,
+                "unit": item.unit,
+                "published": item.published,
+                "without": item.without._asdict(),
+                "with": item.with_it._asdict(),
+                "matters": item.matters,
+            }
             for item in comparisons(results)
         ],
-    }  # fmt: skip
+    }
 
 
 def text(result: dict[str, Any]) -> str:
@@ -198,12 +206,16 @@ def text(result: dict[str, Any]) -> str:
 
     shown = result.get("quick", result)
     rows = [
-        (item["what"], _number(item["published"], item["unit"]),
-         _number(item["ours"], item["unit"]),
-         item["protocol"] or "", item["verdict"])
+        (
+            item["what"],
+            _number(item["published"], item["unit"]),
+            _number(item["ours"], item["unit"]),
+            item["protocol"] or "",
+            item["verdict"],
+        )
         for item in shown["entries"]
         if item["ours"] is not None or shown is result
-    ]  # fmt: skip
+    ]
     both = shown["summary"] | shown["strength"] | shown["both_causes"]
     numbers = ", ".join(f"{count} {name}" for name, count in both.items())
     series = ", ".join(f"{count} {name}" for name, count in shown["series"].items())

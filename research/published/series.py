@@ -92,9 +92,7 @@ def mixture(
     """A mixture up to full compression."""
 
     def scene(seed: int) -> Scene:
-        made = bidisperse(
-            aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed
-        )
+        made = bidisperse(aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed)
         return _with_records(made, 2, changes)
 
     return Series(name, protocol.name, protocol.words(mixture=True), scene, seeds, step)
@@ -130,9 +128,7 @@ def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1
     return Series(name, "published", words, scene, seeds, "auto", damper_record)
 
 
-def _with_records(
-    scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES
-) -> Scene:
+def _with_records(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
     """The scene with its first stages, and as many records as the figures need."""
     period = 2000.0 * scene.output.scalars
     protocol = scene.to_plain()["protocol"][:stages]

@@ -29,9 +29,7 @@ STEPS = (0.5, 1.0, 2.0, 4.0)
 DIAMETER = 0.006
 
 
-def regularised(
-    period: float, diameter: float = DIAMETER, *, threshold: float = 1.0
-) -> dict[str, Any]:
+def regularised(period: float, diameter: float = DIAMETER, *, threshold: float = 1.0) -> dict[str, Any]:
     """De Paula's friction, with its threshold of 1e-6 D/T times ``threshold``."""
     return {"scheme": "regularised", "threshold": threshold * 1e-6 * diameter / period}
 
@@ -61,11 +59,14 @@ def both_causes(
     period = compression_duration(count, PUBLISHED.speed)
     haste = HASTE if protocol is ACCELERATED else 1.0
     return mono(
-        f"direct {count}, {words}", count, protocol, seeds=seeds,
+        f"direct {count}, {words}",
+        count,
+        protocol,
+        seeds=seeds,
         step=step * haste * 1e-6 * period,
         effects__friction=regularised(period, threshold=threshold),
         **grid_of_height(count, grid),
-    )  # fmt: skip
+    )
 
 
 def both_at(sizes: Sequence[int], protocol: Protocol, seeds: Sequence[int]) -> list[Series]:
@@ -75,14 +76,14 @@ def both_at(sizes: Sequence[int], protocol: Protocol, seeds: Sequence[int]) -> l
 
 def creep(count: int, seeds: Sequence[int] = (1, 2)) -> list[Series]:
     """Several steps, and a threshold of ten times de Paula's, through the accelerated cycle."""
-    wide = both_causes(
-        count, threshold=10.0, seeds=seeds, grid=CREEP_GRID, words="threshold ten times"
-    )
+    wide = both_causes(count, threshold=10.0, seeds=seeds, grid=CREEP_GRID, words="threshold ten times")
     return [
-        *(both_causes(count, step=step, seeds=seeds, grid=CREEP_GRID, words=creep_name(step))
-          for step in STEPS),
+        *(
+            both_causes(count, step=step, seeds=seeds, grid=CREEP_GRID, words=creep_name(step))
+            for step in STEPS
+        ),
         wide,
-    ]  # fmt: skip
+    ]
 
 
 def creep_name(step: float) -> str:

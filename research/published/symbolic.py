@@ -29,9 +29,15 @@ def demonstration(total_duration: float) -> dict[str, float]:
     t = np.linspace(0.0, total_duration, SAMPLES)
     z = np.cos(t - 0.0996) * np.exp(0.0503 * (0.0996 - t))
     search = SymbolicRegressor(
-        allowed_symbols=SYMBOLS, generations=GENERATIONS, population_size=1000, max_length=30,
-        optimizer_iterations=10, random_state=1, n_threads=1, max_evaluations=500_000,
-    )  # fmt: skip
+        allowed_symbols=SYMBOLS,
+        generations=GENERATIONS,
+        population_size=1000,
+        max_length=30,
+        optimizer_iterations=10,
+        random_state=1,
+        n_threads=1,
+        max_evaluations=500_000,
+    )
     search.fit(t[:, None], z)
     left = z - search.predict(t[:, None])
     return {

@@ -81,9 +81,16 @@ def _height(time: float, heights: tuple[float, float, float]) -> float:
 
 @numba.njit(cache=True, fastmath=True)
 def _cycle(
-    positions: np.ndarray, velocities: np.ndarray, width: float, gravity: float,
-    heights: tuple[float, float, float], period: float, step: float, threshold: float, late: bool,
-) -> tuple[float, float]:  # fmt: skip
+    positions: np.ndarray,
+    velocities: np.ndarray,
+    width: float,
+    gravity: float,
+    heights: tuple[float, float, float],
+    period: float,
+    step: float,
+    threshold: float,
+    late: bool,
+) -> tuple[float, float]:
     """Half the mean distance before the compression and at t = 3 T."""
     now = positions.copy()
     before = now - step * velocities
@@ -142,10 +149,14 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     start, end = _cycle(
         np.ascontiguousarray(position.T / scales.length),
         np.ascontiguousarray(velocity.T / scales.velocity),
-        scene.cell.width / scales.length, 9.8 / scales.acceleration,
+        scene.cell.width / scales.length,
+        9.8 / scales.acceleration,
         (piston.height / scales.length, heights[0] / scales.length, heights[1] / scales.length),
-        period / scales.time, step / scales.time, friction.threshold / scales.velocity, late,
-    )  # fmt: skip
+        period / scales.time,
+        step / scales.time,
+        friction.threshold / scales.velocity,
+        late,
+    )
     return float(start), float(end)
 
 
@@ -156,9 +167,13 @@ def late_cycle(count: int, seed: int) -> tuple[float, float]:
     """
     period = compression_duration(count, PUBLISHED.speed)
     bed = mono(
-        "", count, PUBLISHED, speed=LATE_HASTE * PUBLISHED.speed,
-        effects__friction=regularised(period), **grid_of_height(count, GRID),
-    )  # fmt: skip
+        "",
+        count,
+        PUBLISHED,
+        speed=LATE_HASTE * PUBLISHED.speed,
+        effects__friction=regularised(period),
+        **grid_of_height(count, GRID),
+    )
     return cycle(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
 
 
@@ -167,7 +182,5 @@ def late_cycles(sizes: Sequence[int]) -> dict[str, float]:
     distances = {}
     for count in sizes:
         for seed in LATE_SEEDS:
-            distances[f"start {count}, {seed}"], distances[f"end {count}, {seed}"] = late_cycle(
-                count, seed
-            )
+            distances[f"start {count}, {seed}"], distances[f"end {count}, {seed}"] = late_cycle(count, seed)
     return distances

@@ -26,10 +26,10 @@ def blocks(result: Plain) -> Mapping[str, Block]:
 def add_options(item: Parser) -> None:
     """The user's file of the Silverbox benchmark."""
     item.add_argument(
-        "--silverbox", metavar="FILE",
-        help="fit this file of the Silverbox benchmark instead, with the columns V1 (in) and V2 "
-        "(out)",
-    )  # fmt: skip
+        "--silverbox",
+        metavar="FILE",
+        help="fit this file of the Silverbox benchmark instead, with the columns V1 (in) and V2 (out)",
+    )
 
 
 def instead(options: Any) -> tuple[Plain, str] | None:

@@ -165,9 +165,14 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
             warnings.simplefilter("ignore")  # of solutions that end early
             try:
                 result, told = odeint(
-                    rates, [z0, v0, *hidden], time, full_output=True, tfirst=True, rtol=1e-8,
+                    rates,
+                    [z0, v0, *hidden],
+                    time,
+                    full_output=True,
+                    tfirst=True,
+                    rtol=1e-8,
                     atol=1e-10 * unknowns.amplitude,
-                )  # fmt: skip
+                )
             except _GivenUpError:
                 return full
         reached = len(time)

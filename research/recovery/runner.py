@@ -42,9 +42,7 @@ class Case(NamedTuple):
     seed: int
 
 
-def recovery(
-    out: str | Path | None = None, *, full: bool = False, progress: bool = True
-) -> dict[str, Any]:
+def recovery(out: str | Path | None = None, *, full: bool = False, progress: bool = True) -> dict[str, Any]:
     """Fit all systems; a row for each of them, and the totals.
 
     ``full`` takes four levels of noise and five seeds, otherwise one of each. SciPy's least squares
@@ -65,9 +63,13 @@ def recovery(
     fits = kept_rows(cases, _key, _fitted, cache, what="fits", progress=progress)
     adjacent = [case for case in cases if not case.seed]
     peers = kept_rows(
-        adjacent, partial(_peer_key, starts=starts), partial(_peer, starts=starts), cache,
-        what="SciPy", progress=progress,
-    )  # fmt: skip
+        adjacent,
+        partial(_peer_key, starts=starts),
+        partial(_peer, starts=starts),
+        cache,
+        what="SciPy",
+        progress=progress,
+    )
     rows = [
         _row(
             k,
@@ -132,9 +134,11 @@ def _fitted(case: Case) -> dict[str, Any]:
 
 def _key(case: Case) -> str:
     content = {
-        "case": case, "system": SYSTEMS[case.system]._asdict(), "sources": _sources(),
+        "case": case,
+        "system": SYSTEMS[case.system]._asdict(),
+        "sources": _sources(),
         "on": machine_info(),
-    }  # fmt: skip
+    }
     return f"fit-{digest(content, KEY_LENGTH)}"
 
 
@@ -152,9 +156,7 @@ def _sources() -> str:
     return result.hexdigest()
 
 
-def _row(
-    system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]
-) -> dict[str, Any]:
+def _row(system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     ratios = np.concatenate([item["ratios"] for item in peers])
     return {
         "system": SYSTEMS[system].name,
@@ -168,8 +170,6 @@ def _row(
         "SciPy starts": len(ratios),
         "SciPy starts that reach it": float((ratios <= REACHED).mean()),
         "SciPy starts stopped": sum(len(item["stopped"]) for item in peers),
-        "SciPy calls when stopped": max(
-            (calls for item in peers for calls in item["stopped"]), default=0
-        ),
+        "SciPy calls when stopped": max((calls for item in peers for calls in item["stopped"]), default=0),
         "SciPy seconds a start": statistics.median(item["seconds"] for item in peers),
     }

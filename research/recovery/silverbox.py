@@ -67,10 +67,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
         errors = {}
         for part, record in tests.items():
             inputs = {"force": input_column(record, "force")}
-            start, speed = (
-                float(record.height[0]),
-                float(np.gradient(record.height, record.time)[0]),
-            )
+            start, speed = (float(record.height[0]), float(np.gradient(record.height, record.time)[0]))
             run = model.simulate(record.time, z0=start, v0=speed, inputs=inputs)
             left = (run.height - record.height)[_WASHED_OUT:]
             errors[part] = 1e3 * float(np.sqrt((left**2).mean()))
@@ -86,9 +83,7 @@ def silverbox(path: str | Path) -> dict[str, Any]:
     return {"rows": rows}
 
 
-def _part(
-    clock: np.ndarray, height: np.ndarray, force: np.ndarray, start: int, stop: int
-) -> PistonRecord:
+def _part(clock: np.ndarray, height: np.ndarray, force: np.ndarray, start: int, stop: int) -> PistonRecord:
     here = slice(start, stop)
     return PistonRecord(clock[here] - clock[start], height[here], force=force[here])
 
@@ -99,9 +94,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     columns = []
     for name in ("v1", "v2"):
         if name not in names:
-            raise InputError(
-                f"{sanitize(path)}: no column {name!r}; give the benchmark's file SNLS80mV.csv"
-            )
+            raise InputError(f"{sanitize(path)}: no column {name!r}; give the benchmark's file SNLS80mV.csv")
         position = names.index(name)
         try:
             columns.append(np.array([float(row[position]) for row in rows if row]))
@@ -123,10 +116,12 @@ def silverbox_text(result: dict[str, Any]) -> str:
     parts = tuple(result["rows"][0]["errors"])
     rows = [
         (
-            row["law"], *(f"{row['errors'][part]:.3f}" for part in parts), row["interpolation"],
+            row["law"],
+            *(f"{row['errors'][part]:.3f}" for part in parts),
+            row["interpolation"],
             f"{row['seconds']:.0f}",
         )
         for row in result["rows"]
-    ]  # fmt: skip
+    ]
     header = ("law", *(f"{part} [mV]" for part in parts), "input between samples", "s")
     return text_table(header, rows).text()

@@ -57,56 +57,86 @@ _DUFFING = "z'' + 2*lam*z' + omega**2*z + beta*z**3 = 0"
 SYSTEMS = (
     System("linear", "linear", {"lam": 0.05, "omega": 1.05, "g0": -1.0}, (1.0, 0.0), 60.0, 1000),
     System(
-        "van der Pol", "van-der-pol",
-        {"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05}, (0.5, 0.0), 60.0, 1000,
+        "van der Pol",
+        "van-der-pol",
+        {"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05},
+        (0.5, 0.0),
+        60.0,
+        1000,
     ),
     # The frequency falls by 30 % in 150 periods.
     System(
-        "hardening Duffing", "duffing",
-        {"lam": 0.0025, "k": 1.0, "rest": 0.4, "beta": 1.0}, (1.4, 0.0), 880.0, 4000,
+        "hardening Duffing",
+        "duffing",
+        {"lam": 0.0025, "k": 1.0, "rest": 0.4, "beta": 1.0},
+        (1.4, 0.0),
+        880.0,
+        4000,
     ),
     # It rises by 30 %.
     System(
-        "softening Duffing", "duffing",
-        {"lam": 0.0025, "k": 1.0, "rest": -0.2, "beta": -0.6}, (0.75, 0.0), 960.0, 4000,
+        "softening Duffing",
+        "duffing",
+        {"lam": 0.0025, "k": 1.0, "rest": -0.2, "beta": -0.6},
+        (0.75, 0.0),
+        960.0,
+        4000,
     ),
     System(
-        "pendulum", "z'' + 2*lam*z' + k*sin(z - rest) = 0",
-        {"lam": 0.003, "k": 9.0, "rest": 0.2}, (2.3, 0.0), 210.0, 4000,
+        "pendulum",
+        "z'' + 2*lam*z' + k*sin(z - rest) = 0",
+        {"lam": 0.003, "k": 9.0, "rest": 0.2},
+        (2.3, 0.0),
+        210.0,
+        4000,
     ),
     System(
-        "Bouc-Wen", "bouc-wen",
+        "Bouc-Wen",
+        "bouc-wen",
         {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0},
-        (3.0, 0.0, 0.0), 60.0, 1000,
+        (3.0, 0.0, 0.0),
+        60.0,
+        1000,
+    ),
+    System("Coulomb", "coulomb", {"friction": 0.03, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000),
+    System("quadratic drag", "quadratic-drag", {"c": 0.1, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000),
+    System(
+        "quintic",
+        "z'' + c*z' + k*(z - rest) + q*(z - rest)**5 = 0",
+        {"c": 0.02, "k": 1.0, "rest": 0.3, "q": 0.5},
+        (1.6, 0.0),
+        200.0,
+        2000,
     ),
     System(
-        "Coulomb", "coulomb", {"friction": 0.03, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000
+        "parametric",
+        "z'' + c*z' + k*(1 + h*cos(w*t))*z = 0",
+        {"c": 0.05, "k": 1.1, "h": 0.3, "w": 1.3},
+        (1.0, 0.0),
+        80.0,
+        1500,
     ),
     System(
-        "quadratic drag", "quadratic-drag",
-        {"c": 0.1, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000,
+        "two wells", "z'' + c*z' - a*z + b*z**3 = 0", {"c": 0.04, "a": 1.0, "b": 1.0}, (1.8, 0.0), 80.0, 1500
     ),
     System(
-        "quintic", "z'' + c*z' + k*(z - rest) + q*(z - rest)**5 = 0",
-        {"c": 0.02, "k": 1.0, "rest": 0.3, "q": 0.5}, (1.6, 0.0), 200.0, 2000,
+        "driven Duffing",
+        "z'' + c*z' + k*z + b*z**3 = g*force",
+        {"c": 0.2, "k": 1.0, "b": 0.5, "g": 1.0},
+        (0.0, 0.0),
+        200.0,
+        2500,
+        driven=True,
     ),
     System(
-        "parametric", "z'' + c*z' + k*(1 + h*cos(w*t))*z = 0",
-        {"c": 0.05, "k": 1.1, "h": 0.3, "w": 1.3}, (1.0, 0.0), 80.0, 1500,
+        "stick-slip",
+        "z'' + c*z' + k*z = f*tanh(10*(belt - z'))*(1 + d*exp(-3*abs(belt - z')))",
+        {"c": 0.05, "k": 1.0, "f": 0.4, "belt": 0.5, "d": 0.6},
+        (1.2, 0.0),
+        60.0,
+        1500,
     ),
-    System(
-        "two wells", "z'' + c*z' - a*z + b*z**3 = 0",
-        {"c": 0.04, "a": 1.0, "b": 1.0}, (1.8, 0.0), 80.0, 1500,
-    ),
-    System(
-        "driven Duffing", "z'' + c*z' + k*z + b*z**3 = g*force",
-        {"c": 0.2, "k": 1.0, "b": 0.5, "g": 1.0}, (0.0, 0.0), 200.0, 2500, driven=True,
-    ),
-    System(
-        "stick-slip", "z'' + c*z' + k*z = f*tanh(10*(belt - z'))*(1 + d*exp(-3*abs(belt - z')))",
-        {"c": 0.05, "k": 1.0, "f": 0.4, "belt": 0.5, "d": 0.6}, (1.2, 0.0), 60.0, 1500,
-    ),
-)  # fmt: skip
+)
 
 
 def law_of_system(system: System) -> Law:
@@ -131,9 +161,7 @@ def clean_motion(system: int) -> PistonRecord:
         inputs = [t if name == "t" else float(multisine(t)) for name in law.inputs]
         return [state[1], *field(*state, *inputs, *values)]
 
-    result = solve_ivp(
-        rates, (0.0, item.duration), item.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time
-    )
+    result = solve_ivp(rates, (0.0, item.duration), item.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time)
     return _with_force(item, time, result.y[0])
 
 

@@ -11,9 +11,16 @@ from research.recovery.systems import REACHED
 from validation.table import TextTable, text_table
 
 _HEADER = (
-    "system", "reached", "worst residual/noise", "starts that agree", "CPU s", "SciPy reached",
-    "of its starts", "stopped", "CPU s a start",
-)  # fmt: skip
+    "system",
+    "reached",
+    "worst residual/noise",
+    "starts that agree",
+    "CPU s",
+    "SciPy reached",
+    "of its starts",
+    "stopped",
+    "CPU s a start",
+)
 
 
 def recovery_text(result: Mapping[str, Any]) -> str:
@@ -33,14 +40,18 @@ def recovery_markdown(result: Mapping[str, Any]) -> str:
 def _table(result: Mapping[str, Any]) -> TextTable:
     rows = [
         (
-            row["system"], f"{row['reached']} of {row['fits']}", f"{row['worst']:.3f}",
-            f"{100 * row['starts that agree']:.0f} %", f"{row['seconds']:.2f}",
+            row["system"],
+            f"{row['reached']} of {row['fits']}",
+            f"{row['worst']:.3f}",
+            f"{100 * row['starts that agree']:.0f} %",
+            f"{row['seconds']:.2f}",
             f"{row['SciPy reached']} of {row['SciPy fits']}",
-            f"{100 * row['SciPy starts that reach it']:.0f} %", _stopped(row),
+            f"{100 * row['SciPy starts that reach it']:.0f} %",
+            _stopped(row),
             f"{row['SciPy seconds a start']:.2f}",
         )
         for row in result["rows"]
-    ]  # fmt: skip
+    ]
     return text_table(_HEADER, rows)
 
 
@@ -59,6 +70,5 @@ def _stopped(row: Mapping[str, Any]) -> str:
     if not row["SciPy starts stopped"]:
         return "none"
     return (
-        f"{row['SciPy starts stopped']} of {row['SciPy starts']} at "
-        f"{row['SciPy calls when stopped']:,} calls"
+        f"{row['SciPy starts stopped']} of {row['SciPy starts']} at {row['SciPy calls when stopped']:,} calls"
     )

@@ -18,8 +18,7 @@ from granular.scene.system import natural_system
 from granular.shared.caches import read_sealed
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")
-BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None,
-        "effects.gravity": None}  # fmt: skip
+BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "effects.gravity": None}
 
 
 def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -52,12 +51,9 @@ def test_compiled_code_holds_no_trace_of_absent_effects(
     assert traces(bare) == set()
     assert "log1p" not in bare
     # The same search finds them where they act.
-    rubbing = symbols(
-        small_bed.replace(**{"effects.drag": None, "effects.friction": {}}), monkeypatch
-    )
+    rubbing = symbols(small_bed.replace(**{"effects.drag": None, "effects.friction": {}}), monkeypatch)
     touching = symbols(
-        load_scene("single-particle").replace(**BARE, **{"effects.contact.modulus": 1e7}),
-        monkeypatch,
+        load_scene("single-particle").replace(**BARE, **{"effects.contact.modulus": 1e7}), monkeypatch
     )
     assert traces(rubbing) | traces(touching) == set(TRACES)
     assert "log1p" in rubbing
@@ -65,8 +61,14 @@ def test_compiled_code_holds_no_trace_of_absent_effects(
 
 @pytest.mark.parametrize("effect", ["friction", "contact", "shaking", "drag", "gravity", "dipole"])
 def test_absent_effects_are_none_in_the_signature(effect: str) -> None:
-    present = {"friction": True, "contact": {"modulus": 1e7}, "dipole": True, "gravity": True,
-               "drag": True, "shaking": {"amplitude": 1e-3, "frequency": 1.0}}  # fmt: skip
+    present = {
+        "friction": True,
+        "contact": {"modulus": 1e7},
+        "dipole": True,
+        "gravity": True,
+        "drag": True,
+        "shaking": {"amplitude": 1e-3, "frequency": 1.0},
+    }
     scene = load_scene("bed").replace(**{f"effects.{key}": val for key, val in present.items()})
     full = natural_system(scene).constants.acting
     bare = natural_system(scene.replace(**{f"effects.{effect}": None})).constants.acting
@@ -86,15 +88,25 @@ def test_absent_effects_allocate_nothing() -> None:
         acting = natural_system(scene.replace(**changes)).constants.acting
         state = new_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])
         held = {name for name, value in state._asdict().items() if value is not None}
-        workspaces = {
-            type(workspace).__name__ for workspace in state.workspaces if workspace is not None
-        }
+        workspaces = {type(workspace).__name__ for workspace in state.workspaces if workspace is not None}
         return (held - {"workspaces"}) | workspaces
 
     bare = arrays()
     assert system.constants.masses is None
-    assert bare == {"x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces",
-                    "label", "scratch"}  # fmt: skip
+    assert bare == {
+        "x",
+        "y",
+        "vx",
+        "vy",
+        "fx",
+        "fy",
+        "piston",
+        "ledger",
+        "clock",
+        "wall_forces",
+        "label",
+        "scratch",
+    }
     assert arrays(**{"effects.friction": True}) - bare == {"load"}
     assert arrays(**{"effects.contact": {"modulus": 1e7}}) - bare == {"ClosePairs"}
     slab = {"law": "slab"}

@@ -13,9 +13,7 @@ from typing import Any
 
 import pytest
 
-LISTED = [
-    line.split() for line in (Path(__file__).parent / "examples.txt").read_text().splitlines()
-]
+LISTED = [line.split() for line in (Path(__file__).parent / "examples.txt").read_text().splitlines()]
 LONG = [pytest.param(name, marks=[pytest.mark.long] if mark else []) for name, *mark in LISTED]
 
 

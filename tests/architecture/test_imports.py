@@ -56,9 +56,7 @@ def named_modules(path: Path, root: Path) -> set[str]:
 def imports_within(package: str, root: Path = ROOT) -> dict[str, set[str]]:
     """Each module of a package, and those of the package that it imports."""
     paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
-    return {
-        name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()
-    }
+    return {name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()}
 
 
 def folder_of(module: str) -> str:
@@ -113,7 +111,7 @@ def test_a_circle_is_seen(tmp_path: Path) -> None:
         "room/__init__": "",
         "room/table": "def turned():\n    from ..room.chair import leg",
         "room/chair": "if False:  # as for type checkers\n    import house.room.table",
-    }.items():  # fmt: skip
+    }.items():
         (tmp_path / "house" / f"{name}.py").write_text(text, encoding="utf-8")
     assert circles(imports_within("house", tmp_path)) == {"house.room.table", "house.room.chair"}
     assert circles(imports_of_folders("house", tmp_path)) == set()
@@ -133,16 +131,19 @@ def test_arrows(package: str) -> None:
 @pytest.mark.parametrize("package", FORBIDDEN)
 def test_import_is_light(package: str) -> None:
     code = f"import sys, {package}; print([one for one in {HEAVY!r} if one in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"
 
 
 PACKAGES = (
-    "granular", "granular.observables", "granular.schema", "reduced_models",
-    "reduced_models.laws", "reduced_models.machines", "validation",
-)  # fmt: skip
+    "granular",
+    "granular.observables",
+    "granular.schema",
+    "reduced_models",
+    "reduced_models.laws",
+    "reduced_models.machines",
+    "validation",
+)
 
 
 @pytest.mark.parametrize("name", PACKAGES)

@@ -14,30 +14,44 @@ PACKAGES = ("granular", "reduced_models", "validation", "research", "benchmarks"
 NAMES = {"eval", "exec", "compile", "__import__", "execfile", "input", "breakpoint"}
 """Built-in functions."""
 CALLED = {
-    "sympify", "parse_expr", "lambdify", "parse_latex", "nsimplify", "import_module",
-    "run_path", "run_module", "system", "popen", "getoutput", "getstatusoutput", "read_pickle",
-    "unsafe_load", "full_load",
-}  # fmt: skip
+    "sympify",
+    "parse_expr",
+    "lambdify",
+    "parse_latex",
+    "nsimplify",
+    "import_module",
+    "run_path",
+    "run_module",
+    "system",
+    "popen",
+    "getoutput",
+    "getstatusoutput",
+    "read_pickle",
+    "unsafe_load",
+    "full_load",
+}
 """Functions of modules, by their last name."""
 PICKLES = {"pickle", "_pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
 """Modules whose load or loads builds any object."""
 COMMANDS = {"subprocess", "os", "asyncio", "pty"}
 
 ALLOWED = {
-    ("granular/formulas/algebra.py", "lambdify"):
-        "the one place where formulas become code: trees of the grammar, names made there",
-    ("granular/shared/user_file.py", "exec"):
-        "the file that a user names on the command line, by --import",
-    ("granular/shared/user_file.py", "compile"):
-        "the same file",
+    (
+        "granular/formulas/algebra.py",
+        "lambdify",
+    ): "the one place where formulas become code: trees of the grammar, names made there",
+    ("granular/shared/user_file.py", "exec"): "the file that a user names on the command line, by --import",
+    ("granular/shared/user_file.py", "compile"): "the same file",
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/run/threads.py", "import_module"): "two modules of Numba, by names in the source",
-    ("granular/compiled/cache.py", "pickle.loads"):
-        "compiled code that was sealed, in a folder that belongs to the user alone",
+    (
+        "granular/compiled/cache.py",
+        "pickle.loads",
+    ): "compiled code that was sealed, in a folder that belongs to the user alone",
     ("benchmarks/available_engines.py", "import_module"): "names from a table in the source",
     ("validation/console_script.py", "import_module"): "the three packages' own names",
     ("validation/console_script.py", "complete with shell"): "prints a script; runs no shell",
-}  # fmt: skip
+}
 """Where such a call stands, and why no text of a user's comes to it."""
 
 

@@ -99,9 +99,8 @@ def half(without: str, code: str) -> None:
     # Pillow comes with matplotlib, which both halves have.
     hidden = f"import sys; sys.modules |= dict.fromkeys({blocked!r}); sys.modules.pop('PIL', None)"
     done = subprocess.run(
-        [sys.executable, "-c", f"{hidden}\n{code}"], capture_output=True, text=True, check=False,
-        cwd=ROOT,
-    )  # fmt: skip
+        [sys.executable, "-c", f"{hidden}\n{code}"], capture_output=True, text=True, check=False, cwd=ROOT
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -133,9 +132,7 @@ def test_simulations_need_nothing_of_the_fits() -> None:
         "from granular import evaluate, load_scene, simulate, sweep\n"
         "from granular.render import still\n"
         "assert load_scene('damper').piston is not None\n"
-        + MISSES.format(
-            package="reduced_models", name="fit", module="is not installed", group="fits"
-        ),
+        + MISSES.format(package="reduced_models", name="fit", module="is not installed", group="fits"),
     )
 
 
@@ -151,9 +148,7 @@ def test_a_module_that_is_none_of_the_toolkit_s_keeps_its_own_error() -> None:
 
 
 def test_what_is_missing_is_bad_input_and_an_import_error() -> None:
-    found = missing_module_message(
-        ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy")
-    )
+    found = missing_module_message(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
     assert isinstance(found, MissingError)
     assert isinstance(found, InputError)
     assert isinstance(found, ImportError)

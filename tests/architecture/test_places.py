@@ -70,9 +70,7 @@ def test_nothing_reads_above_the_repository() -> None:
         if path.suffix != ".py":
             continue
         depth = len(path.relative_to(ROOT).parts)
-        climbs = re.findall(
-            r"__file__\)(?:\.resolve\(\))?\.parents\[(\d+)\]", path.read_text("utf-8")
-        )
+        climbs = re.findall(r"__file__\)(?:\.resolve\(\))?\.parents\[(\d+)\]", path.read_text("utf-8"))
         if any(int(climb) >= depth for climb in climbs):
             above[str(path.relative_to(ROOT))] = climbs
     assert not above

@@ -15,10 +15,23 @@ ROOT = Path(__file__).parents[2]
 
 def test_small_runs_in_plain_python() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-p", "no:cacheprovider",
-         "tests/plain_python", "tests/physics/test_forces.py::test_force_is_minus_gradient"],
-        capture_output=True, text=True, check=False, cwd=ROOT,
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:xdist",
+            "-p",
+            "no:cacheprovider",
+            "tests/plain_python",
+            "tests/physics/test_forces.py::test_force_is_minus_gradient",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
         env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stdout
     assert "skipped" not in done.stdout.splitlines()[-1]

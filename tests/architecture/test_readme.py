@@ -11,9 +11,10 @@ ROOT = Path(__file__).parents[2]
 def commands(heading: str) -> list[str]:
     """The lines of the block of commands behind a line of the README that begins so."""
     found = re.search(
-        rf"^{heading}.*?^```sh\n(.*?)^```$", (ROOT / "README.md").read_text(encoding="utf-8"),
+        rf"^{heading}.*?^```sh\n(.*?)^```$",
+        (ROOT / "README.md").read_text(encoding="utf-8"),
         re.MULTILINE | re.DOTALL,
-    )  # fmt: skip
+    )
     return [] if found is None else found[1].splitlines()
 
 

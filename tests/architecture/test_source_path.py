@@ -105,14 +105,15 @@ class Package:
                     if method.name.startswith("__") or method.name in attributes:
                         functions.add((owner, method))
                         attributes |= dotted(method)
-                        todo += [one for one in self.uses(owner.module, method)
-                                 if one not in passed]  # fmt: skip
+                        todo += [one for one in self.uses(owner.module, method) if one not in passed]
             # A method may name what makes others run.
             if not todo and any(
-                isinstance(method, ast.FunctionDef) and method.name in attributes
+                isinstance(method, ast.FunctionDef)
+                and method.name in attributes
                 and (owner, method) not in functions
-                for owner in classes for method in self.definitions[owner].body  # type: ignore[attr-defined]
-            ):  # fmt: skip
+                for owner in classes
+                for method in self.definitions[owner].body  # type: ignore[attr-defined]
+            ):
                 todo = [start]
                 passed.discard(start)
         return functions
@@ -124,9 +125,10 @@ class Package:
             more = {
                 one.name
                 for one, node in self.definitions.items()
-                if isinstance(node, ast.ClassDef) and one.name not in found
+                if isinstance(node, ast.ClassDef)
+                and one.name not in found
                 and found & {name for part in held(node) for name in named(part)}
-            }  # fmt: skip
+            }
             if not more:
                 return found
             found |= more
@@ -194,14 +196,13 @@ def test_a_path_is_seen(tmp_path: Path) -> None:
     workspace.mkdir()
     for name, text in {
         "__init__": "from house.low import Holder",
-        "low": "class Holder:\n    record: PistonRecord\n    def seen(self): ...\n"
-        "    def other(self): ...\n",
+        "low": "class Holder:\n    record: PistonRecord\n    def seen(self): ...\n    def other(self): ...\n",
         "top": "from house import Holder\nfrom house.away import DEEDS\n"
         "def job(source: Scene) -> None:\n    DEEDS[0](Holder(source)).seen()\n",
         "away": "def deed(held: Holder) -> Never: ...\ndef plain(x: float): ...\n"
         "def unused(x: Scene): ...\nDEEDS = (deed, plain)\n",
         "apart": "def unused(x: Scene): ...",
-    }.items():  # fmt: skip
+    }.items():
         (workspace / f"{name}.py").write_text(text, encoding="utf-8")
     found = Package("house", tmp_path).passed(Definition("house.top", "job"))
     assert found == {"house/top.py": ["job"], "house/low.py": ["seen"], "house/away.py": ["deed"]}

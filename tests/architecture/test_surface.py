@@ -56,9 +56,7 @@ def test_every_public_room_is_written_down() -> None:
     for package in OURS:
         found = importlib.import_module(package)
         workspaces = {f"{package}.{one.name}" for one in pkgutil.iter_modules(found.__path__)}
-        stubs = {
-            one for one in workspaces if (ROOT / one.replace(".", "/") / "__init__.pyi").is_file()
-        }
+        stubs = {one for one in workspaces if (ROOT / one.replace(".", "/") / "__init__.pyi").is_file()}
         assert stubs <= set(PUBLIC)
 
 

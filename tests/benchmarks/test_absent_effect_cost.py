@@ -12,8 +12,7 @@ from granular.kernel_data.state import LOSSES
 
 
 @pytest.mark.parametrize(
-    "scenery",
-    [pytest.param(one, marks=() if "drag" in one else pytest.mark.long) for one in KERNELS],
+    "scenery", [pytest.param(one, marks=() if "drag" in one else pytest.mark.long) for one in KERNELS]
 )
 def test_steps_by_hand_are_the_engine_s(scenery: str) -> None:
     bed, engine, calls = hand_and_engine(scenery, 92, 100)

@@ -15,8 +15,7 @@ from granular.shared.errors import InputError
 
 
 def entry(ratio: float, **more: Any) -> dict[str, Any]:
-    return {"commit": "abc", "changed": False, "date": "2026-01-01 00:00", **more,
-            "ratios": {"sum": ratio}}  # fmt: skip
+    return {"commit": "abc", "changed": False, "date": "2026-01-01 00:00", **more, "ratios": {"sum": ratio}}
 
 
 def test_entries_are_added_one_a_line(tmp_path: Path) -> None:

@@ -59,9 +59,7 @@ def test_openmm_sums_the_same(positions: np.ndarray, platform: str) -> None:
 
 def test_engines_that_the_wheel_leaves_out_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in available_engines.NAMES:
-        monkeypatch.setitem(
-            sys.modules, f"{available_engines.FOLDER}.{name}", None
-        )  # as if not there
+        monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if not there
         assert available_engines.engine(name) is None
         assert "from the sources only" in str(available_engines.why_not(name))
 

@@ -46,8 +46,9 @@ def test_what_is_written_is_what_promises_are_made_from(
     assert known.grains == 23
     assert known.date == plain["made"]["date"]
     assert [(rung.method, rung.dt) for rung in known.entries] == [
-        ("stormer-verlet", "auto*8"), ("stormer-verlet", "auto*4"),
-    ]  # fmt: skip
+        ("stormer-verlet", "auto*8"),
+        ("stormer-verlet", "auto*4"),
+    ]
     coarse, fine = known.entries
     assert coarse.bounds["energy"] > fine.bounds["energy"] > 0.0
     assert coarse.fraction == pytest.approx(2.0 * fine.fraction)

@@ -47,9 +47,7 @@ def test_memory_and_starts_come_from_other_processes() -> None:
     # Coordinates, velocities and forces alone take 48 bytes a grain.
     assert row["bytes"] - row["of 92 grains"] > 48 * 20000
     times = {row["start"].split(":")[0]: row["seconds"] for row in starts()}
-    assert set(times) == {
-        "import granular", "cold run", "warm run", "first step of a damper",
-    }  # fmt: skip
+    assert set(times) == {"import granular", "cold run", "warm run", "first step of a damper"}
 
 
 @pytest.mark.long

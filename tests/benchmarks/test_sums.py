@@ -50,9 +50,7 @@ def test_full_list_is_refused() -> None:
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     with pytest.raises(ValueError, match="the list is full"):
-        plain_verlet_list(
-            verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200
-        )
+        plain_verlet_list(verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200)
 
 
 def test_rows_say_what_was_measured() -> None:
@@ -74,9 +72,7 @@ def test_exponent_of_a_power_law() -> None:
     assert half < 1e-9
 
 
-def test_interval_of_the_exponent_holds_the_truth_as_often_as_it_says(
-    random: np.random.Generator,
-) -> None:
+def test_interval_of_the_exponent_holds_the_truth_as_often_as_it_says(random: np.random.Generator) -> None:
     counts = np.array([1e3, 2e3, 5e3, 2e4, 1e5])
     inside = 0
     for _ in range(1000):

@@ -73,8 +73,12 @@ def pendulum() -> list[str]:
 
     times = np.linspace(0.0, 20.0, 1000)
     solved = solve_ivp(
-        lambda _, y: [y[1], -0.3 * y[1] - 2.0 * np.sin(y[0])], (0.0, 20.0), [2.0, 0.0],
-        t_eval=times, rtol=1e-9, atol=1e-11,
-    )  # fmt: skip
+        lambda _, y: [y[1], -0.3 * y[1] - 2.0 * np.sin(y[0])],
+        (0.0, 20.0),
+        [2.0, 0.0],
+        t_eval=times,
+        rtol=1e-9,
+        atol=1e-11,
+    )
     rows = [f"{t:.6f},{z:.9f}" for t, z in zip(times, solved.y[0], strict=True)]
     return ["time [s],angle [rad]", *rows]

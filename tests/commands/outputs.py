@@ -55,9 +55,14 @@ def printed(page: str, folder: Path) -> list[str]:
     script.write_text(guard + body, encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(folder)))}
     done = subprocess.run(
-        [sys.executable, script.name], cwd=folder, env=environment, capture_output=True,
-        text=True, timeout=SECONDS, check=False,
-    )  # fmt: skip
+        [sys.executable, script.name],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     return [one.strip("\n") for one in done.stdout.split(f"{BETWEEN}\n")[:-1]]
 

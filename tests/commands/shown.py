@@ -18,11 +18,7 @@ PROG = "granular-damper"
 PARSERS: dict[str, Parser] = (
     {
         name: importlib.import_module(f"{name}.__main__").PROGRAM.parser(prog)
-        for name, prog in (
-            ("granular", PROG),
-            ("reduced_models", PROG),
-            ("validation", f"{PROG} validate"),
-        )
+        for name, prog in (("granular", PROG), ("reduced_models", PROG), ("validation", f"{PROG} validate"))
     }
     | {
         name: importlib.import_module(f"{name}.__main__").parser()

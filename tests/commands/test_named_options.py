@@ -109,10 +109,16 @@ def test_there_are_messages_that_name_options() -> None:
 @pytest.mark.parametrize("page", CURRENT, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_options_that_pages_name_are_there(page: Path) -> None:
     """One within a command that is shown is on that command, one alone on some command."""
-    every = set().union(*OPTIONS.values(), {"--version"}, *(
-        word for parser in PARSERS.values() for action in parser._actions
-        for word in [action.option_strings]
-    ))  # fmt: skip
+    every = set().union(
+        *OPTIONS.values(),
+        {"--version"},
+        *(
+            word
+            for parser in PARSERS.values()
+            for action in parser._actions
+            for word in [action.option_strings]
+        ),
+    )
     prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for code in re.findall(r"`([^`\n]+)`", prose):
         first = code.removeprefix("granular-damper ").split()[0] if code.split() else ""

@@ -112,9 +112,14 @@ def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
     paths = os.pathsep.join((str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])))
     start = [sys.executable, *(SCRIPT if words[0] == PROG else [])]
     command = subprocess.Popen(
-        [*start, *words[1:]], cwd=folder, env=os.environ | {"PYTHONPATH": paths},
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-    )  # fmt: skip
+        [*start, *words[1:]],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": paths},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
     try:
         said, _ = command.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:

@@ -13,9 +13,13 @@ from granular import Scene, load_scene, simulate
 
 def bouncing(**changes: object) -> Scene:
     return load_scene("single-particle").replace(
-        **{"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.05,
-           "output.frames": 0.05, **changes}
-    )  # fmt: skip
+        **{
+            "arrangement.positions": [["30 D", "3 D"]],
+            "output.scalars": 0.05,
+            "output.frames": 0.05,
+            **changes,
+        }
+    )
 
 
 def heights(scene: Scene, dt: float) -> np.ndarray:
@@ -65,9 +69,7 @@ def test_free_piston_converges_with_order_two(small_damper: Scene) -> None:
     scene = small_damper.replace(**{"output.scalars": 0.02, "output.frames": 0.02})
 
     def height(dt: float) -> float:
-        return float(
-            simulate(scene, dt=dt, t_end=0.02, progress=False).dataset["piston_height"][-1]
-        )
+        return float(simulate(scene, dt=dt, t_end=0.02, progress=False).dataset["piston_height"][-1])
 
     steps = (4e-5, 2e-5, 1e-5)
     finest = height(1e-6)

@@ -30,8 +30,12 @@ def tried() -> Tried:
         }
         done = subprocess.run(
             [sys.executable, str(HERE / program), *words],
-            cwd=ROOT, env=os.environ | surroundings, stdout=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
+            cwd=ROOT,
+            env=os.environ | surroundings,
+            stdout=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
         cases = [json.loads(line) for line in done.stdout.splitlines()]
         faults = [case for case in cases if case["outcome"] == "fault"]
         assert (done.returncode, faults) == (0, []), cases[-1:]

@@ -47,9 +47,7 @@ def formula(random: Random, depth: int) -> str:
             power = random.choice(["2", "3", "0.5", "-1", "k", "9"])
             return f"({formula(random, depth - 1)})**{power}"
         case 4:
-            return " + ".join(
-                formula(random, depth - 2) for _ in range(int(random.integers(2, 12)))
-            )
+            return " + ".join(formula(random, depth - 2) for _ in range(int(random.integers(2, 12))))
         case _:
             left, right = formula(random, depth - 1), formula(random, depth - 1)
             return f"{left}{random.choice(SIGNS)}{right}"

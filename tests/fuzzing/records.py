@@ -97,17 +97,56 @@ def _spoil(columns: dict[str, np.ndarray], random: Random) -> None:
 
 
 HEADERS = (
-    "time,height", "time [s],height [mm]", "time;height", "time\theight", "Time , HEIGHT", "t,z",
-    "time [ms],height [furlong]", "time [m],height [s]", "time,height,height", "time,,height", "",
-    "\ufefftime,height", '"time","height"', "time [s,height [m", "time,height [m^99]", "#time",
-    "time,height,\x1b[31mred", "time [%],height", "1,2", "time,height [" + "m*" * 60 + "m]",
+    "time,height",
+    "time [s],height [mm]",
+    "time;height",
+    "time\theight",
+    "Time , HEIGHT",
+    "t,z",
+    "time [ms],height [furlong]",
+    "time [m],height [s]",
+    "time,height,height",
+    "time,,height",
+    "",
+    "\ufefftime,height",
+    '"time","height"',
+    "time [s,height [m",
+    "time,height [m^99]",
+    "#time",
+    "time,height,\x1b[31mred",
+    "time [%],height",
+    "1,2",
+    "time,height [" + "m*" * 60 + "m]",
     "height,time",
-)  # fmt: skip
+)
 CELLS = (
-    "", " ", "nan", "inf", "-inf", "1_0.5", "0x10", "1e999", "1,5", "--1", "1e", "text", "\uff11",
-    "\u0663", "\x00", "\x1b[2J", "1" * 400, "True", "None", "1+2j", '"', "'", "=1+1", "\u202e1",
-    "1 2", "\u221e",
-)  # fmt: skip
+    "",
+    " ",
+    "nan",
+    "inf",
+    "-inf",
+    "1_0.5",
+    "0x10",
+    "1e999",
+    "1,5",
+    "--1",
+    "1e",
+    "text",
+    "\uff11",
+    "\u0663",
+    "\x00",
+    "\x1b[2J",
+    "1" * 400,
+    "True",
+    "None",
+    "1+2j",
+    '"',
+    "'",
+    "=1+1",
+    "\u202e1",
+    "1 2",
+    "\u221e",
+)
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")
 
 
@@ -122,9 +161,7 @@ def made_file(random: Random) -> bytes:
         columns = {name: columns[name] for name in ("time", "height")}
     separator = next((mark for mark in ";\t" if mark in header), ",")
     digits = int(random.choice([1, 6, 6, 17, 17, 17, 17, 17]))
-    rows = [
-        [f"{value:.{digits}g}" for value in row] for row in zip(*columns.values(), strict=False)
-    ]
+    rows = [[f"{value:.{digits}g}" for value in row] for row in zip(*columns.values(), strict=False)]
     for _ in range(int(random.choice([0, 0, 0, 1, 3]))):
         if rows:
             row = rows[int(random.integers(len(rows)))]

@@ -65,14 +65,13 @@ def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bo
             "load": one_of(random, (0.0, 0.01, 1.0)),
         }
     if "contact" in names:
-        found["contact"] = {
-            "modulus": between(random, 1e4, 1e10), "restitution": random.uniform(0.05, 1.0)
-        }  # fmt: skip
+        found["contact"] = {"modulus": between(random, 1e4, 1e10), "restitution": random.uniform(0.05, 1.0)}
     if "shaking" in names:
         found["shaking"] = {
-            "amplitude": between(random, 1e-6, 1e-2), "frequency": between(random, 1.0, 200.0),
+            "amplitude": between(random, 1e-6, 1e-2),
+            "frequency": between(random, 1.0, 200.0),
             "angle": random.uniform(-4.0, 4.0),
-        }  # fmt: skip
+        }
     return found
 
 
@@ -85,18 +84,21 @@ def stage(random: Random, name: str, height: float, record: float, free: bool) -
         "hold": {"duration": duration},
         "free": {"duration": duration},
         "push": {
-            "duration": duration, "amplitude": between(random, 1e-3, 10.0),
-            "frequency": between(random, 1.0, 100.0), "mean": random.normal(),
+            "duration": duration,
+            "amplitude": between(random, 1e-3, 10.0),
+            "frequency": between(random, 1.0, 100.0),
+            "mean": random.normal(),
         },
         "move": {"to": to, "duration": duration},
         "descend": {"to": to, "duration": duration, "steepness": between(random, 0.1, 20.0)},
         "follow": {"times": [0.0, 0.4 * duration, duration], "heights": [height, to, height]},
         "oscillate": {
-            "amplitude": height * between(random, 1e-3, 0.3), "duration": duration,
+            "amplitude": height * between(random, 1e-3, 0.3),
+            "duration": duration,
             "frequency": random.uniform(0.3, 5.0) / duration,
         },
         "lift": {"by": height * random.uniform(-0.05, 0.3)},
-    }[kind]  # fmt: skip
+    }[kind]
     if kind == "move" and some(random, 0.4):
         parts |= {"speed": abs(to - height) / duration + 1e-9}
         del parts["duration"]
@@ -123,12 +125,14 @@ def sound_scene(random: Random, names: set[str], common: bool) -> Plain:
         "grains": {"count": count, "species": kinds},
         "cell": {"width": width},
         "arrangement": {
-            "height": height, "jitter": random.uniform(0.0, 0.2), "seed": int(random.integers(99)),
+            "height": height,
+            "jitter": random.uniform(0.0, 0.2),
+            "seed": int(random.integers(99)),
             "speed": 0.0 if some(random, 0.5) else between(random, 1e-4, 10.0),
         },
         "output": {"scalars": record, "frames": record * int(random.integers(1, 4))},
         "effects": effects(random, names, (width, 1.3 * height, widest), piston),
-    }  # fmt: skip
+    }
     if "friction" in names:
         plain["grains"]["thickness"] = 0.6 * min(one["diameter"] for one in kinds)
         plain["cell"]["separation"] = 1.03 * plain["grains"]["thickness"]
@@ -163,10 +167,21 @@ def sound_scene(random: Random, names: set[str], common: bool) -> Plain:
 
 
 METHODS = (
-    "symplectic-euler", "position-verlet", "adaptive-verlet", "forest-ruth", "pefrl",
-    "blanes-moan-4", "blanes-moan-6", "yoshida-6", "kahan-li-8", "explicit-euler", "runge-kutta-4",
-    "stormer-verlet+compensated", "pefrl+compensated", "adaptive-verlet+compensated",
-)  # fmt: skip
+    "symplectic-euler",
+    "position-verlet",
+    "adaptive-verlet",
+    "forest-ruth",
+    "pefrl",
+    "blanes-moan-4",
+    "blanes-moan-6",
+    "yoshida-6",
+    "kahan-li-8",
+    "explicit-euler",
+    "runge-kutta-4",
+    "stormer-verlet+compensated",
+    "pefrl+compensated",
+    "adaptive-verlet+compensated",
+)
 
 
 def arguments(random: Random, plain: Plain, common: bool) -> Plain:

@@ -12,10 +12,44 @@ from sound_scenes import Plain
 from trials import Random
 
 ODD: tuple[Any, ...] = (
-    0, -1, 1, 2, 2**53 + 1, 2**63, -(2**70), 1e-300, 1e-30, 1e-29, 1e-12, 1e12, 1e29, 1e30, 1e300,
-    -1e30, math.nan, math.inf, -math.inf, True, False, None, "", "none", "5 mm", "1 D", "3 kg",
-    "1e3", "x" * 300, "\x1b[31mred", "magnétique 磁", [], {}, [1], [[1, 2]], [[1, 2, 3]], {"a": 1},
-)  # fmt: skip
+    0,
+    -1,
+    1,
+    2,
+    2**53 + 1,
+    2**63,
+    -(2**70),
+    1e-300,
+    1e-30,
+    1e-29,
+    1e-12,
+    1e12,
+    1e29,
+    1e30,
+    1e300,
+    -1e30,
+    math.nan,
+    math.inf,
+    -math.inf,
+    True,
+    False,
+    None,
+    "",
+    "none",
+    "5 mm",
+    "1 D",
+    "3 kg",
+    "1e3",
+    "x" * 300,
+    "\x1b[31mred",
+    "magnétique 磁",
+    [],
+    {},
+    [1],
+    [[1, 2]],
+    [[1, 2, 3]],
+    {"a": 1},
+)
 
 
 def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:

@@ -38,8 +38,11 @@ def run(mixture: Scene) -> Trajectory:
     every = 2.5e-4 * 2.0
     shape = (FRAMES, COUNT, 2)
     place = random.uniform(0.0, 1.0, shape) * [mixture.cell.width, height]
-    fields = {"position": place, "velocity": random.normal(0.0, 0.1, shape),
-              "force": random.normal(0.0, 0.3, shape)}  # fmt: skip
+    fields = {
+        "position": place,
+        "velocity": random.normal(0.0, 0.1, shape),
+        "force": random.normal(0.0, 0.3, shape),
+    }
     for field in fields.values():
         field[40:, -1] = np.nan
     time = np.arange(10 * FRAMES) * every / 10.0
@@ -55,11 +58,9 @@ def run(mixture: Scene) -> Trajectory:
         coords={"time": time},
     )
     stages = [
-        {"name": "relax", "start": 0.0, "end": 1.0, "reason": "duration",
-         "height": height, "spread": 0.0},
-        {"name": "compress", "start": 1.0, "end": 3.0, "reason": "duration",
-         "height": 0.02, "spread": 0.0},
-    ]  # fmt: skip
+        {"name": "relax", "start": 0.0, "end": 1.0, "reason": "duration", "height": height, "spread": 0.0},
+        {"name": "compress", "start": 1.0, "end": 3.0, "reason": "duration", "height": 0.02, "spread": 0.0},
+    ]
     outcome = {"stages": stages, "complete": True, "figures": {}}
     return make_trajectory(
         mixture.replace(**{"piston.height": height}), data, {"method": "none"}, outcome, None

@@ -17,9 +17,15 @@ from granular.commands.console import launch
 Command = Callable[..., "subprocess.CompletedProcess[str]"]  # noqa: F821
 
 SMALL = (
-    "--set", "grains.count=23", "--set", "cell.width=15 D", "--set", "piston.height=6 D",
-    "--set", "arrangement.height=5.5 D",
-)  # fmt: skip
+    "--set",
+    "grains.count=23",
+    "--set",
+    "cell.width=15 D",
+    "--set",
+    "piston.height=6 D",
+    "--set",
+    "arrangement.height=5.5 D",
+)
 
 
 def test_scenes_and_show(command: Command) -> None:
@@ -49,9 +55,7 @@ def test_methods_list_themselves(command: Command) -> None:
         ),
     ],
 )
-def test_a_step_that_is_too_long_is_to_blame(
-    command: Command, words: tuple[str, ...], blamed: str
-) -> None:
+def test_a_step_that_is_too_long_is_to_blame(command: Command, words: tuple[str, ...], blamed: str) -> None:
     done = command("granular", "run", "single-particle", "--dt", "5", "--t-end", "20", *words)
     (line,) = done.stderr.splitlines()[-1:]
     assert line.startswith(blamed)
@@ -70,9 +74,7 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
     assert first.returncode == 0, first.stderr
     assert json.loads(first.stdout)["time"] == pytest.approx(0.01)
     assert "settle" in first.stderr
-    again = command(
-        "granular", "run", "bed", *SMALL, "--t-end", "0.02", "-o", out, "--resume", "--quiet"
-    )
+    again = command("granular", "run", "bed", *SMALL, "--t-end", "0.02", "-o", out, "--resume", "--quiet")
     assert again.returncode == 0
     assert "0 to 0.02 s" in again.stdout
     assert "nothing is kept" not in again.stdout
@@ -80,9 +82,7 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def places(
-    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> dict[str, str]:
+def places(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, str]:
     """A short run in a directory, copies of it that are damaged, and files that are no records."""
     folder = tmp_path_factory.mktemp("places")
     run = folder / "run"
@@ -163,9 +163,9 @@ def refuse(constant: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["scenes", "show bed", "show damper", "show single-particle",
-             "run bed {small} --t-end 1e-3 --quiet"]
-)  # fmt: skip
+    "line",
+    ["scenes", "show bed", "show damper", "show single-particle", "run bed {small} --t-end 1e-3 --quiet"],
+)
 def test_json_is_one_strict_object(here: Here, line: str) -> None:
     code, out, _ = here(f"granular {line.format(small=shlex.join(SMALL))} --json")
     assert code == 0
@@ -173,12 +173,8 @@ def test_json_is_one_strict_object(here: Here, line: str) -> None:
 
 
 @pytest.mark.parametrize("form", ["gsd", "extxyz", "source"])
-def test_export_writes_and_says_so(
-    here: Here, places: dict[str, str], tmp_path: Path, form: str
-) -> None:
-    code, out, _ = here(
-        f"granular export {places['run']} --format {form} -o {tmp_path / 'bed'} --json"
-    )
+def test_export_writes_and_says_so(here: Here, places: dict[str, str], tmp_path: Path, form: str) -> None:
+    code, out, _ = here(f"granular export {places['run']} --format {form} -o {tmp_path / 'bed'} --json")
     said = json.loads(out)
     assert (code, said["format"], said["frames"]) == (0, form, 4)  # 0, 0.1, 0.2 and 0.25 s
     assert all(Path(one).stat().st_size for one in said["files"])

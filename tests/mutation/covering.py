@@ -34,10 +34,7 @@ _RUBBING = tuple(
 
 _OF_ONES_OWN = (
     Stage(False, (_FORCES, _SMALL)),
-    Stage(
-        True,
-        ("tests/granular/effects/test_own.py", "tests/granular/effects/test_all_together.py"),
-    ),
+    Stage(True, ("tests/granular/effects/test_own.py", "tests/granular/effects/test_all_together.py")),
 )
 """Laws that users write, as formulas or in Python."""
 _OF_A_LONE_GRAIN = (
@@ -48,10 +45,7 @@ _OF_A_LONE_GRAIN = (
 _OF_THE_LOOP = (
     Stage(False, (_FORCES, _SMALL, *_RUBBING, "tests/granular/engine")),
     Stage(True, ("tests/physics/test_energy.py", "tests/physics/test_friction.py")),
-    Stage(
-        True,
-        ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics"),
-    ),
+    Stage(True, ("tests/granular/protocol", "tests/granular/run", "tests/regression", "tests/physics")),
 )
 
 _BY_PREFIX: dict[str, tuple[Stage, ...]] = {

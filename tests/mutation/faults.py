@@ -143,9 +143,13 @@ def _is_number(node: ast.AST) -> bool:
 _SIGNS: dict[type, ast.operator] = {ast.Add: ast.Sub(), ast.Sub: ast.Add()}
 _PRODUCTS: dict[type, ast.operator] = {ast.Mult: ast.Div(), ast.Div: ast.Mult()}
 _COMPARISONS: dict[type, ast.cmpop] = {
-    ast.Lt: ast.Gt(), ast.Gt: ast.Lt(), ast.LtE: ast.GtE(), ast.GtE: ast.LtE(),
-    ast.Eq: ast.NotEq(), ast.NotEq: ast.Eq(),
-}  # fmt: skip
+    ast.Lt: ast.Gt(),
+    ast.Gt: ast.Lt(),
+    ast.LtE: ast.GtE(),
+    ast.GtE: ast.LtE(),
+    ast.Eq: ast.NotEq(),
+    ast.NotEq: ast.Eq(),
+}
 
 
 def _changes(node: ast.expr | ast.stmt, indices: frozenset[str]) -> Iterator[tuple[str, str]]:

@@ -107,9 +107,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("-o", "--out", metavar="FILE", default="mutation.json")
     parser.add_argument("--only", type=int, nargs="+", metavar="N", help="these numbers only")
     parser.add_argument("--again", action="store_true", help="try survivors again")
-    parser.add_argument(
-        "--whole", action="store_true", help="then all quick tests on what survives its own"
-    )
+    parser.add_argument("--whole", action="store_true", help="then all quick tests on what survives its own")
     parser.add_argument("--list", action="store_true", help="show the faults, and plant none")
     return parser.parse_args()
 
@@ -131,9 +129,7 @@ class Book:
         if path.exists():
             former = json.loads(path.read_text(encoding="utf-8"))
             if {key: former[key] for key in what} != what:
-                raise SystemExit(
-                    f"{path} is of another seed or count, or of other sources; give another -o"
-                )
+                raise SystemExit(f"{path} is of another seed or count, or of other sources; give another -o")
             self.content = former
 
     def outcome(self, number: int) -> Outcome | None:
@@ -247,10 +243,7 @@ def _run(stage: Stage, tree: Path, store: str, limit: float | None) -> Outcome:
         "NUMBA_DISABLE_JIT": "0" if stage.compiled else "1",
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    command = [
-        sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider",
-        *stage.paths,
-    ]  # fmt: skip
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *stage.paths]
     with tempfile.TemporaryFile("w+") as said:
         code = _finished(command, tree, environment, limit, said)
         said.seek(0)
@@ -269,9 +262,8 @@ def _finished(
     if limit is not None:
         command = ["sh", "-c", 'ulimit -t "$0" && exec "$@"', str(int(limit)), *command]
     child = subprocess.Popen(
-        command, cwd=tree, env=environment, stdout=said, stderr=subprocess.STDOUT,
-        start_new_session=True,
-    )  # fmt: skip
+        command, cwd=tree, env=environment, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+    )
     try:
         code = child.wait(None if limit is None else ASLEEP * limit)
         return None if code in (-signal.SIGXCPU, -signal.SIGKILL) else code
@@ -287,9 +279,7 @@ def _summary(book: Book, faults: list[Fault]) -> int:
     known = {number: book.outcome(number) for number in range(1, len(faults) + 1)}
     done = {number: one for number, one in known.items() if one is not None}
     caught = sum(one.caught for one in done.values())
-    print(
-        f"{caught} caught of {len(done)} tried of {len(faults)} drawn (seed and all in {book.path})"
-    )
+    print(f"{caught} caught of {len(done)} tried of {len(faults)} drawn (seed and all in {book.path})")
     survivors = [number for number, one in done.items() if not one.caught]
     for number in survivors:
         print(f"survived: {number:3} {faults[number - 1]}")

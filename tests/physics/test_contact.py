@@ -19,12 +19,19 @@ find_close_pairs = entry(cells.find_close_pairs)
 
 def head_on(speed: float, restitution: float, **changes: object) -> Scene:
     return load_scene("bed").replace(
-        **{"grains.count": 2, "effects.dipole": None, "effects.walls": None,
-           "effects.gravity": None, "effects.drag": None, "piston": None,
-           "effects.contact": {"modulus": 1e7, "restitution": restitution},
-           "arrangement.positions": [["10 D", "10 D"], ["11.2 D", "10 D"]],
-           "arrangement.velocities": [[speed, 0.0], [-speed, 0.0]], **changes}
-    )  # fmt: skip
+        **{
+            "grains.count": 2,
+            "effects.dipole": None,
+            "effects.walls": None,
+            "effects.gravity": None,
+            "effects.drag": None,
+            "piston": None,
+            "effects.contact": {"modulus": 1e7, "restitution": restitution},
+            "arrangement.positions": [["10 D", "10 D"], ["11.2 D", "10 D"]],
+            "arrangement.velocities": [[speed, 0.0], [-speed, 0.0]],
+            **changes,
+        }
+    )
 
 
 @pytest.mark.parametrize("restitution", [0.2, 0.6, 1.0])
@@ -72,8 +79,12 @@ def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(count=st.integers(0, 200), seed=st.integers(0, 10**6), reach=st.floats(0.1, 3.0),
-       width=st.floats(0.5, 50.0))  # fmt: skip
+@given(
+    count=st.integers(0, 200),
+    seed=st.integers(0, 10**6),
+    reach=st.floats(0.1, 3.0),
+    width=st.floats(0.5, 50.0),
+)
 def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, width: float) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
@@ -83,9 +94,7 @@ def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, wi
     filled = workspace.filled[0]
     found = {
         (min(i, j), max(i, j))
-        for i, j in zip(
-            workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True
-        )
+        for i, j in zip(workspace.first[:filled].tolist(), workspace.second[:filled].tolist(), strict=True)
     }
     assert len(found) == filled
     assert found == wanted

@@ -58,9 +58,7 @@ def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
         pytest.param({"method": "mesh", "tolerance": 1e-4}, 50.0, 1e-4, marks=pytest.mark.long),
     ],
 )
-def test_scenes_have_the_law(
-    bed: Scene, pairs: dict[str, Any], reach: float, tolerance: float
-) -> None:
+def test_scenes_have_the_law(bed: Scene, pairs: dict[str, Any], reach: float, tolerance: float) -> None:
     positions = lattice(368, 40, 1.35)
     scene = bed.replace(pairs=pairs)
     beyond = forces(discs(scene), positions) - forces(scene, positions)

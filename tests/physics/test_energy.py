@@ -86,8 +86,7 @@ def test_work_at_a_lift_is_the_change_of_energy(small_damper: Scene) -> None:
     height = float(data["frame_height"][at_rest])
     positions, by = data["position"].values[at_rest], 0.2 * 0.006
     energies = [
-        evaluate(scene, positions, piston_height=one).potential_energy
-        for one in (height, height + by)
+        evaluate(scene, positions, piston_height=one).potential_energy for one in (height, height + by)
     ]
     speed = float(data["piston_velocity"][np.flatnonzero(stage == 0)[-1]])
     change = energies[1] - energies[0] + 1.0 * 9.8 * by - 0.5 * 1.0 * speed**2
@@ -100,10 +99,15 @@ def test_free_fall_is_exact(bed: Scene) -> None:
     """Without other effects a grain falls by g t^2/2 ([D, eq. 2.18] misprints g t^2)."""
     scene = bed.replace(
         # No drag, by its coefficient: as below, so that both share compiled code.
-        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
-           "effects.drag.coefficient": 0.0, "piston": None,
-           "arrangement.positions": [["5 D", "12 D"]]}
-    )  # fmt: skip
+        **{
+            "grains.count": 1,
+            "effects.dipole": None,
+            "effects.walls": None,
+            "effects.drag.coefficient": 0.0,
+            "piston": None,
+            "arrangement.positions": [["5 D", "12 D"]],
+        }
+    )
     run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
     time = run.dataset["frame_time"].values
     fall = run.dataset["position"].values[:, 0, 1]
@@ -113,11 +117,16 @@ def test_free_fall_is_exact(bed: Scene) -> None:
 def test_drag_alone_decays_exactly(bed: Scene) -> None:
     """V = v0 exp(-gamma t/m) to rounding at any step: the drag flow is exact."""
     scene = bed.replace(
-        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
-           "effects.gravity.acceleration": 0.0, "piston": None,
-           "arrangement.positions": [["5 D", "12 D"]],
-           "arrangement.velocities": [[0.3, -0.1]]}
-    )  # fmt: skip
+        **{
+            "grains.count": 1,
+            "effects.dipole": None,
+            "effects.walls": None,
+            "effects.gravity.acceleration": 0.0,
+            "piston": None,
+            "arrangement.positions": [["5 D", "12 D"]],
+            "arrangement.velocities": [[0.3, -0.1]],
+        }
+    )
     run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
     speed = run.dataset["velocity"].values[-1, 0]
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
@@ -127,9 +136,15 @@ def test_drag_alone_decays_exactly(bed: Scene) -> None:
 def test_overdamped_grain_sinks_at_terminal_speed(bed: Scene) -> None:
     """Gamma h/m = 1.6e4: the grain moves at m g/gamma, whatever the step."""
     scene = bed.replace(
-        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None, "piston": None,
-           "effects.drag.coefficient": 1e4, "arrangement.positions": [["5 D", "12 D"]]}
-    )  # fmt: skip
+        **{
+            "grains.count": 1,
+            "effects.dipole": None,
+            "effects.walls": None,
+            "piston": None,
+            "effects.drag.coefficient": 1e4,
+            "arrangement.positions": [["5 D", "12 D"]],
+        }
+    )
     run = simulate(scene, dt=1e-3, t_end=0.1, progress=False)
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
     speed = run.dataset["velocity"].values[-1, 0, 1]

@@ -29,9 +29,7 @@ alone, where `tests/architecture/test_plain_python.py` takes them."""
 
 
 def scenes() -> list[Any]:
-    bed = load_scene("bed").replace(
-        **{"grains.count": 30, "cell.width": "12 D", "arrangement.jitter": 0.15}
-    )
+    bed = load_scene("bed").replace(**{"grains.count": 30, "cell.width": "12 D", "arrangement.jitter": 0.15})
     mixed = bed.replace(**{"grains.species": MIXTURE})
     found = {
         f"{name}-{kind}": scene.replace(**changes)
@@ -40,9 +38,7 @@ def scenes() -> list[Any]:
     }
     return [
         pytest.param(
-            scene,
-            id=name,
-            marks=() if numba.config.DISABLE_JIT or name in COMPILED else pytest.mark.long,
+            scene, id=name, marks=() if numba.config.DISABLE_JIT or name in COMPILED else pytest.mark.long
         )
         for name, scene in found.items()
     ]
@@ -124,8 +120,14 @@ def test_published_scales() -> None:
     }
     bed = load_scene("bed")
     for diameter, (mass, moment, force, tau, gravity, balance) in expected.items():
-        scene = bed.replace(**{"grains.species.0.diameter": diameter, "cell.width": 0.9,
-                               "piston.height": 0.3, "arrangement.height": 0.28})  # fmt: skip
+        scene = bed.replace(
+            **{
+                "grains.species.0.diameter": diameter,
+                "cell.width": 0.9,
+                "piston.height": 0.3,
+                "arrangement.height": 0.28,
+            }
+        )
         scales = Scales.of(scene.grains)
         weight = 9.8 / scales.acceleration
         volume = math.pi * 0.003 * diameter**2 / 4.0

@@ -19,12 +19,21 @@ def lone_grain(**changes: object) -> Scene:
     Gravity and drag are named, of no size, so that the tests that need them share compiled code.
     """
     return load_scene("bed").replace(
-        **{"grains.count": 1, "effects.dipole": None, "effects.walls": None,
-           "effects.gravity.acceleration": 0.0, "effects.drag.coefficient": 0.0, "piston": None,
-           "effects.friction.load": 0.01, "arrangement.positions": [["30 D", "10 D"]],
-           "protocol": [{"kind": "hold", "name": "slide", "duration": 1.0}],
-           "output.scalars": 1e-3, "output.frames": 0.05, **changes}
-    )  # fmt: skip
+        **{
+            "grains.count": 1,
+            "effects.dipole": None,
+            "effects.walls": None,
+            "effects.gravity.acceleration": 0.0,
+            "effects.drag.coefficient": 0.0,
+            "piston": None,
+            "effects.friction.load": 0.01,
+            "arrangement.positions": [["30 D", "10 D"]],
+            "protocol": [{"kind": "hold", "name": "slide", "duration": 1.0}],
+            "output.scalars": 1e-3,
+            "output.frames": 0.05,
+            **changes,
+        }
+    )
 
 
 @pytest.mark.parametrize(
@@ -34,9 +43,8 @@ def lone_grain(**changes: object) -> Scene:
 def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) -> None:
     """K of the model page: N = K/r^3 in natural units, from both grains alike."""
     scene = load_scene("bed").replace(
-        **{"grains.species.0.diameter": diameter, "grains.count": 2,
-           "effects.friction.torque": torque}
-    )  # fmt: skip
+        **{"grains.species.0.diameter": diameter, "grains.count": 2, "effects.friction.torque": torque}
+    )
     r = 2.5
     load = evaluate(scene, np.array([[0.1, 0.05], [0.1 + r * diameter, 0.05]])).normal_load
     from granular.schema.scales import Scales
@@ -100,10 +108,13 @@ def test_grain_that_slides_up_sticks_at_every_phase(dt: float) -> None:
     assert 0.45 * load < weight < 0.6 * load
     for speed in np.linspace(0.05, 0.06, 21):
         scene = lone_grain(
-            **{"arrangement.velocities": [[0.0, float(speed)]], "effects.gravity": True,
-               "effects.friction": {"load": load}, "protocol": [
-                   {"kind": "hold", "name": "slide", "duration": 0.05}]}
-        )  # fmt: skip
+            **{
+                "arrangement.velocities": [[0.0, float(speed)]],
+                "effects.gravity": True,
+                "effects.friction": {"load": load},
+                "protocol": [{"kind": "hold", "name": "slide", "duration": 0.05}],
+            }
+        )
         run = simulate(scene, dt=dt, progress=False)
         velocity = run.dataset["velocity"].values[-1, 0]
         assert (velocity == 0.0).all(), speed
@@ -141,8 +152,9 @@ def test_stuck_grain_does_not_move_by_one_bit() -> None:
 def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
     load = 0.01
     gravity = 1.001 * 0.6 * load / MASS
-    scene = lone_grain(**{"effects.gravity.acceleration": gravity, "arrangement.positions":
-                          [["30 D", "300 D"]]})  # fmt: skip
+    scene = lone_grain(
+        **{"effects.gravity.acceleration": gravity, "arrangement.positions": [["30 D", "300 D"]]}
+    )
     run = simulate(scene, dt=1e-4, t_end=0.2, progress=False)
     fall = 1.8 - run.dataset["position"].values[-1, 0, 1]
     assert fall == pytest.approx(0.5 * (gravity - 0.45 * load / MASS) * 0.04, rel=1e-9)
@@ -151,9 +163,7 @@ def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
 def test_friction_and_drag_together_stop_a_grain_as_in_closed_form() -> None:
     """With v' = -c v - b it stops after ln(1 + c v/b)/c."""
     load, gamma, speed = 0.01, 0.02, 0.2
-    scene = lone_grain(
-        **{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]}
-    )
+    scene = lone_grain(**{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]})
     c, b = gamma / MASS, 0.45 * load / MASS
     time = np.log1p(c * speed / b) / c
     distance = (speed - b * time) / c
@@ -172,9 +182,13 @@ def test_grain_that_is_thrown_up_slides_back(gamma: float) -> None:
     load, speed, g = 0.005, 0.1, 9.8
     b, c = 0.45 * load / MASS, gamma / MASS
     scene = lone_grain(
-        **{"effects.gravity.acceleration": g, "effects.drag.coefficient": gamma,
-           "effects.friction.load": load, "arrangement.velocities": [[0.0, speed]]}
-    )  # fmt: skip
+        **{
+            "effects.gravity.acceleration": g,
+            "effects.drag.coefficient": gamma,
+            "effects.friction.load": load,
+            "arrangement.velocities": [[0.0, speed]],
+        }
+    )
     if gamma == 0.0:
         up = speed / (g + b)
         top = 0.5 * speed * up
@@ -205,9 +219,13 @@ def test_friction_never_gives_energy(small_bed: Scene) -> None:
 
 def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     scene = small_bed.replace(
-        **{"effects.drag": None, "effects.friction": {}, "protocol.settle.until": "rest",
-           "protocol.settle.duration": 20.0}
-    )  # fmt: skip
+        **{
+            "effects.drag": None,
+            "effects.friction": {},
+            "protocol.settle.until": "rest",
+            "protocol.settle.duration": 20.0,
+        }
+    )
     run = simulate(scene, progress=False)
     assert run.stages[0].reason == "rest"
     assert run.dataset["kinetic_energy"].values[-1] == 0.0
@@ -225,8 +243,7 @@ def test_ledger_closes_to_second_order_with_friction(small_bed: Scene, drag: dic
     scene = small_bed.replace(**{"effects.drag": drag, "effects.friction": {}})
     steps = np.array([8e-5, 2e-5, 5e-6])
     closures = [
-        simulate(scene, dt=dt, t_end=0.4, progress=False).settings()["ledger_residual"]
-        for dt in steps
+        simulate(scene, dt=dt, t_end=0.4, progress=False).settings()["ledger_residual"] for dt in steps
     ]
     assert closures[0] < 1e-3
     assert np.polyfit(np.log(steps), np.log(closures), 1)[0] == pytest.approx(2.0, abs=0.2)

@@ -16,12 +16,7 @@ from hypothesis import strategies as st
 
 from granular.compiled import entry
 from granular.pairs import direct
-from granular.pairs.direct import (
-    PARTED_FROM,
-    padded_coordinates,
-    padded_values,
-    part_buffers,
-)
+from granular.pairs.direct import PARTED_FROM, padded_coordinates, padded_values, part_buffers
 from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.plain_sums import plain_direct_sum
 
@@ -45,19 +40,12 @@ def sums(
     extremes = np.zeros(2)
     weight = padded_values(np.linspace(0.2, 1.0, len(positions)))
     wanted = (out[2], extremes, out[3], weight) if full else (None,) * 4
-    function(
-        PairArrays(x, y, out[0], out[1], moments, *wanted), part_buffers(x.size), threaded, None
-    )
+    function(PairArrays(x, y, out[0], out[1], moments, *wanted), part_buffers(x.size), threaded, None)
     return [*(one[: len(positions)] for one in out), extremes]
 
 
 @settings(max_examples=25, deadline=None)
-@given(
-    count=st.integers(1, 60),
-    seed=st.integers(0, 10**6),
-    differing=st.booleans(),
-    full=st.booleans(),
-)
+@given(count=st.integers(1, 60), seed=st.integers(0, 10**6), differing=st.booleans(), full=st.booleans())
 def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full: bool) -> None:
     positions = arrangement(count, seed)
     moments = padded_values(np.linspace(0.3, 1.0, count)) if differing else None
@@ -120,10 +108,13 @@ def test_portable_path(tmp_path: Path) -> None:
     positions = arrangement(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
-        capture_output=True, text=True, check=True, cwd=ROOT,
-        env=os.environ | {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "",
-                          "NUMBA_CACHE_DIR": str(tmp_path)},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        env=os.environ
+        | {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)},
+    )
     *found, estimates, roots = json.loads(done.stdout)
     assert not estimates
     assert not roots
@@ -146,9 +137,7 @@ def test_parts_agree_with_one_part() -> None:
 def test_threads_give_the_same_bits() -> None:
     """Each part is summed by one thread, and the parts in their order."""
     positions = arrangement(PARTED_FROM + 3, 6)
-    one, several = (
-        sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True)
-    )
+    one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):
         assert np.array_equal(alone, together)
 
@@ -169,7 +158,10 @@ def test_without_compilation() -> None:
     exec(WITHOUT, here)
     done = subprocess.run(
         [sys.executable, "-c", f"{WITHOUT}print(found)"],
-        capture_output=True, text=True, check=True, cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(json.loads(done.stdout), here["found"], rtol=1e-12)

@@ -54,9 +54,7 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
     tangential = -difference(slab_energy, w, s, axis=1)
     scale = abs(wall_slab.normal_force(w, a, b)) + abs(tangential)
     assert wall_slab.normal_force(w, a, b) == pytest.approx(normal, rel=1e-7, abs=1e-9 * scale)
-    assert wall_slab.tangential_force(w, a, b) == pytest.approx(
-        tangential, rel=1e-7, abs=1e-9 * scale
-    )
+    assert wall_slab.tangential_force(w, a, b) == pytest.approx(tangential, rel=1e-7, abs=1e-9 * scale)
 
 
 def test_slab_force_is_the_sources_above_it() -> None:
@@ -140,9 +138,13 @@ def test_energy_is_kept_between_the_walls(law: str) -> None:
 def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
     """[D, 3.6]: with slabs the source's bed fell through the bottom. Here it settles."""
     scene = walled(
-        "slab", **{"protocol.settle.until": "rest", "protocol.settle.duration": 20.0,
-                   "protocol.settle.tolerance": "1e-3 D"}
-    )  # fmt: skip
+        "slab",
+        **{
+            "protocol.settle.until": "rest",
+            "protocol.settle.duration": 20.0,
+            "protocol.settle.tolerance": "1e-3 D",
+        },
+    )
     run = simulate(scene, progress=False)
     assert run.stages[0].reason == "rest"
     height = run.dataset["position"].values[-1, :, 1]
@@ -177,8 +179,9 @@ RUBBING = {
         {"name": "big", "diameter": 0.006, "share": 0.5},
         {"name": "small", "diameter": 0.004, "share": 0.5},
     ],
-    "effects.friction": {}, "effects.drag": None,
-}  # fmt: skip
+    "effects.friction": {},
+    "effects.drag": None,
+}
 """Two species that rub: all that a grain that leaves takes with it."""
 
 
@@ -200,9 +203,15 @@ def silo(request: pytest.FixtureRequest) -> Scene:
     else:
         changes["effects.walls.bottom"] = bottom
     return load_scene("bed").replace(
-        **{"grains.count": 40, "cell.width": "20 D", "piston.height": "14 D",
-           "arrangement.height": "13 D", "output.frames": 0.01, **changes}
-    )  # fmt: skip
+        **{
+            "grains.count": 40,
+            "cell.width": "20 D",
+            "piston.height": "14 D",
+            "arrangement.height": "13 D",
+            "output.frames": 0.01,
+            **changes,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -233,6 +242,4 @@ def test_silo_resumes_to_the_same_bits(silo: Scene, flow: Trajectory, tmp_path: 
     for stop in (0.1123, 0.4, 0.6):
         run = simulate(silo, dt=5e-5, t_end=stop, out=tmp_path / "run", resume=True, progress=False)
     for name in flow.dataset:
-        assert np.array_equal(
-            flow.dataset[name].values, run.dataset[name].values, equal_nan=True
-        ), name
+        assert np.array_equal(flow.dataset[name].values, run.dataset[name].values, equal_nan=True), name

@@ -208,9 +208,7 @@ def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_ledger_closes_with_the_square_of_the_step(name: str) -> None:
-    runs = [
-        simulate(small(name), dt=dt, t_end=20 * STEP, progress=False) for dt in (STEP, STEP / 2)
-    ]
+    runs = [simulate(small(name), dt=dt, t_end=20 * STEP, progress=False) for dt in (STEP, STEP / 2)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert coarse < 1e-3
     assert 3.0 < coarse / fine < 5.0

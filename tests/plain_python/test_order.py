@@ -21,9 +21,7 @@ from granular.effects.excitation import Excitation, evaluate_excitation
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 
-pytestmark = pytest.mark.skipif(
-    not numba.config.DISABLE_JIT, reason="only where numba does not compile"
-)
+pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 COEFFICIENT = 0.2
 """[kg/s]: a grain loses a third of its speed in the time of a run."""
@@ -35,17 +33,18 @@ STEPS = (2e-4, 1e-4, 5e-5, 2.5e-5)
 def bouncing(coefficient: float) -> Scene:
     """A grain that falls on the bottom and comes up again."""
     return load_scene("single-particle").replace(
-        **{"arrangement.positions": [["30 D", "3 D"]], "effects.drag.coefficient": coefficient,
-           "output.scalars": TIME, "output.frames": TIME}
-    )  # fmt: skip
+        **{
+            "arrangement.positions": [["30 D", "3 D"]],
+            "effects.drag.coefficient": coefficient,
+            "output.scalars": TIME,
+            "output.frames": TIME,
+        }
+    )
 
 
 def slope(scene: Scene) -> float:
     """Order by the differences of steps that halve."""
-    ends = [
-        simulate(scene, dt, TIME, progress=False).dataset["position"].values[-1, 0, 1]
-        for dt in STEPS
-    ]
+    ends = [simulate(scene, dt, TIME, progress=False).dataset["position"].values[-1, 0, 1] for dt in STEPS]
     return float(np.polyfit(np.log(STEPS[:-1]), np.log(np.abs(np.diff(ends))), 1)[0])
 
 
@@ -85,9 +84,13 @@ JUMPS: dict[str, dict[str, Any]] = {
     "sweep": {"kind": "sweep", "force": 2.0, "frequency": 1.0, "to": 5.0},
     "moved base": {"kind": "sweep", "displacement": 0.01, "frequency": 1.0, "to": 5.0},
     "noise": {"kind": "noise", "force": 2.0, "frequency": 1.0, "to": 9.0},
-    "table": {"kind": "table", "force": 2.0, "times": tuple(np.linspace(0.0, SPAN, 4)),
-              "values": (1.0, 2.0, 0.5, 1.0)},
-}  # fmt: skip
+    "table": {
+        "kind": "table",
+        "force": 2.0,
+        "times": tuple(np.linspace(0.0, SPAN, 4)),
+        "values": (1.0, 2.0, 0.5, 1.0),
+    },
+}
 
 
 @pytest.mark.parametrize("name", JUMPS)
@@ -97,10 +100,14 @@ def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
     drive = Excitation(**words)
     body = {"mass": mass, "stiffness": stiffness, "damping": damping}
     scene = load_scene("bed").replace(
-        **{"grains.count": 0, "effects": {"host": {"bodies": [body]}},
-           "effects.host.excitation": drive.to_plain(), "output": {"scalars": end, "frames": end},
-           "protocol": [{"name": "shake", "kind": "hold", "duration": end}]}
-    )  # fmt: skip
+        **{
+            "grains.count": 0,
+            "effects": {"host": {"bodies": [body]}},
+            "effects.host.excitation": drive.to_plain(),
+            "output": {"scalars": end, "frames": end},
+            "protocol": [{"name": "shake", "kind": "hold", "duration": end}],
+        }
+    )
     scales = Scales.of(scene.grains)
     natural = drive.drive(scales)
     size = -scales.acceleration * mass if natural.base else scales.force

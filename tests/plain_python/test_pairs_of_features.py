@@ -142,8 +142,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
     bed = load_scene("bed").to_plain()
     plain = {
         "grains": bed["grains"] | {"count": count, "species": species, "spread": row["spread"]},
-        "cell": {"width": f"{width} D"}
-        | ({"sides": "periodic", "height": f"{height} D"} if around else {}),
+        "cell": {"width": f"{width} D"} | ({"sides": "periodic", "height": f"{height} D"} if around else {}),
         "effects": acting | {key.get(name, name): ACTING[name]},
         "pairs": METHODS[row["method"]],
         "arrangement": {"speed": "30 D/s", "jitter": 0.1},

@@ -9,9 +9,7 @@ import pytest
 from granular import Scene, evaluate
 from granular.schema.scales import Scales
 
-pytestmark = pytest.mark.skipif(
-    not numba.config.DISABLE_JIT, reason="only where numba does not compile"
-)
+pytestmark = pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only where numba does not compile")
 
 SIDES = np.array([20.0, 19.0])
 

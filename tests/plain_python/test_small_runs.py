@@ -72,7 +72,7 @@ SLAB = {
 TOUCHING = {
     "effects.contact.modulus": 1e6,
     "arrangement": {
-        "positions": [[0.007 + 0.0057 * i, 0.007 + 0.0055 * k] for i in range(3) for k in range(3)],
+        "positions": [[0.007 + 0.0057 * i, 0.007 + 0.0055 * k] for i in range(3) for k in range(3)]
     },
 }
 """Grains of 6 mm that overlap a little."""
@@ -92,17 +92,16 @@ SCENES: dict[str, dict[str, Any]] = {
     "friction under a list": {"effects.friction": {}, "pairs.method": "cut-off"},
     "friction of the source": {"effects.friction.scheme": "regularised"},
     "contact": TOUCHING,
-    "contact of two species, with friction":
-        {"effects.friction": {}, **TOUCHING, **SPECIES},
+    "contact of two species, with friction": {"effects.friction": {}, **TOUCHING, **SPECIES},
     "shaking": {"effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0}},
-    "shaking with friction":
-        {"effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0}, "effects.friction": {}},
+    "shaking with friction": {
+        "effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0},
+        "effects.friction": {},
+    },
     "slabs": SLAB,
     "slabs of two species": {**SLAB, **SPECIES},
     "infinite walls": {"effects.walls": dict.fromkeys(("left", "right", "top"), "infinite")},
-    "a wall with a gap": {
-        "effects.walls.bottom": {"law": "slab", "gap_start": "2 D", "gap_end": "3 D"}
-    },
+    "a wall with a gap": {"effects.walls.bottom": {"law": "slab", "gap_start": "2 D", "gap_end": "3 D"}},
     "no side wall": {"effects.walls.left": None},
     "no pairs": {"effects.dipole": None},
     "cut-off": {"pairs.method": "cut-off"},
@@ -122,11 +121,15 @@ SCENES: dict[str, dict[str, Any]] = {
         **stage("push", amplitude=0.5, frequency=500.0, duration=TIME),
         "effects.shaking": {"amplitude": "0.5 mm", "frequency": 100.0},
     },
-    "lift": {"protocol": [{"kind": "hold", "name": "a", "duration": TIME / 2},
-                          {"kind": "lift", "name": "b", "by": "0.2 D"},
-                          {"kind": "free", "name": "c", "duration": TIME / 2}]},
+    "lift": {
+        "protocol": [
+            {"kind": "hold", "name": "a", "duration": TIME / 2},
+            {"kind": "lift", "name": "b", "by": "0.2 D"},
+            {"kind": "free", "name": "c", "duration": TIME / 2},
+        ]
+    },
     "until rest": stage("free", until="rest"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -178,9 +181,7 @@ LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}
         (LISTED, 0.5, "so is pairs.method = 'direct'"),
     ],
 )
-def test_a_ledger_that_is_off_is_told(
-    changes: dict[str, Any], steps: float, words: str | None
-) -> None:
+def test_a_ledger_that_is_off_is_told(changes: dict[str, Any], steps: float, words: str | None) -> None:
     """From 1e-4 on; from 1e-2 on where grains rub by the source's law or under its list."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -288,13 +289,18 @@ def test_drag_beside_the_friction_of_the_source_takes_what_it_takes_alone() -> N
     """A grain that falls through a liquid and does not rub, in closed form."""
     scene = small(
         **{
-            "grains.count": 1, "effects": {
-                "gravity": {"acceleration": 9.8}, "drag": {"coefficient": "0.5 kg/s"},
+            "grains.count": 1,
+            "effects": {
+                "gravity": {"acceleration": 9.8},
+                "drag": {"coefficient": "0.5 kg/s"},
                 "friction": {"scheme": "regularised", "load": 0.0},
-            }, "arrangement.positions": [["3 D", "4 D"]], "arrangement.height": None,
-            "arrangement.speed": 0.0, "piston": "none",
+            },
+            "arrangement.positions": [["3 D", "4 D"]],
+            "arrangement.height": None,
+            "arrangement.speed": 0.0,
+            "piston": "none",
         }
-    )  # fmt: skip
+    )
     fallen = run(scene, dt=10 * STEP).dataset
     mass, g = float(scene.grains.masses()[0]), 9.8
     rate = 0.5 / mass
@@ -307,15 +313,22 @@ def test_drag_beside_the_friction_of_the_source_takes_what_it_takes_alone() -> N
 
 def test_eddy_currents_brake_unlike_grains_alike_by_either_kind_of_method() -> None:
     """By the square of the moment over the mass; as a flow, and as a force of Runge-Kutta."""
-    species = [{"name": "large", "diameter": "6 mm", "share": 0.5},
-               {"name": "small", "diameter": "3 mm", "share": 0.5}]  # fmt: skip
+    species = [
+        {"name": "large", "diameter": "6 mm", "share": 0.5},
+        {"name": "small", "diameter": "3 mm", "share": 0.5},
+    ]
     scene = small(
         **{
-            "grains.species": species, "grains.count": 8,
-            "effects.eddy": {"conductivity": "59.6 MS/m", "thickness": "5 mm",
-                             "distance": "2.5 mm", "plates": 2},
+            "grains.species": species,
+            "grains.count": 8,
+            "effects.eddy": {
+                "conductivity": "59.6 MS/m",
+                "thickness": "5 mm",
+                "distance": "2.5 mm",
+                "plates": 2,
+            },
         }
-    )  # fmt: skip
+    )
     places = [final(run(scene, method=name)) for name in ("stormer-verlet", "runge-kutta-4")]
     free = final(run(small(**{"grains.species": species, "grains.count": 8})))
     braked = np.abs(places[0] - free).max()

@@ -19,10 +19,7 @@ TRUE = {
     "duffing": ({"lam": 0.05, "k": 1.1025, "rest": 0.5, "beta": 0.8}, 2.0),
     "polynomial-spring": ({"lam": 0.05, "k1": 1.1, "rest": 0.5, "k2": -0.3, "k3": 0.3}, 2.5),
     "power-law-spring": ({"lam": 0.05, "weight": 1.0, "rest": 3.0, "power": 2.8}, 5.0),
-    "relaxing-column": (
-        {"lam": 0.15, "weight": 1.0, "rest": 3.0, "power": 2.8, "relaxation": 0.8},
-        5.0,
-    ),
+    "relaxing-column": ({"lam": 0.15, "weight": 1.0, "rest": 3.0, "power": 2.8, "relaxation": 0.8}, 5.0),
     "quadratic-drag": ({"c": 0.1, "omega": 1.05, "g0": -1.0}, 1.5),
     "coulomb": ({"friction": 0.06, "omega": 1.05, "g0": -1.0}, 1.5),
     "viscous-coulomb": ({"lam": 0.03, "friction": 0.03, "omega": 1.05, "g0": -1.0}, 1.5),

@@ -151,10 +151,7 @@ def test_fit_compare_and_simulate(
         (("fit", "lab.csv", "--law", "linear", "--bound", "omega=3 Hz:"), "give 2 pi times it"),
         (("fit", "lab.csv", "--law", "q'' + k*q = g0", "--bound", "k=one:2"), "is not a number"),
         (("fit", "lab.csv", "--test-fraction", "1"), "from 0 to 0.9"),
-        (
-            ("fit", "lab.csv", "--test-fraction", "2 s"),
-            "a pure number or a fraction in % is wanted",
-        ),
+        (("fit", "lab.csv", "--test-fraction", "2 s"), "a pure number or a fraction in % is wanted"),
         (("compare", "lab.csv", "--law", "linaer"), "did you mean 'linear'"),
         (("compare", "lab.csv", "--test-records", "nothing.csv"), "there is no file"),
         (("discover", "nothing.csv"), "there is no file"),

@@ -21,10 +21,20 @@ print(jax.jit(lambda x: 2.0 * x + 1.0)(3.0))
 
 def run(folder: Path, **environment: str) -> tuple[list[str], str]:
     done = subprocess.run(
-        [sys.executable, "-c", CODE], capture_output=True, text=True, check=True, cwd=folder,
-        env=os.environ | {"HOME": str(folder / "home"), "PYTHONPATH": str(ROOT),
-                          "XDG_CACHE_HOME": "", "JAX_COMPILATION_CACHE_DIR": ""} | environment,
-    )  # fmt: skip
+        [sys.executable, "-c", CODE],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
+        env=os.environ
+        | {
+            "HOME": str(folder / "home"),
+            "PYTHONPATH": str(ROOT),
+            "XDG_CACHE_HOME": "",
+            "JAX_COMPILATION_CACHE_DIR": "",
+        }
+        | environment,
+    )
     return done.stdout.splitlines(), done.stderr
 
 

@@ -43,10 +43,7 @@ SAID = ("--columns", "time=clock,height=depth", "--units", "clock=ms,depth=mm", 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """Names that say nothing, units that stand nowhere, a coordinate that grows downwards."""
-    rows = (
-        f"{1e3 * t:.3f},{-1e3 * z:.6f},5.{k}"
-        for k, (t, z) in enumerate(zip(TIME, HEIGHT, strict=True))
-    )
+    rows = (f"{1e3 * t:.3f},{-1e3 * z:.6f},5.{k}" for k, (t, z) in enumerate(zip(TIME, HEIGHT, strict=True)))
     (tmp_path / "lab.csv").write_text("\n".join(["clock,depth,width", *rows, ""]))
     return tmp_path / "lab.csv"
 
@@ -94,35 +91,51 @@ def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable
     """Further columns by their roles, in their own units, volts by their scales; and inputs."""
     path, shape = tmp_path / "lab.csv", np.sin(3.0 * TIME)
     columns = {
-        "ticks": 1e3 * TIME, "lvdt [V]": HEIGHT / 2.5e-3 - 21.0, "acc [g]": shape,
-        "cell [mV]": shape, "table [mil]": shape, "shaker [V]": shape, "ch3 [mA]": shape,
-    }  # fmt: skip
-    rows = (
-        ",".join(f"{value:.12g}" for value in row) for row in zip(*columns.values(), strict=True)
-    )
+        "ticks": 1e3 * TIME,
+        "lvdt [V]": HEIGHT / 2.5e-3 - 21.0,
+        "acc [g]": shape,
+        "cell [mV]": shape,
+        "table [mil]": shape,
+        "shaker [V]": shape,
+        "ch3 [mA]": shape,
+    }
+    rows = (",".join(f"{value:.12g}" for value in row) for row in zip(*columns.values(), strict=True))
     path.write_text("\n".join([",".join(columns), *rows, ""]))
     found, done = read(
-        name, str(path), "--columns",
+        name,
+        str(path),
+        "--columns",
         "time=ticks,height=lvdt,acceleration=acc,force=cell,base_height=table,"
         "base_acceleration=shaker,valve=ch3",
-        "--units", "time=ms", "--scale", "2.5 mm/V", "--zero", "-21 V", "--scale", "force=10 lb/V",
-        "--scale", "base_acceleration=2 g/V", "--between", ":",
-    )  # fmt: skip
+        "--units",
+        "time=ms",
+        "--scale",
+        "2.5 mm/V",
+        "--zero",
+        "-21 V",
+        "--scale",
+        "force=10 lb/V",
+        "--scale",
+        "base_acceleration=2 g/V",
+        "--between",
+        ":",
+    )
     assert found is not None, done.stderr
     assert found.time == pytest.approx(TIME, abs=1e-9)
     assert found.height == pytest.approx(HEIGHT, abs=1e-9)
     sizes = {
-        "acceleration": 9.80665, "force": 10e-3 * 4.4482216152605, "base_height": 2.54e-5,
-        "base_acceleration": 2.0 * 9.80665, "valve": 1e-3,
-    }  # fmt: skip
+        "acceleration": 9.80665,
+        "force": 10e-3 * 4.4482216152605,
+        "base_height": 2.54e-5,
+        "base_acceleration": 2.0 * 9.80665,
+        "valve": 1e-3,
+    }
     for role, size in sizes.items():
         assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_each_of_them_is_refused_where_it_is_wrong(
-    name: str, file: Path, read: Callable[..., Any]
-) -> None:
+def test_each_of_them_is_refused_where_it_is_wrong(name: str, file: Path, read: Callable[..., Any]) -> None:
     for words, message in (
         (("--columns", "height=dept"), "did you mean 'depth'"),
         (("--units", "clock=ms,depth=furlong"), "furlong"),
@@ -131,17 +144,12 @@ def test_each_of_them_is_refused_where_it_is_wrong(
     ):
         given = words if words[0] != "--units" else (*SAID[:2], *words)
         found, done = read(name, str(file), *given)
-        assert (found, done.returncode, done.stderr.count("\n")) == (None, 2, 1), (
-            words,
-            done.stderr,
-        )
+        assert (found, done.returncode, done.stderr.count("\n")) == (None, 2, 1), (words, done.stderr)
         assert message in done.stderr
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_hold_is_left_out_unless_times_are_given(
-    name: str, file: Path, read: Callable[..., Any]
-) -> None:
+def test_a_hold_is_left_out_unless_times_are_given(name: str, file: Path, read: Callable[..., Any]) -> None:
     found, done = read(name, str(file), *SAID)
     assert found.time[0] == pytest.approx(0.4, abs=0.005)
     assert (done.stdout + done.stderr).count("stands still until 0.4") == 1
@@ -186,9 +194,7 @@ def texts(path: Path) -> list[str]:
     """Constant parts of the texts in a file of Python."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     return [
-        one.value
-        for one in ast.walk(tree)
-        if isinstance(one, ast.Constant) and isinstance(one.value, str)
+        one.value for one in ast.walk(tree) if isinstance(one, ast.Constant) and isinstance(one.value, str)
     ]
 
 
@@ -197,9 +203,8 @@ def named_by_readers() -> set[str]:
     form = re.compile(r"[(,] ?([a-z]+): (?=[a-z]*=|$)|\band ([a-z]+) if it\b")
     files = (ROOT / "granular" / "readers").glob("*.py")
     return {
-        word for file in files for text in texts(file) for pair in form.findall(text)
-        for word in pair if word
-    }  # fmt: skip
+        word for file in files for text in texts(file) for pair in form.findall(text) for word in pair if word
+    }
 
 
 def test_options_that_errors_advise_are_there() -> None:
@@ -215,9 +220,7 @@ def test_options_that_the_guide_names_are_there() -> None:
     """Next to a form they work everywhere, else on a command that the page is about."""
     pages = ROOT / "docs" / "guide"
     word = re.compile(r"`(--[a-z-]+)")
-    forms = set(
-        word.findall((ROOT / "docs" / "reference" / "laboratory-forms.md").read_text("utf-8"))
-    )
+    forms = set(word.findall((ROOT / "docs" / "reference" / "laboratory-forms.md").read_text("utf-8")))
     assert {"--columns", "--units", "--flip", "--skip"} <= forms
     for name in COMMANDS:
         assert forms <= options(name), name

@@ -20,10 +20,7 @@ def compression(count: int, seed: int, **changes: object) -> Scene:
     relaxation = 0.5 * math.sqrt(368 / count)
     scene = mono_bed(count, speed=0.033, relaxation=relaxation, seed=seed)
     kinds = ("descend", "move")
-    stages = [
-        {**stage.to_plain(), "kind": kind}
-        for stage, kind in zip(scene.protocol, kinds, strict=False)
-    ]
+    stages = [{**stage.to_plain(), "kind": kind} for stage, kind in zip(scene.protocol, kinds, strict=False)]
     return scene.replace(protocol=stages, **changes)
 
 
@@ -33,9 +30,7 @@ def forces(runs: list[Trajectory]) -> np.ndarray:
 
 def half_distances(runs: list[Trajectory]) -> np.ndarray:
     """Half of the mean pair distance at the end, in D."""
-    return np.array(
-        [depaula_pair_distance(run.dataset["position"].values[-1]) / 0.006 for run in runs]
-    )
+    return np.array([depaula_pair_distance(run.dataset["position"].values[-1]) / 0.006 for run in runs])
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

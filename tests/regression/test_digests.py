@@ -31,11 +31,7 @@ def same_surroundings() -> bool:
 
 @pytest.mark.parametrize(
     ("name", "way", "threads"),
-    [
-        long_unless((*case, threads) in QUICK, *case, threads)
-        for case in cases()
-        for threads in (1, 2)
-    ],
+    [long_unless((*case, threads) in QUICK, *case, threads) for case in cases() for threads in (1, 2)],
 )
 def test_runs_keep_their_bits(name: str, way: str, threads: int) -> None:
     """For any number of threads; where processor or libraries are others, to six digits."""

@@ -26,9 +26,7 @@ def go_on(scene: Scene, path: Path) -> None:
 
 @pytest.mark.long  # it forks, which a process with threads of other tests must not
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
-def test_hundred_random_kills(
-    small_bed: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
+def test_hundred_random_kills(small_bed: Scene, tmp_path: Path, random: np.random.Generator) -> None:
     scene = small_bed.replace(
         **{
             "effects.friction": True,

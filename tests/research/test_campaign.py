@@ -40,11 +40,17 @@ def blocks(found: Plain) -> Mapping[str, Block]:
 
 def made(**changes: Any) -> Campaign[Plain]:
     settings: Plain = {
-        "name": "made", "purpose": "Nothing.", "quick": "a little", "full": "all",
+        "name": "made",
+        "purpose": "Nothing.",
+        "quick": "a little",
+        "full": "all",
         "run": lambda options: {"rows": [1, 2] if options.quick else [1, 2, 3]},
-        "from_plain": dict, "empty": {"rows": []}, "text": lambda found: f"{found['rows']}",
-        "summary": dict, "blocks": blocks,
-    }  # fmt: skip
+        "from_plain": dict,
+        "empty": {"rows": []},
+        "text": lambda found: f"{found['rows']}",
+        "summary": dict,
+        "blocks": blocks,
+    }
     return Campaign(**(settings | changes))
 
 

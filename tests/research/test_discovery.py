@@ -22,14 +22,7 @@ from research.discovery.cases import NOISES, OURS, SEEDS, SINDY, Case, all_cases
 from research.discovery.judging import worth
 from research.discovery.results import EMPTY, Results
 from research.discovery.runner import discovery
-from research.discovery.systems import (
-    INPUT,
-    SYSTEMS,
-    law_of,
-    made_record,
-    right_structures,
-    system_named,
-)
+from research.discovery.systems import INPUT, SYSTEMS, law_of, made_record, right_structures, system_named
 from research.discovery.text import NOT_RUN, text
 
 

@@ -83,9 +83,7 @@ def test_ranks_and_scales(random: np.random.Generator) -> None:
 def test_rising_curve_by_hand() -> None:
     curve = rising_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
     # 4 twice and 1 fall: their mean is 3.
-    np.testing.assert_allclose(
-        curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0]
-    )
+    np.testing.assert_allclose(curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0])
 
 
 def test_shared_motion_is_no_local_temperature(random: np.random.Generator) -> None:

@@ -11,14 +11,7 @@ import pytest
 
 from research.campaign import write_results
 from research.melting.__main__ import CAMPAIGN
-from research.melting.displacements import (
-    lindemann,
-    mode_squares,
-    modulus,
-    on_sites,
-    plateau,
-    waves,
-)
+from research.melting.displacements import lindemann, mode_squares, modulus, on_sites, plateau, waves
 from research.melting.layer_runs import Plan, run_plan
 from research.melting.neighbours import bond_order, correlation, nearest, neighbours
 from research.melting.results import Results, from_plain, results_of, to_plain
@@ -61,8 +54,7 @@ def test_neighbours_and_order_are_those_of_freud() -> None:
     assert len(ours ^ wanted) <= 2
     hexatic = freud.order.Hexatic(k=6)
     hexatic.compute(
-        (box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])),
-        neighbors=judge.nlist,
+        (box, np.column_stack([places - np.array(periods) / 2.0, 0.0 * places[:, 0]])), neighbors=judge.nlist
     )
     off = np.abs(bond_order(found) - hexatic.particle_order)
     assert np.median(off) < 1e-5
@@ -81,9 +73,7 @@ def test_correlation_of_an_angle_field_falls_with_its_power() -> None:
     squares = np.zeros(len(edges) - 1)
     for _ in range(60):
         sizes = random.normal(size=(2, len(vectors)))
-        sizes *= np.sqrt(strength) * 2.0 * math.pi / np.hypot(*vectors.T) / math.sqrt(
-            periods[0] * periods[1]
-        )  # fmt: skip
+        sizes *= np.sqrt(strength) * 2.0 * math.pi / np.hypot(*vectors.T) / math.sqrt(periods[0] * periods[1])
         phase = sites @ vectors.T
         theta = np.cos(phase) @ sizes[0] + np.sin(phase) @ sizes[1]
         totals += correlation(sites, np.exp(1j * theta), periods, edges, np.arange(0, 512, 4))
@@ -118,8 +108,10 @@ def test_moduli_by_equipartition() -> None:
     q, random = np.hypot(*vectors.T), np.random.default_rng(0)
     frames = np.repeat(sites[None], 1000, axis=0)
     along = vectors / q[:, None]
-    for way, stiffness in ((along, at_rest.bulk + at_rest.shear),
-                           (along[:, ::-1] * [-1.0, 1.0], at_rest.shear)):  # fmt: skip
+    for way, stiffness in (
+        (along, at_rest.bulk + at_rest.shear),
+        (along[:, ::-1] * [-1.0, 1.0], at_rest.shear),
+    ):
         width = np.sqrt(2.0 * one.temperature * one.density / stiffness / q**2 / len(sites))
         sizes = random.normal(size=(2, 1000, len(q))) * width
         phase = sites @ vectors.T

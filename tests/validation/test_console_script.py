@@ -66,14 +66,8 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        (
-            "look record.csv --scael 2",
-            "option '--scael'; did you mean '--scale'; see granular-damper look",
-        ),
-        (
-            "look one.csv two.csv",
-            "unrecognized arguments: two.csv; see granular-damper look",
-        ),
+        ("look record.csv --scael 2", "option '--scael'; did you mean '--scale'; see granular-damper look"),
+        ("look one.csv two.csv", "unrecognized arguments: two.csv; see granular-damper look"),
         ("validate energy --quik", "did you mean '--quick'; see granular-damper validate energy"),
         ("cite nonsense", "unknown scene, method or law 'nonsense'"),
         ("rnu", "did you mean 'run'"),
@@ -106,9 +100,12 @@ def test_the_installed_command_prints_the_version() -> None:
     module, _, name = entry["granular-damper"].partition(":")
     code = f"import sys; from {module} import {name}; sys.exit({name}())"
     done = subprocess.run(
-        [sys.executable, "-P", "-c", code, "--version"], capture_output=True, text=True,
-        check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [sys.executable, "-P", "-c", code, "--version"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
     assert (done.returncode, done.stdout) == (0, f"granular-damper {__version__}\n")
 
 
@@ -119,9 +116,7 @@ def test_eight_commands_are_shown_where_none_is_given(capsys: pytest.CaptureFixt
     assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
 
 
-def test_the_validation_s_commands_are_called_by_both_names(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_validation_s_commands_are_called_by_both_names(capsys: pytest.CaptureFixture[str]) -> None:
     texts = []
     for words in (["energy", "--help"], ["validate", "energy", "--help"]):
         with pytest.raises(SystemExit):
@@ -130,9 +125,7 @@ def test_the_validation_s_commands_are_called_by_both_names(
     assert texts[0].split() == texts[1].split()
 
 
-def test_papers_are_cited_by_name_and_path(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_papers_are_cited_by_name_and_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from granular import load_scene, simulate
 
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)
@@ -144,9 +137,7 @@ def test_papers_are_cited_by_name_and_path(
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_command_and_option_is_completed(
-    shell: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_and_option_is_completed(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert launch(run, ["completion", shell]) == 0
     out = capsys.readouterr().out
     assert "export-model" in out

@@ -44,9 +44,7 @@ def drag(_: float, __: np.ndarray, v: np.ndarray, problem: Problem, s: Scales) -
     return -problem.scene.effects.drag.coefficient * s.time / s.mass * v
 
 
-def driven_piston(
-    t: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales
-) -> np.ndarray:
+def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
     assert problem.scene.piston is not None
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
@@ -87,9 +85,7 @@ def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
     end = found.y[:, -1]
     assert end[:count].reshape(-1, 2) * scales.length == pytest.approx(exact.positions, rel=1e-10)
     fastest = np.abs(exact.velocities).max()
-    assert end[count:].reshape(-1, 2) * scales.velocity == pytest.approx(
-        exact.velocities, abs=1e-9 * fastest
-    )
+    assert end[count:].reshape(-1, 2) * scales.velocity == pytest.approx(exact.velocities, abs=1e-9 * fastest)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -109,9 +105,7 @@ def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
         time = mpmath.mpf(12)
         gravity = (one.potential(one.high) - one.high ** mpmath.mpf(-2.5) / 5) / one.high
         series = mpmath.odefun(
-            lambda _, s: [s[1], s[0] ** mpmath.mpf(-3.5) / 2 - gravity],
-            0,
-            [one.high, mpmath.mpf(0)],
+            lambda _, s: [s[1], s[0] ** mpmath.mpf(-3.5) / 2 - gravity], 0, [one.high, mpmath.mpf(0)]
         )
         place, velocity = series(time)
         exact = position_from_top(one.potential, one.low, one.high, time)

@@ -50,8 +50,16 @@ def test_names_are_unique() -> None:
 
 def test_only_what_may_end_in_an_error_does() -> None:
     """The list of the catalogue's own description."""
-    words = ("coincident", "overlapping start", "injected", "inside the bed",
-             "1.05 of the stability limit", "step 100 times", "unheard of", "list")  # fmt: skip
+    words = (
+        "coincident",
+        "overlapping start",
+        "injected",
+        "inside the bed",
+        "1.05 of the stability limit",
+        "step 100 times",
+        "unheard of",
+        "list",
+    )
     for case in CASES:
         if case.errors:
             assert any(word in case.name for word in words), case.name

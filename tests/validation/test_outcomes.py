@@ -12,15 +12,7 @@ import pytest
 from granular import Scene, Trajectory, load_scene
 from granular.shared.errors import EnergyError, SceneError
 from validation.hard_cases.case import HardCase, Measure
-from validation.stability import (
-    ACCURATE,
-    CRASHED,
-    DEGRADED,
-    SILENT,
-    STOPPED,
-    Outcome,
-    outcome,
-)
+from validation.stability import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, Outcome, outcome
 
 
 def scene() -> Scene:
@@ -54,9 +46,7 @@ def case(
     made: Callable[[], Scene] = scene,
     **options: object,
 ) -> HardCase:
-    return HardCase(
-        "case", "what", made, 0.001, 0.001, Measure("error", measure), 0.1, dt=1e-4, **options
-    )
+    return HardCase("case", "what", made, 0.001, 0.001, Measure("error", measure), 0.1, dt=1e-4, **options)
 
 
 @pytest.mark.parametrize(

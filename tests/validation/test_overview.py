@@ -35,8 +35,14 @@ def study(floor: float) -> WorkPrecision:
 
 
 def result(holds: bool) -> list[dict[str, object]]:
-    fresh = {"scene": "damper", "quantity": "period", "level": "1 %", "setting": "a",
-             "error": 0.1, "holds": holds}  # fmt: skip
+    fresh = {
+        "scene": "damper",
+        "quantity": "period",
+        "level": "1 %",
+        "setting": "a",
+        "error": 0.1,
+        "holds": holds,
+    }
     return [{"studies": [study(1e-4).to_plain()], "fresh": [fresh], "starts": 5}]
 
 
@@ -51,9 +57,12 @@ def test_advice_is_a_row_a_quantity() -> None:
     found = advice_table([study(1e-4), study(5e-3)])
     assert found.header[:4] == ("quantity", "1 %", "0.1 %", "1e-6")
     assert found.rows[0][:4] == (
-        "period", "auto*8: 1 s", "auto*4: 2 s", "any of these: the starts scatter by 0.0001, and "
+        "period",
+        "auto*8: 1 s",
+        "auto*4: 2 s",
+        "any of these: the starts scatter by 0.0001, and "
         "more of them would show what no setting tried is free of",
-    )  # fmt: skip
+    )
     assert found.rows[1][4] == "0.005"
 
 
@@ -65,13 +74,17 @@ def test_a_fresh_start_that_misses_fails_the_report() -> None:
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
-def test_prices_that_differ_by_more_than_a_fifth_both_stand(
-    first: float, last: float, alike: bool
-) -> None:
+def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: float, alike: bool) -> None:
     row = {"effect": "drag", "first": first, "first_doubt": 0.1, "last": last, "last_doubt": 0.1}
     assert costs_agree(row) is alike
-    plain = {"scene": "s", "grains": 2, "step": 3.0, "nothing": 1.0, "sums": {"direct": 3.0},
-             "effects": [row, {**row, "first": None}]}  # fmt: skip
+    plain = {
+        "scene": "s",
+        "grains": 2,
+        "step": 3.0,
+        "nothing": 1.0,
+        "sums": {"direct": 3.0},
+        "effects": [row, {**row, "first": None}],
+    }
     shown = effect_table(plain)
     assert shown.rows[0][3] == ("yes" if alike else "no")
     assert shown.rows[1][1] == "cannot be run"
@@ -112,9 +125,7 @@ def test_first_screen_of_a_small_bed(
     tasks = overview_tasks([scene], full=False, hard=False)[:1]
     found = run_tasks("overview", tasks, tmp_path, progress=False)
     (one,) = found
-    assert [each["quantity"] for each in one["studies"]] == [
-        "piston force", "mean distance", "energy",
-    ]  # fmt: skip
+    assert [each["quantity"] for each in one["studies"]] == ["piston force", "mean distance", "energy"]
     assert one["starts"] > 1
     assert "mean distance" in {each["quantity"] for each in one["fresh"]}
     assert all(math.isfinite(each["error"]) for each in one["fresh"])

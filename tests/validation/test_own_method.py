@@ -18,13 +18,19 @@ from validation.order import convergence
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(
-    "mclachlan-2", 2, "McLachlan 1995, doi:10.1137/0916010",
-    kicks=(0.0, 0.5, 0.5, 0.0), drifts=(Z, 1.0 - 2.0 * Z, Z),
-)  # fmt: skip
+    "mclachlan-2",
+    2,
+    "McLachlan 1995, doi:10.1137/0916010",
+    kicks=(0.0, 0.5, 0.5, 0.0),
+    drifts=(Z, 1.0 - 2.0 * Z, Z),
+)
 RUTH = Method(
-    "ruth-3", 3, "Ruth 1983, doi:10.1109/TNS.1983.4332919",
-    kicks=(7 / 24, 3 / 4, -1 / 24, 0.0), drifts=(2 / 3, -2 / 3, 1.0),
-)  # fmt: skip
+    "ruth-3",
+    3,
+    "Ruth 1983, doi:10.1109/TNS.1983.4332919",
+    kicks=(7 / 24, 3 / 4, -1 / 24, 0.0),
+    drifts=(2 / 3, -2 / 3, 1.0),
+)
 
 
 @pytest.mark.parametrize("method", [MCLACHLAN, RUTH], ids=lambda method: method.name)
@@ -37,9 +43,7 @@ def test_own_methods_show_their_order(method: Method) -> None:
 
 
 @pytest.mark.long
-def test_the_command_measures_a_method_of_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_measures_a_method_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.py").write_text(
         "from granular import Method\nm = Method('of-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
     )

@@ -18,19 +18,31 @@ from validation.stability import ACCURATE, Outcome
 from validation.trend import Trend
 
 ORDER = ConvergenceResult(
-    "bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9, Slope(4.01, (3.9, 4.1), 0, 1),
-    (0.1, 1.0),
-)  # fmt: skip
+    "bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9, Slope(4.01, (3.9, 4.1), 0, 1), (0.1, 1.0)
+)
 TREND = Trend(1e-3, (5e-4, 2e-3), 1e-3, 1e-3, 0.1, 1.0)
 ENERGY = EnergyStudy(
-    "swing", "explicit-euler", False, 0.1, 10, None, (0.0, 0.5, 1.0), (0.0, 5e-4, 1e-3), TREND,
-    (2.0, 1.0, 2.0), (0.0, -1.0, 0.0),
-)  # fmt: skip
+    "swing",
+    "explicit-euler",
+    False,
+    0.1,
+    10,
+    None,
+    (0.0, 0.5, 1.0),
+    (0.0, 5e-4, 1e-3),
+    TREND,
+    (2.0, 1.0, 2.0),
+    (0.0, -1.0, 0.0),
+)
 COST = WorkPrecision(
-    "damper", "period", "1", None,
-    (Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),), 1e-4,
+    "damper",
+    "period",
+    "1",
+    None,
+    (Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),),
+    1e-4,
     "finer",
-)  # fmt: skip
+)
 CASE = Outcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
 SOURCE = DepaulaExperiment(
     tuple(
@@ -49,11 +61,14 @@ SOURCE = DepaulaExperiment(
         ("energy", ENERGY.to_plain(), ("swing", "explicit-euler", "gains")),
         ("work-precision", {"studies": [COST.to_plain()]}, ("period of damper", "auto*8", "1.5")),
         ("stability", CASE.to_plain(), ("drop", "auto", "2.0e-02")),
-        ("overview", {"studies": [COST.to_plain()], "fresh": [], "starts": 5},
-         ("damper: what accuracy costs", "auto*8: 1.5 s")),
+        (
+            "overview",
+            {"studies": [COST.to_plain()], "fresh": [], "starts": 5},
+            ("damper: what accuracy costs", "auto*8: 1.5 s"),
+        ),
         ("overview", {"outcomes": [CASE.to_plain()]}, ("1",)),
     ],
-)  # fmt: skip
+)
 def test_a_parts_figures_are_said(part: str, plain: Plain, said: tuple[str, ...]) -> None:
     kept = json.loads(json.dumps(plain))  # as it comes back from a file
     text = section_text(part, [kept, {"label": "the next", FAILED: "RunError: off"}])

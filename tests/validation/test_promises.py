@@ -41,9 +41,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     one = QUANTITIES[quantity]
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
-    (truth,) = reference_values(
-        scenes_with_other_seeds(scene, KNOWN_STARTS - 1), [one], [REFERENCE], None
-    )
+    (truth,) = reference_values(scenes_with_other_seeds(scene, KNOWN_STARTS - 1), [one], [REFERENCE], None)
     mean = sum(truth.values) / len(truth.values)
     return [one.error(one.measure(run), mean) for run in runs]
 
@@ -61,9 +59,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     ],
     ids=lambda one: one.name if isinstance(one, Scene) else str(one),
 )
-def test_the_cheapest_setting_keeps_its_tolerance(
-    scene: Scene, quantity: str, tolerance: float
-) -> None:
+def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, tolerance: float) -> None:
     choice = recommend_settings(scene, quantity, tolerance)
     print(choice)
     if choice.below_floor:

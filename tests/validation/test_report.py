@@ -77,8 +77,9 @@ def study(method: str, symplectic: bool, drift: float) -> Plain:
     from validation.energy import EnergyStudy
 
     times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
-    one = EnergyStudy("swing", method, symplectic, 0.1, 10, None, times, errors, trend,
-                      (2.0, 1.0, 2.0), (0.0, -1.0, 0.0))  # fmt: skip
+    one = EnergyStudy(
+        "swing", method, symplectic, 0.1, 10, None, times, errors, trend, (2.0, 1.0, 2.0), (0.0, -1.0, 0.0)
+    )
     plain: Plain = json.loads(json.dumps(one.to_plain()))
     return plain
 
@@ -117,9 +118,7 @@ def test_energy_of_a_symplectic_method_has_no_trend() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("method", "verdict"), [("explicit-euler", "gains"), ("runge-kutta-4", "loses")]
-)
+@pytest.mark.parametrize(("method", "verdict"), [("explicit-euler", "gains"), ("runge-kutta-4", "loses")])
 def test_controls_are_told_apart(method: str, verdict: str) -> None:
     assert energy_study(energy_run(method)).trend.verdict() == verdict
 
@@ -147,9 +146,7 @@ def test_help_and_bad_input(command: Command) -> None:
 
 
 def test_cheapest_on_the_command_line(command: Command) -> None:
-    done = command(
-        "validation", "cheapest", "single-particle", "energy", "0.01", "--t-end", "0.3", "--json"
-    )
+    done = command("validation", "cheapest", "single-particle", "energy", "0.01", "--t-end", "0.3", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["error"] <= 0.01

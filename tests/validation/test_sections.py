@@ -12,14 +12,7 @@ from validation.convergence_result import ConvergenceResult, Slope, convergence_
 from validation.cost.point import USUAL, Point, SolverSettings
 from validation.cost.section import setting_table
 from validation.cost.work_precision_result import WorkPrecision
-from validation.depaula import (
-    COMPENSATED,
-    PLAIN,
-    TOOLKIT,
-    DepaulaExperiment,
-    DepaulaRun,
-    show_depaula,
-)
+from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaExperiment, DepaulaRun, show_depaula
 from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
 
 
@@ -27,9 +20,7 @@ def result(
     problem: str, method: str, order: int, slope: float | None, finest: float = 0.01
 ) -> ConvergenceResult:
     fit = None if slope is None else Slope(slope, (slope, slope), 0, 1)
-    return ConvergenceResult(
-        problem, method, order, True, (0.1, finest), (1.0, 0.1), 1e-3, fit, (0.1, 0.1)
-    )
+    return ConvergenceResult(problem, method, order, True, (0.1, finest), (1.0, 0.1), 1e-3, fit, (0.1, 0.1))
 
 
 @pytest.mark.parametrize(
@@ -63,15 +54,15 @@ def test_an_odd_order_may_show_the_next(slope: float, holds: bool) -> None:
 
 
 def test_slopes_stand_in_rows_by_order() -> None:
-    found = slopes([
-        result("bounce", "pefrl", 4, 4.001), result("bounce", "symplectic-euler", 1, 1.0),
-        result("drag", "symplectic-euler", 1, 1.5),
-    ])  # fmt: skip
-    assert found.header == ("method", "order", "bounce", "drag")
-    assert found.rows == (
-        ("symplectic-euler", "1", "1.000", "1.500 (!)"),
-        ("pefrl", "4", "4.001", ""),
+    found = slopes(
+        [
+            result("bounce", "pefrl", 4, 4.001),
+            result("bounce", "symplectic-euler", 1, 1.0),
+            result("drag", "symplectic-euler", 1, 1.5),
+        ]
     )
+    assert found.header == ("method", "order", "bounce", "drag")
+    assert found.rows == (("symplectic-euler", "1", "1.000", "1.500 (!)"), ("pefrl", "4", "4.001", ""))
 
 
 def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> Outcome:
@@ -80,24 +71,24 @@ def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> 
 
 
 def test_outcomes_stand_in_a_row_a_case() -> None:
-    found = stability_matrix([
-        ended("drop", "auto", ACCURATE, 0.02), ended("limit", "0.5", STOPPED, math.nan),
-        ended("drop", "auto*4", DEGRADED, 0.5, allowed=False),
-        ended("drop", "auto/4", ACCURATE, 0.0),
-    ])  # fmt: skip
+    found = stability_matrix(
+        [
+            ended("drop", "auto", ACCURATE, 0.02),
+            ended("limit", "0.5", STOPPED, math.nan),
+            ended("drop", "auto*4", DEGRADED, 0.5, allowed=False),
+            ended("drop", "auto/4", ACCURATE, 0.0),
+        ]
+    )
     assert found.header == (
-        "case", "error of what [unit]", "accurate up to",
-        "its own settings", "dt = auto*4", "dt = auto/4",
-    )  # fmt: skip
+        "case",
+        "error of what [unit]",
+        "accurate up to",
+        "its own settings",
+        "dt = auto*4",
+        "dt = auto/4",
+    )
     assert found.rows == (
-        (
-            "drop",
-            "distance [D]",
-            "1e-01",
-            "accurate: 0.02",
-            "degraded and said so: 0.5 (!)",
-            "accurate: 0",
-        ),
+        ("drop", "distance [D]", "1e-01", "accurate: 0.02", "degraded and said so: 0.5 (!)", "accurate: 0"),
         ("limit", "distance [D]", "1e-01", "stopped: EnergyError", "", ""),
     )
 

@@ -52,8 +52,7 @@ NOISES: tuple[Noise, ...] = (white, correlated, walk, swing, swing_and_walk, bou
 def test_false_alarms_are_as_rare_as_stated(noise: Noise) -> None:
     """Measured over 400 seeds; a rate of 5 % would show more than 33 alarms once in 1500 tests."""
     alarms = sum(
-        energy_trend(TIME, noise(np.random.default_rng(seed))).p_value < 0.05
-        for seed in range(SEEDS)
+        energy_trend(TIME, noise(np.random.default_rng(seed))).p_value < 0.05 for seed in range(SEEDS)
     )
     assert alarms <= 33
 
@@ -80,8 +79,7 @@ def test_a_plain_regression_would_raise_false_alarms() -> None:
     from scipy import stats
 
     alarms = sum(
-        stats.linregress(TIME, walk(np.random.default_rng(seed))).pvalue < 0.05
-        for seed in range(100)
+        stats.linregress(TIME, walk(np.random.default_rng(seed))).pvalue < 0.05 for seed in range(100)
     )
     assert alarms > 80
 
@@ -114,9 +112,7 @@ def runge_kutta(y: float, v: float, h: float) -> tuple[float, float]:
     v2, a2 = v + 0.5 * h * a1, acceleration(y + 0.5 * h * v)
     v3, a3 = v + 0.5 * h * a2, acceleration(y + 0.5 * h * v2)
     v4, a4 = v + h * a3, acceleration(y + h * v3)
-    return y + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4), v + h / 6.0 * (
-        a1 + 2.0 * a2 + 2.0 * a3 + a4
-    )
+    return y + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,5 @@ def test_a_control_loses_energy_over_far_fewer_bounces() -> None:
     scene = bounce.bounce_problem().scene
     time = 100.0 * float(bounce.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}
-    found = energy_study(
-        EnergyRun("bounces", scene.replace(**records), "runge-kutta-4", 1e-3, time)
-    )
+    found = energy_study(EnergyRun("bounces", scene.replace(**records), "runge-kutta-4", 1e-3, time))
     assert found.trend.verdict() == "loses"

@@ -46,11 +46,7 @@ def test_front_leaves_out_what_is_beaten() -> None:
 
 def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
     """The coarse step meets the tolerance, the next finer one does not."""
-    lucky, missed, sound = (
-        point("a", 10, 1e-5, 1.0),
-        point("a", 20, 1e-2, 2.0),
-        point("a", 40, 1e-4, 4.0),
-    )
+    lucky, missed, sound = (point("a", 10, 1e-5, 1.0), point("a", 20, 1e-2, 2.0), point("a", 40, 1e-4, 4.0))
     found = study(sound, lucky, missed, FAILED)
     assert found.cheapest(1e-3) == sound
     assert found.cheapest(1e-1) == lucky
@@ -63,9 +59,13 @@ def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
 def test_picture_names_what_cheapest_chooses(level: str) -> None:
     """The words at the line of a level, and the ring, are those of `cheapest`; by hand here."""
     points = (
-        point("a", 10, 5e-3, 1.0), point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0),
-        point("b", 10, 2e-2, 2.0), point("b", 20, 1e-8, 4.0), FAILED,
-    )  # fmt: skip
+        point("a", 10, 5e-3, 1.0),
+        point("a", 100, 5e-5, 10.0),
+        point("a", 1000, 5e-7, 100.0),
+        point("b", 10, 2e-2, 2.0),
+        point("b", 20, 1e-8, 4.0),
+        FAILED,
+    )
     outside = Point(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
     found = study(*points, outside)
     wanted = {"1 %": points[0], "0.1 %": points[4], "1e-6": points[4]}[level]
@@ -74,9 +74,7 @@ def test_picture_names_what_cheapest_chooses(level: str) -> None:
         found.plot(axes)
         words = [one.get_text() for one in axes.texts if one.get_text().startswith(level)]
         rings = [
-            (*one.get_xdata(), *one.get_ydata())
-            for one in axes.get_lines()
-            if one.get_markersize() > 10.0
+            (*one.get_xdata(), *one.get_ydata()) for one in axes.get_lines() if one.get_markersize() > 10.0
         ]
     assert words == [f"{level}: {wanted.setting.family}, {wanted.setting.dt}"]
     assert (wanted.seconds, wanted.error) in rings
@@ -129,21 +127,15 @@ def test_study_of_the_lone_grain() -> None:
     errors = [one.error for one in found.points[:3]]
     assert errors[0] > 8.0 * errors[1] > 64.0 * errors[2]
     best = recommendation(found, 0.05)
-    run = simulate(
-        problem.scene.replace(**best.changes), t_end=0.3, progress=False, **best.keywords
-    )
+    run = simulate(problem.scene.replace(**best.changes), t_end=0.3, progress=False, **best.keywords)
     again = np.abs(run.dataset["position"].values[-1] / 5e-3 - exact).max()
     assert again == best.error
     assert again <= 0.05
 
 
 @pytest.mark.parametrize(("tolerance", "tried"), [(0.05, False), (1e-9, True)])
-def test_methods_of_many_force_calls_are_tried_where_they_may_pay(
-    tolerance: float, tried: bool
-) -> None:
-    found = recommend_settings(
-        bounce.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3
-    )
+def test_methods_of_many_force_calls_are_tried_where_they_may_pay(tolerance: float, tried: bool) -> None:
+    found = recommend_settings(bounce.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3)
     families = {one.setting.family for one in found.study.points}
     assert "stormer-verlet" in families
     assert ("blanes-moan-6" in families) is tried
@@ -168,26 +160,24 @@ def test_a_scene_without_random_starts_is_run_once() -> None:
     assert not depends_on_seed(load_scene("single-particle"))
     assert depends_on_seed(load_scene("damper"))
     once = work_precision(
-        load_scene("single-particle"), SEED, [SolverSettings("stormer-verlet", 1e-4)],
-        reference=1.0, until=0.001, seeds=3,
-    )  # fmt: skip
+        load_scene("single-particle"),
+        SEED,
+        [SolverSettings("stormer-verlet", 1e-4)],
+        reference=1.0,
+        until=0.001,
+        seeds=3,
+    )
     assert once.points[0].starts == 1
     assert once.floor == 0.0
 
 
 def scattered(starts: int, error: float, doubt: float, steps: int) -> Point:
-    return Point(
-        SolverSettings("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts
-    )
+    return Point(SolverSettings("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts)
 
 
 def test_below_three_floors_the_answer_is_more_starts() -> None:
     """Any setting will do, even where one happens to be within the tolerance."""
-    points = (
-        scattered(5, 9e-3, 1e-3, 10),
-        scattered(5, 1e-3, 2e-3, 20),
-        scattered(5, 0.0, 2e-3, 40),
-    )
+    points = (scattered(5, 9e-3, 1e-3, 10), scattered(5, 1e-3, 2e-3, 20), scattered(5, 0.0, 2e-3, 40))
     found = study(*points, floor=5e-3)
     advice = found.advice(1e-2)
     assert advice.below_floor
@@ -195,9 +185,7 @@ def test_below_three_floors_the_answer_is_more_starts() -> None:
     assert advice.starts == 1
     assert found.advice(1e-3).starts == 100
     assert found.advice(1e-3).seconds == pytest.approx(200.0)
-    assert "any of these: the starts scatter by 0.005; 100 starts cost 3.3 minutes" in str(
-        found.advice(1e-3)
-    )
+    assert "any of these: the starts scatter by 0.005; 100 starts cost 3.3 minutes" in str(found.advice(1e-3))
     assert found.cheapest(1e-2) is None
     assert found.cheapest(2e-2) == points[0]
     chosen = recommendation(found, 1e-3)

@@ -198,9 +198,7 @@ def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
             default=None,
         )
         return Advice(tolerance, best, required_starts(floor, tolerance), floor)
-    sound = [
-        point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)
-    ]
+    sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
     return Advice(tolerance, min(sound, key=cost_key, default=None), 1, floor)
 
 

@@ -55,12 +55,7 @@ def work_precision_tasks(full: bool) -> list[Task]:
     many = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES[:3:2]]
     wanted: list[tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict[str, Any]]] = [
-        (
-            grain,
-            saved,
-            [*candidate_settings(grain), *many],
-            {"until": 1.0, "references": _exact_grain()},
-        ),
+        (grain, saved, [*candidate_settings(grain), *many], {"until": 1.0, "references": _exact_grain()}),
         (bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
         (squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}),
     ]
@@ -86,9 +81,12 @@ def work_precision_task(
 ) -> Task:
     """Scene with many settings; ``more`` tells it from others with methods of the names."""
     key = {
-        "scene": scene.digest(), "quantities": quantities, "settings": str(settings),
-        "options": str(options), **more,
-    }  # fmt: skip
+        "scene": scene.digest(),
+        "quantities": quantities,
+        "settings": str(settings),
+        "options": str(options),
+        **more,
+    }
     return Task(scene.name, key, partial(_measure_studies, scene, quantities, settings, options))
 
 
@@ -97,10 +95,7 @@ SUMS: tuple[dict[str, Any], ...] = (
     *({"pairs.method": "mesh", "pairs.tolerance": value} for value in (3e-3, 3e-4, 3e-5)),
     {"pairs.method": "mesh", "pairs.far_every": 1},
     *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
-    *(
-        {"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"}
-        for value in (5, 8, 11.26, 16)
-    ),
+    *({"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
 )
 """Ways of summing pairs, and the radii of de Paula's list about its own 11.26 D [D, 5.2]."""
 
@@ -120,10 +115,7 @@ def _exact_grain() -> list[Any]:
 
 
 def _measure_studies(
-    scene: Scene,
-    quantities: Sequence[str],
-    settings: Sequence[SolverSettings],
-    options: dict[str, Any],
+    scene: Scene, quantities: Sequence[str], settings: Sequence[SolverSettings], options: dict[str, Any]
 ) -> Plain:
     studies = work_precisions(scene, quantities, settings, **options)
     return {"studies": [study.to_plain() for study in studies]}
@@ -152,9 +144,7 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
             study.plot(axes)
             legend_below(axes)
             until = "" if study.horizon is None else f" over {study.horizon:g} s"
-            page.figure(
-                drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}."
-            )
+            page.figure(drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}.")
 
 
 def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
@@ -167,8 +157,7 @@ def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
             (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
             for words, level in LEVELS.items()
         ]
-    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds",
-              "of the default's")  # fmt: skip
+    header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "of the default's")
     return text_table(header, rows)
 
 
@@ -182,9 +171,13 @@ def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) 
         take = f"any: starts scatter by {advice.floor:.2g}"
     ratio = advice.seconds / usual
     return (
-        take, best.setting.fineness, f"{best.error:.2g}", f"{advice.starts:.3g}",
-        f"{advice.seconds:.3g}", "" if math.isnan(ratio) else f"{ratio:.3g}",
-    )  # fmt: skip
+        take,
+        best.setting.fineness,
+        f"{best.error:.2g}",
+        f"{advice.starts:.3g}",
+        f"{advice.seconds:.3g}",
+        "" if math.isnan(ratio) else f"{ratio:.3g}",
+    )
 
 
 def _study_tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
@@ -197,9 +190,7 @@ def _study_tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
 
 def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
     studies = join_studies(results)
-    usual = [
-        study for study in studies if any(point.setting[:2] == USUAL for point in study.points)
-    ]
+    usual = [study for study in studies if any(point.setting[:2] == USUAL for point in study.points)]
     right = sum(study.usual() is not None for study in usual)
     words = (
         f"cost of accuracy shown for {len(studies)} quantities; the default setting runs in "
@@ -209,6 +200,11 @@ def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
 
 
 WORK_PRECISION = Section(
-    "work-precision", "What accuracy costs", work_precision_tasks, studies_from_plain,
-    _study_tables, _studies_verdict, show_studies,
-)  # fmt: skip
+    "work-precision",
+    "What accuracy costs",
+    work_precision_tasks,
+    studies_from_plain,
+    _study_tables,
+    _studies_verdict,
+    show_studies,
+)

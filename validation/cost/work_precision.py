@@ -92,9 +92,8 @@ def work_precision(
         If the reference itself fails.
     """
     return work_precisions(
-        scene, [quantity], settings, references=[reference], until=until, seeds=seeds,
-        repeats=repeats,
-    )[0]  # fmt: skip
+        scene, [quantity], settings, references=[reference], until=until, seeds=seeds, repeats=repeats
+    )[0]
 
 
 def work_precisions(
@@ -122,15 +121,14 @@ def work_precisions(
     outside = [quantity for quantity in wanted if quantity.outside]
     return tuple(
         make_study(
-            scene, quantity, until,
-            [
-                *(row[k] for row in rows),
-                *_outside_points(scene, quantity, outside, truth[k], until),
-            ],
+            scene,
+            quantity,
+            until,
+            [*(row[k] for row in rows), *_outside_points(scene, quantity, outside, truth[k], until)],
             truth[k],
         )
         for k, quantity in enumerate(chosen)
-    )  # fmt: skip
+    )
 
 
 def make_study(
@@ -142,22 +140,16 @@ def make_study(
 ) -> WorkPrecision:
     """Return the study that points against a truth make."""
     unit = "1" if quantity.relative else quantity.unit
-    return WorkPrecision(
-        scene.name, quantity.name, unit, until, tuple(points), truth.floor, truth.words
-    )
+    return WorkPrecision(scene.name, quantity.name, unit, until, tuple(points), truth.floor, truth.words)
 
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
 
 
-def candidate_settings(
-    scene: Scene, methods: Sequence[str] = CANDIDATES
-) -> tuple[SolverSettings, ...]:
+def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
     """Return the settings that are tried: methods and steps, and never another law."""
-    return tuple(
-        SolverSettings(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name)
-    )
+    return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name))
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
@@ -219,9 +211,12 @@ def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> T
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return simulate(
-            scene.replace(**setting.changes), dt=setting.dt, t_end=until, method=setting.method,
+            scene.replace(**setting.changes),
+            dt=setting.dt,
+            t_end=until,
+            method=setting.method,
             progress=False,
-        )  # fmt: skip
+        )
 
 
 def measure_points(
@@ -235,9 +230,7 @@ def measure_points(
     """Point for each quantity, from the same runs."""
     try:
         _compile_setting(scenes[0], setting)
-        runs, seconds = zip(
-            *(_time_calls(scene, setting, until, repeats) for scene in scenes), strict=True
-        )
+        runs, seconds = zip(*(_time_calls(scene, setting, until, repeats) for scene in scenes), strict=True)
     except GranularError as stop:
         return [_failed_point(setting, stop)] * len(quantities)
     steps = round(float(np.mean([run.settings()["steps"] for run in runs])))
@@ -246,9 +239,7 @@ def measure_points(
         try:
             values = [quantity.measure(run) for run in runs]
             error, doubt = deviation_over_starts(quantity, values, item.values)
-            measured.append(
-                Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
-            )
+            measured.append(Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes)))
         except GranularError as stop:
             measured.append(_failed_point(setting, stop))
     return measured

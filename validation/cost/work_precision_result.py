@@ -8,14 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new
-from validation.cost.point import (
-    USUAL,
-    Advice,
-    Point,
-    advice,
-    cost_key,
-    group_by_family,
-)
+from validation.cost.point import USUAL, Advice, Point, advice, cost_key, group_by_family
 from validation.runner import PlainData
 from validation.table import TextTable, text_table
 
@@ -94,16 +87,31 @@ class WorkPrecision(PlainData):
         for point in self.points:
             said = "" if point.failure is None else point.failure.split(":", 1)[0]
             shown = (
-                f"{point.error:.3g}", f"{point.doubt:.1g}" if point.doubt else "",
-                f"{point.seconds:.3g}", f"{point.steps}",
-            )  # fmt: skip
+                f"{point.error:.3g}",
+                f"{point.doubt:.1g}" if point.doubt else "",
+                f"{point.seconds:.3g}",
+                f"{point.steps}",
+            )
             rows.append(
-                ("*" if point in front else "", point.setting.family, point.setting.fineness,
-                 *(("",) * 4 if said else shown), said)
-            )  # fmt: skip
+                (
+                    "*" if point in front else "",
+                    point.setting.family,
+                    point.setting.fineness,
+                    *(("",) * 4 if said else shown),
+                    said,
+                )
+            )
         unit = "" if self.unit == "1" else f" [{self.unit}]"
-        header = ("", "setting", "dt", f"error of the {self.quantity}{unit}", "standard error",
-                  "seconds", "steps", "failed")  # fmt: skip
+        header = (
+            "",
+            "setting",
+            "dt",
+            f"error of the {self.quantity}{unit}",
+            "standard error",
+            "seconds",
+            "steps",
+            "failed",
+        )
         return text_table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -120,9 +128,8 @@ class WorkPrecision(PlainData):
 
 
 def _draw_error_over_cost(
-    axes: Axes, points: Sequence[Point], front: Sequence[Point], floor: float,
-    levels: Mapping[str, Advice],
-) -> None:  # fmt: skip
+    axes: Axes, points: Sequence[Point], front: Sequence[Point], floor: float, levels: Mapping[str, Advice]
+) -> None:
     """Draw error over seconds, a line a family, with the bounds of the errors as thin bars.
 
     A family's label says how many of its settings failed.
@@ -131,9 +138,14 @@ def _draw_error_over_cost(
         _draw_family(axes, name, family, k)
     best = [candidate for candidate in front if candidate.error > 0.0]
     axes.loglog(
-        [point.seconds for point in best], [point.error for point in best],
-        color=GREY, linewidth=5.0, alpha=0.35, zorder=0, label="best of all",
-    )  # fmt: skip
+        [point.seconds for point in best],
+        [point.error for point in best],
+        color=GREY,
+        linewidth=5.0,
+        alpha=0.35,
+        zorder=0,
+        label="best of all",
+    )
     for words, advised in levels.items():
         axes.axhline(advised.tolerance, color="#333333", linewidth=0.6, linestyle=":")
         _mark_advised_setting(axes, words, advised)
@@ -152,11 +164,15 @@ def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None
     seconds, errors = [point.seconds for point in done], [point.error for point in done]
     colour = COLOURS[k % len(COLOURS)]
     axes.loglog(
-        seconds, errors,
-        marker="x" if outside else "o", markersize=3.5, color=colour,
+        seconds,
+        errors,
+        marker="x" if outside else "o",
+        markersize=3.5,
+        color=colour,
         linestyle=":" if outside else STYLES[k // len(COLOURS) % len(STYLES)],
-        linewidth=0.9 if outside else 1.5, label=f"{name} ({failed} failed)" if failed else name,
-    )  # fmt: skip
+        linewidth=0.9 if outside else 1.5,
+        label=f"{name} ({failed} failed)" if failed else name,
+    )
     if any(point.doubt > 0.0 for point in done):
         axes.vlines(seconds, errors, [point.bound for point in done], color=colour, linewidth=0.9)
 
@@ -165,14 +181,26 @@ def _mark_advised_setting(axes: Axes, words: str, advised: Advice) -> None:
     """Ring the setting to take for a level, and name it at the level's line."""
     best = advised.point
     if best is not None and not advised.below_floor and best.error > 0.0:
-        axes.plot(best.seconds, best.error, "o", markersize=11.0, color="#333333",
-                  markerfacecolor="none", markeredgewidth=1.4)  # fmt: skip
+        axes.plot(
+            best.seconds,
+            best.error,
+            "o",
+            markersize=11.0,
+            color="#333333",
+            markerfacecolor="none",
+            markeredgewidth=1.4,
+        )
     said = f"{advised.starts:.2g} starts" if advised.below_floor else str(advised)
     axes.annotate(
-        f"{words}: {said}", (0.99, advised.tolerance), xycoords=("axes fraction", "data"),
-        xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8,
+        f"{words}: {said}",
+        (0.99, advised.tolerance),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
-    )  # fmt: skip
+    )
 
 
 def plain_numbers(axes: Axes) -> None:

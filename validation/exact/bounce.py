@@ -66,9 +66,13 @@ def bounce_problem(start: float = START, time: float = TIME) -> Problem:
     """Bounce from a height [D], compared after a time [s]."""
     scene = bounce_scene(start, time)
     return Problem(
-        "bounce", "a grain bouncing on the magnetic wall", scene, time, partial(snapshot, scene),
+        "bounce",
+        "a grain bouncing on the magnetic wall",
+        scene,
+        time,
+        partial(snapshot, scene),
         fewest=round(2000 * time / TIME),
-    )  # fmt: skip
+    )
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:

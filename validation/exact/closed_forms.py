@@ -8,14 +8,7 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import (
-    DIGITS,
-    Problem,
-    Snapshot,
-    lone_scene,
-    natural_units,
-    start_state,
-)
+from validation.exact.problem import DIGITS, Problem, Snapshot, lone_scene, natural_units, start_state
 
 # Free fall --------------------------------------------------------------------------------------
 
@@ -61,9 +54,14 @@ def drag(time: float = 0.1) -> Problem:
     effects = {"drag": {"coefficient": COEFFICIENT}}
     scene = lone_scene("drag", time, effects, arrangement=arrangement)
     return Problem(
-        "drag", "viscous drag alone", scene, time, partial(_dragged_grain, scene), fewest=8,
+        "drag",
+        "viscous drag alone",
+        scene,
+        time,
+        partial(_dragged_grain, scene),
+        fewest=8,
         conservative=False,
-    )  # fmt: skip
+    )
 
 
 def _dragged_grain(scene: Scene, time: float) -> Snapshot:
@@ -78,8 +76,7 @@ def _dragged_grain(scene: Scene, time: float) -> Snapshot:
         start, speed = start_state(scene)
         positions = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
         return Snapshot(
-            np.array([[float(q) for q in positions]]),
-            np.array([[float(mpf(v) * left) for v in speed]]),
+            np.array([[float(q) for q in positions]]), np.array([[float(mpf(v) * left) for v in speed]])
         )
 
 
@@ -105,9 +102,15 @@ def sliding(time: float = SLIDING_TIME) -> Problem:
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
     scene = lone_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return Problem(
-        "sliding", "a grain stopped by dry friction", scene, time, partial(_sliding_grain, scene),
-        fewest=256, conservative=False, smooth=False,
-    )  # fmt: skip
+        "sliding",
+        "a grain stopped by dry friction",
+        scene,
+        time,
+        partial(_sliding_grain, scene),
+        fewest=256,
+        conservative=False,
+        smooth=False,
+    )
 
 
 def _sliding_grain(scene: Scene, time: float) -> Snapshot:

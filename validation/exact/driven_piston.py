@@ -13,14 +13,7 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import (
-    DIGITS,
-    Problem,
-    Snapshot,
-    lone_scene,
-    natural_units,
-    start_state,
-)
+from validation.exact.problem import DIGITS, Problem, Snapshot, lone_scene, natural_units, start_state
 from validation.exact.quadrature import position_after_turning, time_from_turning
 
 TIME = 0.05
@@ -39,14 +32,17 @@ def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> Problem:
         {"walls": {"left": "none", "right": "none", "bottom": "none"}},
         arrangement={"positions": [["30 D", f"{top - GAP!r} D"]]},
         piston={"height": f"{top!r} D"},
-        protocol=[
-            {"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}
-        ],
+        protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}],
     )
     return Problem(
-        "driven-piston", "a piston driven against a grain", scene, time,
-        partial(snapshot, scene), fewest=24, conservative=False,
-    )  # fmt: skip
+        "driven-piston",
+        "a piston driven against a grain",
+        scene,
+        time,
+        partial(snapshot, scene),
+        fewest=24,
+        conservative=False,
+    )
 
 
 def snapshot(scene: Scene, time: float) -> Snapshot:
@@ -75,6 +71,5 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
         position = height - down * mpf(time) - gap * units.length
         return Snapshot(
-            np.array([[x, float(position)]]),
-            np.array([[0.0, float(-down - opening * units.velocity)]]),
+            np.array([[x, float(position)]]), np.array([[0.0, float(-down - opening * units.velocity)]])
         )

@@ -44,9 +44,8 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Pro
     height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
     return Problem(
-        "oscillation", "small oscillation above the wall", scene, time, partial(snapshot, scene),
-        fewest=12,
-    )  # fmt: skip
+        "oscillation", "small oscillation above the wall", scene, time, partial(snapshot, scene), fewest=12
+    )
 
 
 def rest_height(scene: Scene) -> Number:

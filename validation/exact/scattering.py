@@ -17,15 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import (
-    DIGITS,
-    Number,
-    Problem,
-    Snapshot,
-    lone_scene,
-    natural_units,
-    start_state,
-)
+from validation.exact.problem import DIGITS, Number, Problem, Snapshot, lone_scene, natural_units, start_state
 from validation.exact.quadrature import (
     Potential,
     integrate_from_zero,
@@ -66,14 +58,14 @@ def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float =
     """Two grains that come from left and right at a speed [m/s] each, ``aside`` [D] off centre."""
     across, along = aside / 2.0, APART / 2.0
     arrangement = {
-        "positions": [[f"{30 - along!r} D", f"{30 - across!r} D"],
-                      [f"{30 + along!r} D", f"{30 + across!r} D"]],
+        "positions": [
+            [f"{30 - along!r} D", f"{30 - across!r} D"],
+            [f"{30 + along!r} D", f"{30 + across!r} D"],
+        ],
         "velocities": [[speed, 0.0], [-speed, 0.0]],
-    }  # fmt: skip
+    }
     scene = lone_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
-    return Problem(
-        "scattering", "two grains that scatter", scene, time, partial(snapshot, scene), fewest=32
-    )
+    return Problem("scattering", "two grains that scatter", scene, time, partial(snapshot, scene), fewest=32)
 
 
 def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
@@ -104,8 +96,7 @@ def _swept_angle(orbit: Orbit, distance: Number) -> Number:
 
     integrand = open_integrand(orbit.potential, orbit.turning)
     return integrate_from_zero(
-        lambda s: orbit.momentum / (orbit.turning + s * s) ** 2 * integrand(s),
-        sqrt(distance - orbit.turning),
+        lambda s: orbit.momentum / (orbit.turning + s * s) ** 2 * integrand(s), sqrt(distance - orbit.turning)
     )
 
 
@@ -130,9 +121,8 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
 
 
 def _grains(
-    scene: Scene, length: Number, speed: Number, point: list[Number], velocity: list[Number],
-    time: float,
-) -> Snapshot:  # fmt: skip
+    scene: Scene, length: Number, speed: Number, point: list[Number], velocity: list[Number], time: float
+) -> Snapshot:
     """Both grains from the relative motion and that of their centre."""
     from mpmath import mpf
 

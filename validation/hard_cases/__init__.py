@@ -21,19 +21,27 @@ from validation.hard_cases.motions import (
     step_cases,
     verlet_swing,
 )
-from validation.hard_cases.numbers import (
-    count_cases,
-    extreme_cases,
-    non_finite_cases,
-    uncomputable_cases,
-)
+from validation.hard_cases.numbers import count_cases, extreme_cases, non_finite_cases, uncomputable_cases
 
 __all__ = ["COSTLY", "catalogue", "energy_change", "head_on", "near_limit", "verlet_swing"]
 
 COSTLY = (
-    "slabs", "friction", "mass ratio", "aspect", "contact", "drop", "100 kg", "packing", "skin",
-    "far field", "1e6 steps", "damping ratio", "three species", "list of pairs", "1e5 grains",
-)  # fmt: skip
+    "slabs",
+    "friction",
+    "mass ratio",
+    "aspect",
+    "contact",
+    "drop",
+    "100 kg",
+    "packing",
+    "skin",
+    "far field",
+    "1e6 steps",
+    "damping ratio",
+    "three species",
+    "list of pairs",
+    "1e5 grains",
+)
 """Words in the names of hard cases whose scenes take long to compile or to run."""
 
 
@@ -52,7 +60,17 @@ def catalogue() -> tuple[HardCase, ...]:
     True
     """
     return (
-        *piston_cases(), *collision_cases(), *start_cases(), *friction_cases(), *damping_cases(),
-        *mass_cases(), *size_cases(), *step_cases(), *count_cases(), *sum_cases(),
-        *extreme_cases(), *uncomputable_cases(), *non_finite_cases(),
-    )  # fmt: skip
+        *piston_cases(),
+        *collision_cases(),
+        *start_cases(),
+        *friction_cases(),
+        *damping_cases(),
+        *mass_cases(),
+        *size_cases(),
+        *step_cases(),
+        *count_cases(),
+        *sum_cases(),
+        *extreme_cases(),
+        *uncomputable_cases(),
+        *non_finite_cases(),
+    )

@@ -19,11 +19,7 @@ from validation.hard_cases.case import HardCase, Measure, few_grains
 def _damper_fall(**changes: Any) -> Scene:
     """Damper's first fall alone, up to any time."""
     return load_scene("damper").replace(
-        **{
-            "protocol": [{"kind": "free", "name": "drop", "duration": 60.0}],
-            "output.record": None,
-            **changes,
-        }
+        **{"protocol": [{"kind": "free", "name": "drop", "duration": 60.0}], "output.record": None, **changes}
     )
 
 
@@ -35,7 +31,7 @@ def _compressed_frequency() -> Scene:
             "protocol": [
                 {"kind": "move", "name": "squeeze", "to": "1.1 D", "duration": 0.5},
                 {"kind": "hold", "name": "hold", "duration": 60.0},
-            ],
+            ]
         },
     )
 
@@ -43,9 +39,8 @@ def _compressed_frequency() -> Scene:
 def _piston_inside_bed() -> Scene:
     """De Paula's N = 92, whose piston would start inside the bed [D, 3.3]."""
     return load_scene("bed").replace(
-        **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D",
-           "arrangement.height": "12 D"}
-    )  # fmt: skip
+        **{"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D", "arrangement.height": "12 D"}
+    )
 
 
 def _slab_walls(**bottom: Any) -> Scene:
@@ -60,34 +55,57 @@ def piston_cases() -> tuple[HardCase, ...]:
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
         HardCase(
-            "full-height drop", "the piston falls 55 D before it meets the bed",
-            lambda: _damper_fall(**{"piston.height": "75 D"}), 0.3, 3.0, limit=1e-5,
+            "full-height drop",
+            "the piston falls 55 D before it meets the bed",
+            lambda: _damper_fall(**{"piston.height": "75 D"}),
+            0.3,
+            3.0,
+            limit=1e-5,
         ),
         HardCase(
-            "100 kg piston", "thirteen times the damper's mass falls on the bed",
-            lambda: _damper_fall(**{"piston.mass": 100.0}), 0.15, 3.0,
+            "100 kg piston",
+            "thirteen times the damper's mass falls on the bed",
+            lambda: _damper_fall(**{"piston.mass": 100.0}),
+            0.15,
+            3.0,
         ),
         HardCase(
-            "piston inside the bed", "de Paula's N = 92 [D, 3.3]", _piston_inside_bed, 0.05, 0.2,
+            "piston inside the bed",
+            "de Paula's N = 92 [D, 3.3]",
+            _piston_inside_bed,
+            0.05,
+            0.2,
             errors=("SceneError",),
         ),
         HardCase(
-            "packing above 1", "the grains' area is more than the cell's, without contact",
-            _compressed_frequency, 0.55, 2.0,
+            "packing above 1",
+            "the grains' area is more than the cell's, without contact",
+            _compressed_frequency,
+            0.55,
+            2.0,
         ),
         HardCase(
-            "slabs under the bed", "a finite magnetic slab as the bottom, another as the piston",
-            _slab_walls, 0.05, 1.0,
+            "slabs under the bed",
+            "a finite magnetic slab as the bottom, another as the piston",
+            _slab_walls,
+            0.05,
+            1.0,
         ),
         HardCase(
-            "slabs under the bed, with a gap", "grains flow out between two slabs",
-            lambda: _slab_walls(**gap), 0.05, 1.0,
+            "slabs under the bed, with a gap",
+            "grains flow out between two slabs",
+            lambda: _slab_walls(**gap),
+            0.05,
+            1.0,
         ),
         HardCase(
-            "slabs with friction and a gap", "grains rub on their way out between two slabs",
-            lambda: _slab_walls(**gap).replace(**rubbing), 0.05, 1.0,
+            "slabs with friction and a gap",
+            "grains rub on their way out between two slabs",
+            lambda: _slab_walls(**gap).replace(**rubbing),
+            0.05,
+            1.0,
         ),
-    )  # fmt: skip
+    )
 
 
 # Sizes ------------------------------------------------------------------------------------------
@@ -106,15 +124,20 @@ def size_cases() -> tuple[HardCase, ...]:
     """Sizes of very different grains."""
     return (
         HardCase(
-            "aspect ratio 0.1", "half of the grains are a tenth as wide [D, 4.1]",
-            lambda: _many_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)), 0.05, 1.0,
+            "aspect ratio 0.1",
+            "half of the grains are a tenth as wide [D, 4.1]",
+            lambda: _many_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
+            0.05,
+            1.0,
         ),
         HardCase(
-            "three species of ratio 10", "the widest grains are ten times as wide as the narrowest",
+            "three species of ratio 10",
+            "the widest grains are ten times as wide as the narrowest",
             lambda: _many_sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
-            0.05, 1.0,
+            0.05,
+            1.0,
         ),
-    )  # fmt: skip
+    )
 
 
 # Sums over pairs --------------------------------------------------------------------------------
@@ -193,33 +216,56 @@ def sum_cases() -> tuple[HardCase, ...]:
         HardCase(
             f"list of pairs within {radius} D",
             "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
-            partial(_with_list, radius), 0.05, 1.0, errors=("EnergyError",), may_degrade=True,
+            partial(_with_list, radius),
+            0.05,
+            1.0,
+            errors=("EnergyError",),
+            may_degrade=True,
         )
         for radius in (6.26, 7.26)
-    )  # fmt: skip
+    )
     return (
         *lists,
         HardCase(
-            "1e5 grains by the mesh", "the levels of a mesh 270 times as large as a small bed's",
-            _bed_of_1e5_grains, 2e-4, 2e-3,
+            "1e5 grains by the mesh",
+            "the levels of a mesh 270 times as large as a small bed's",
+            _bed_of_1e5_grains,
+            2e-4,
+            2e-3,
         ),
         HardCase(
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",
-            _fast_grain, 0.04, 0.04,
+            _fast_grain,
+            0.04,
+            0.04,
             Measure("greatest force missed, over the greatest force", greatest_missing_force),
-            1e-12, dt=1e-3,
+            1e-12,
+            dt=1e-3,
         ),
         HardCase(
             "far field at longer steps",
             "a damper's far field in impulses every eighth step, as by default",
-            lambda: few_grains("damper", **FAR), 0.05, 1.0,
+            lambda: few_grains("damper", **FAR),
+            0.05,
+            1.0,
         ),
         HardCase(
             "resonance of the far field's impulses",
             "impulses every 128 steps come more often than not in step with a fast mode",
-            lambda: few_grains("bed", **FAR, **{"pairs.far_every": 128, "effects.drag": None,
-                                            "output.scalars": 0.02, "output.frames": 0.1}),
-            0.2, 2.0, dt=2.5e-5, may_degrade=True,
+            lambda: few_grains(
+                "bed",
+                **FAR,
+                **{
+                    "pairs.far_every": 128,
+                    "effects.drag": None,
+                    "output.scalars": 0.02,
+                    "output.frames": 0.1,
+                },
+            ),
+            0.2,
+            2.0,
+            dt=2.5e-5,
+            may_degrade=True,
         ),
-    )  # fmt: skip
+    )

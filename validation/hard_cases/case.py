@@ -146,12 +146,7 @@ def momentum_change(run: Trajectory) -> float:
 
 def few_grains(name: str, **changes: Any) -> Scene:
     """Return the packaged scene cut down to 23 grains."""
-    size = {
-        "grains.count": 23,
-        "cell.width": "15 D",
-        "piston.height": "6 D",
-        "arrangement.height": "5.5 D",
-    }
+    size = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     if name == "damper":
         size["piston.mass"] = 1.0
     return load_scene(name).replace(**{**size, **changes})

@@ -21,9 +21,7 @@ from validation.hard_cases.case import (
 def _loaded_grain(load: float) -> Scene:
     """Grain under its weight, pressed on the plates [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
-    return lone_scene(
-        "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
-    )
+    return lone_scene("loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement)
 
 
 def _slow_compression(**changes: Any) -> Scene:
@@ -33,9 +31,7 @@ def _slow_compression(**changes: Any) -> Scene:
 
 def _strong_friction() -> Scene:
     """Return the static and dynamic friction alike, and the torque that presses to second order."""
-    return _slow_compression(
-        **{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}}
-    )
+    return _slow_compression(**{"effects.friction": {"static": 0.8, "dynamic": 0.8, "torque": "second"}})
 
 
 def _pair_list_scheme() -> Scene:
@@ -58,42 +54,77 @@ def friction_cases() -> tuple[HardCase, ...]:
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
         HardCase(
-            "friction below the threshold", "the weight is 0.7 of what static friction holds",
-            lambda: _loaded_grain(0.01), 0.5, 5.0,
-            Measure("displacement [D]", greatest_displacement), 0.0,
+            "friction below the threshold",
+            "the weight is 0.7 of what static friction holds",
+            lambda: _loaded_grain(0.01),
+            0.5,
+            5.0,
+            Measure("displacement [D]", greatest_displacement),
+            0.0,
         ),
         HardCase(
-            "sliding friction", "a grain slides and stops",
-            lambda: problem.scene, problem.time, problem.time, distance, 1e-2, dt=1e-3,
+            "sliding friction",
+            "a grain slides and stops",
+            lambda: problem.scene,
+            problem.time,
+            problem.time,
+            distance,
+            1e-2,
+            dt=1e-3,
         ),
         HardCase(
-            "friction, step 100 times too large", "a step of a fifth of the time to the stop",
+            "friction, step 100 times too large",
+            "a step of a fifth of the time to the stop",
             lambda: problem.scene.replace(**{"output.scalars": 1e-2, "output.frames": 1e-2}),
-            problem.time, problem.time, distance, limit, dt=1e-2, may_degrade=True,
+            problem.time,
+            problem.time,
+            distance,
+            limit,
+            dt=1e-2,
+            may_degrade=True,
         ),
         HardCase(
-            "bed with dry friction", "many grains stick and slip",
-            lambda: few_grains("bed", **rubbing), 0.2, 2.0, limit=1e-2,
+            "bed with dry friction",
+            "many grains stick and slip",
+            lambda: few_grains("bed", **rubbing),
+            0.2,
+            2.0,
+            limit=1e-2,
         ),
         HardCase(
-            "bed with dry friction, step 100 times too large", "far beyond the stability limit",
+            "bed with dry friction, step 100 times too large",
+            "far beyond the stability limit",
             lambda: few_grains("bed", **rubbing, **{"output.scalars": 2e-3}),
-            0.2, 2.0, limit=1e-2, errors=BROKEN, dt=2e-3, may_degrade=True,
+            0.2,
+            2.0,
+            limit=1e-2,
+            errors=BROKEN,
+            dt=2e-3,
+            may_degrade=True,
         ),
         HardCase(
             "slow compression with friction of 0.8",
             "static and dynamic friction alike, the torque to second order, de Paula's protocol",
-            _strong_friction, 0.5, 30.0,
+            _strong_friction,
+            0.5,
+            30.0,
         ),
         HardCase(
             "1e6 steps of compression under dry friction",
             "what a step loses by rounding adds up; 1e5 steps in the quick catalogue",
             lambda: _slow_compression(**{"output.scalars": 1e-3, "output.frames": 0.1}),
-            0.2, 2.0, dt=2e-6,
+            0.2,
+            2.0,
+            dt=2e-6,
         ),
         HardCase(
             "regularised friction with de Paula's list",
-            "forces jump where a list takes pairs in, and friction chatters", _pair_list_scheme,
-            0.2, 2.0, limit=1e-2, errors=BROKEN, may_degrade=True,
+            "forces jump where a list takes pairs in, and friction chatters",
+            _pair_list_scheme,
+            0.2,
+            2.0,
+            limit=1e-2,
+            errors=BROKEN,
+            may_degrade=True,
         ),
-    )  # fmt: skip
+    )

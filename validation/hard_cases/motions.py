@@ -74,20 +74,40 @@ def collision_cases() -> tuple[HardCase, ...]:
         name, time = f"head-on to {closest:g} D", problem.time
         measure = Measure("distance from the exact place afterwards [D]", distance_to(problem))
         cases += [
-            HardCase(name, "the pair's stiffness grows like r^-5", partial(_given, problem.scene),
-                     time, time, measure, 1e-2),
-            HardCase(f"{name}, energy", "the same, judged by its energy",
-                     partial(_given, problem.scene), time, time, ENERGY_AFTERWARDS, 1e-6),
-        ]  # fmt: skip
+            HardCase(
+                name,
+                "the pair's stiffness grows like r^-5",
+                partial(_given, problem.scene),
+                time,
+                time,
+                measure,
+                1e-2,
+            ),
+            HardCase(
+                f"{name}, energy",
+                "the same, judged by its energy",
+                partial(_given, problem.scene),
+                time,
+                time,
+                ENERGY_AFTERWARDS,
+                1e-6,
+            ),
+        ]
     for speed in (1.0, 10.0, 100.0):
         scene = _fast_shot(speed)
         length = scene.protocol[0].total_duration(0.0)
         assert length is not None
         cases.append(
-            HardCase(f"shot at the wall with {speed:g} D/tau",
-                     "the wall's stiffness grows like w^-4.5", partial(_given, scene), length,
-                     length, ENERGY_AFTERWARDS, 1e-5)
-        )  # fmt: skip
+            HardCase(
+                f"shot at the wall with {speed:g} D/tau",
+                "the wall's stiffness grows like w^-4.5",
+                partial(_given, scene),
+                length,
+                length,
+                ENERGY_AFTERWARDS,
+                1e-5,
+            )
+        )
     return tuple(cases)
 
 
@@ -119,11 +139,16 @@ def mass_cases() -> tuple[HardCase, ...]:
     measure = Measure("relative change of energy or momentum", momentum_change)
     return tuple(
         HardCase(
-            f"mass ratio {ratio:g}", "a light grain bounces off a heavy one",
-            partial(_unequal_masses, ratio), 0.08, 0.08, measure, 1e-5,
+            f"mass ratio {ratio:g}",
+            "a light grain bounces off a heavy one",
+            partial(_unequal_masses, ratio),
+            0.08,
+            0.08,
+            measure,
+            1e-5,
         )
         for ratio in (1e2, 1e4, 1e6)
-    )  # fmt: skip
+    )
 
 
 # Starts -----------------------------------------------------------------------------------------
@@ -152,10 +177,13 @@ def start_cases() -> tuple[HardCase, ...]:
             for name, (what, gap) in refused.items()
         ),
         HardCase(
-            "overlapping start with contact", "two grains 0.999 D apart, with contact",
-            lambda: _pair("0.999", contact={"modulus": 1e8}), 0.002, 0.01,
+            "overlapping start with contact",
+            "two grains 0.999 D apart, with contact",
+            lambda: _pair("0.999", contact={"modulus": 1e8}),
+            0.002,
+            0.01,
         ),
-    )  # fmt: skip
+    )
 
 
 # Drags ------------------------------------------------------------------------------------------
@@ -180,18 +208,24 @@ def damping_cases() -> tuple[HardCase, ...]:
     near_one = tuple(
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
-            "a piston that just swings, or just does not", partial(_hardly_swinging, drag),
-            0.2, 3.0,
+            "a piston that just swings, or just does not",
+            partial(_hardly_swinging, drag),
+            0.2,
+            3.0,
         )
         for drag in (2.0, 2.7, 4.0)
-    )  # fmt: skip
+    )
     return near_one + tuple(
         HardCase(
-            f"drag with gamma h/m = {ratio:g}", "the velocity decays within a step",
-            partial(_overdamped_grain, ratio), 0.1, 1.0, fall,
+            f"drag with gamma h/m = {ratio:g}",
+            "the velocity decays within a step",
+            partial(_overdamped_grain, ratio),
+            0.1,
+            1.0,
+            fall,
         )
         for ratio in (1.0, 1e3, 1e6)
-    )  # fmt: skip
+    )
 
 
 # Steps ------------------------------------------------------------------------------------------
@@ -257,16 +291,31 @@ def step_cases() -> tuple[HardCase, ...]:
             "a grain 5e-6 D off its place of rest swings for ever as Verlet's mode does; the "
             "energy of a wide swing goes up and down tenfold, by 1/(1 - 0.95^2), which the ledger "
             "stops",
-            below, 384 * short, 3840 * short, swing, 1e-3, dt=short,
+            below,
+            384 * short,
+            3840 * short,
+            swing,
+            1e-3,
+            dt=short,
         ),
         HardCase(
             "step at 1.05 of the stability limit",
             "the same grain's displacement nearly doubles in each step, until the ledger stops it",
-            beyond, 20.0, 200.0, Measure("displacement [D]", greatest_displacement), 2e-5, BROKEN,
+            beyond,
+            20.0,
+            200.0,
+            Measure("displacement [D]", greatest_displacement),
+            2e-5,
+            BROKEN,
             dt=long,
         ),
         HardCase(
-            "many steps", "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
-            _recorded_rarely, 1.0, 100.0, limit=1e-6, dt=1e-6,
+            "many steps",
+            "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
+            _recorded_rarely,
+            1.0,
+            100.0,
+            limit=1e-6,
+            dt=1e-6,
         ),
-    )  # fmt: skip
+    )

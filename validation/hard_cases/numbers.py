@@ -56,10 +56,14 @@ def extreme_cases() -> tuple[HardCase, ...]:
     # A fall of 400 m takes nine seconds.
     times = {"grains of 10 m": (20.0, 100.0)}
     return tuple(
-        HardCase(f"extreme: {name}", "extreme but finite", partial(_bouncing, **changes),
-                 *times.get(name, (0.5, 2.0)))
+        HardCase(
+            f"extreme: {name}",
+            "extreme but finite",
+            partial(_bouncing, **changes),
+            *times.get(name, (0.5, 2.0)),
+        )
         for name, changes in cases.items()
-    )  # fmt: skip
+    )
 
 
 def uncomputable_cases() -> tuple[HardCase, ...]:
@@ -72,13 +76,26 @@ def uncomputable_cases() -> tuple[HardCase, ...]:
     }
     return (
         *(
-            HardCase(f"unheard of: {name}", "its steps cannot be counted",
-                     partial(_bouncing, **changes), 0.1, 0.1, errors=errors)
+            HardCase(
+                f"unheard of: {name}",
+                "its steps cannot be counted",
+                partial(_bouncing, **changes),
+                0.1,
+                0.1,
+                errors=errors,
+            )
             for name, changes in cases.items()
         ),
-        HardCase("unheard of: a step of 1e10 s", "it is longer than the run", _bouncing, 0.1, 0.1,
-                 errors=("InputError",), dt=1e10),
-    )  # fmt: skip
+        HardCase(
+            "unheard of: a step of 1e10 s",
+            "it is longer than the run",
+            _bouncing,
+            0.1,
+            0.1,
+            errors=("InputError",),
+            dt=1e10,
+        ),
+    )
 
 
 def non_finite_cases() -> tuple[HardCase, ...]:
@@ -91,9 +108,12 @@ def non_finite_cases() -> tuple[HardCase, ...]:
         "a duration": "protocol",
     }
     case = partial(
-        HardCase, what="a number that is none", quick=0.1, full=0.1,
+        HardCase,
+        what="a number that is none",
+        quick=0.1,
+        full=0.1,
         errors=("SceneError", "FieldError", "InputError"),
-    )  # fmt: skip
+    )
     cases = []
     for value in (math.nan, math.inf):
         cases += [

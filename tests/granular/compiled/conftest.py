@@ -35,11 +35,18 @@ class Workshop:
     def start(self, code: str = CODE, cache: str | None = None) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [sys.executable, "-c", code],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder,
-            env={**os.environ, "NUMBA_CACHE_DIR": str(self.cache) if cache is None else cache,
-                 "PYTHONPATH": str(self.folder), "HOME": str(self.folder / "home"),
-                 "XDG_CACHE_HOME": ""},
-        )  # fmt: skip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=self.folder,
+            env={
+                **os.environ,
+                "NUMBA_CACHE_DIR": str(self.cache) if cache is None else cache,
+                "PYTHONPATH": str(self.folder),
+                "HOME": str(self.folder / "home"),
+                "XDG_CACHE_HOME": "",
+            },
+        )
 
     def run(self, code: str = CODE, cache: str | None = None) -> tuple[str, str]:
         """What a process prints and what it says besides; it must not fail."""

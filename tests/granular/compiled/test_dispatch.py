@@ -69,9 +69,12 @@ chosen = call_hook("nothing", "at", _without)
 @entry
 def every(laws: Any, workspaces: Any, values: Any) -> Any:
     return (
-        forward(laws, workspaces, values), backward(laws, workspaces, values),
-        greatest(laws, workspaces, 2.0), last(laws, workspaces, values), chosen(laws[0], 1.0),
-    )  # fmt: skip
+        forward(laws, workspaces, values),
+        backward(laws, workspaces, values),
+        greatest(laws, workspaces, 2.0),
+        last(laws, workspaces, values),
+        chosen(laws[0], 1.0),
+    )
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)

@@ -11,10 +11,7 @@ import numba
 import pytest
 
 INSIDES = {
-    "granular/compiled/__init__.py": (
-        "numba.core.compiler.Compiler",
-        "numba.core.registry.CPUDispatcher",
-    ),
+    "granular/compiled/__init__.py": ("numba.core.compiler.Compiler", "numba.core.registry.CPUDispatcher"),
     "granular/compiled/cache.py": (
         "numba.core.caching._Cache",
         "numba.core.serialize.dumps",
@@ -96,7 +93,6 @@ print(whole(Pair(np.arange(4.0), 0.5)), "granular.compiled.linking" in sys.modul
 def test_kernels_do_without_linking(plain: str, linked: str) -> None:
     environment = {**os.environ, "GRANULAR_PLAIN_NUMBA": plain}
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True,
-        env=environment,
-    )  # fmt: skip
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, env=environment
+    )
     assert done.stdout.split() == ["3.0", linked]

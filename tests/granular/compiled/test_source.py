@@ -27,11 +27,7 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
     [
         ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
         ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
-        (
-            "pairs/dipole.py",
-            '    """Repulsion',
-            '    """More.\n\n    Lines.\n    """\n    """Repulsion',
-        ),
+        ("pairs/dipole.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
         ("pairs/dipole.py", "Coefficients", "The coefficients"),
         ("engine/ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],

@@ -115,8 +115,10 @@ def carry_out(file: Path, out: Path, threads: int, *, kill: bool = False) -> int
     told = "kill" if kill else "go"
     return subprocess.run(
         [sys.executable, "-c", PROGRAM, str(file), str(out), str(threads), told],
-        cwd=ROOT, env=os.environ, check=False,
-    ).returncode  # fmt: skip
+        cwd=ROOT,
+        env=os.environ,
+        check=False,
+    ).returncode
 
 
 @pytest.mark.long

@@ -26,32 +26,27 @@ def crystal(small_bed: Scene, **changes: object) -> Scene:
     return small_bed.replace(
         **{
             "effects": {
-                "dipole": True, "walls": True,
+                "dipole": True,
+                "walls": True,
                 "bath": {"temperature": TEMPERATURE, "rate": "100 1/s"},
             },
             "protocol": [{"kind": "hold", "name": "rest", "duration": 100.0}],
             "output": {"scalars": "20 ms", "frames": "20 ms"},
             **changes,
         }
-    )  # fmt: skip
+    )
 
 
 def test_known_answers_of_the_generator() -> None:
     """Of Random123's file of known answers, for a counter and a key of zeros and of ones."""
     zero, ones = np.uint64(0), np.uint64(2**64 - 1)
-    assert [int(one) for one in philox(zero, zero, zero)] == [
-        0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8,
-    ]  # fmt: skip
-    assert [int(one) for one in philox(ones, ones, ones)] == [
-        0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD,
-    ]  # fmt: skip
+    assert [int(one) for one in philox(zero, zero, zero)] == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
+    assert [int(one) for one in philox(ones, ones, ones)] == [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD]
 
 
 def test_normal_numbers() -> None:
     steps, grains = np.divmod(np.arange(40_000, dtype=np.uint64), np.uint64(200))
-    drawn = np.array(
-        [draw_normal_pair(np.uint64(7), s, g) for s, g in zip(steps, grains, strict=True)]
-    )
+    drawn = np.array([draw_normal_pair(np.uint64(7), s, g) for s, g in zip(steps, grains, strict=True)])
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.02)
     np.testing.assert_allclose(drawn.var(axis=0), 1.0, atol=0.03)
     np.testing.assert_allclose((drawn**4).mean(axis=0), 3.0, atol=0.2)
@@ -74,9 +69,12 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
     cold = TEMPERATURE / 200.0
     scene = crystal(
         small_bed,
-        **{"effects.bath.temperature": cold, "arrangement.positions": rest.tolist(),
-           "arrangement.height": None},
-    )  # fmt: skip
+        **{
+            "effects.bath.temperature": cold,
+            "arrangement.positions": rest.tolist(),
+            "arrangement.height": None,
+        },
+    )
     run = simulate(scene, t_end=300.0, progress=False)
     kept = run.dataset.isel(frame=slice(50, None))
     masses = run.scene.grains.masses()
@@ -88,9 +86,7 @@ def test_temperatures_and_displacements_of_a_crystal(small_bed: Scene) -> None:
     count, step = len(rest), 1e-6
     matrix = np.zeros((2 * count, 2 * count))
     for k, way in enumerate(step * np.eye(2 * count)):
-        up, down = (
-            evaluate(scene, rest + sign * way.reshape(count, 2)).force for sign in (1.0, -1.0)
-        )
+        up, down = (evaluate(scene, rest + sign * way.reshape(count, 2)).force for sign in (1.0, -1.0))
         matrix[k] = -(up - down).ravel() / (2.0 * step)
     wanted = cold * np.trace(np.linalg.inv(matrix))
     moved = ((places - places.mean(axis=0)) ** 2).sum(axis=(1, 2)).mean()
@@ -134,8 +130,10 @@ def carry_out(scene: Scene, out: Path, threads: int, told: str = "go") -> int:
     plain = json.dumps(scene.to_plain())
     return subprocess.run(
         [sys.executable, "-c", PROGRAM, plain, str(out), str(threads), told],
-        cwd=ROOT, env=os.environ, check=False,
-    ).returncode  # fmt: skip
+        cwd=ROOT,
+        env=os.environ,
+        check=False,
+    ).returncode
 
 
 @pytest.mark.long

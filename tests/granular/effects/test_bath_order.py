@@ -29,13 +29,18 @@ def wells(columns: int, seed: int) -> tuple[Scene, float]:
             "grains": {"count": columns**2, "species": [{"diameter": "6 mm"}]},
             "cell": {"width": extent},
             "effects": {
-                "field": [{"energy": "a*(2 - cos(k*x) - cos(k*y))", "a": f"{DEPTH} J",
-                           "k": f"{2.0 * math.pi / WELLS!r} 1/m"}],
+                "field": [
+                    {
+                        "energy": "a*(2 - cos(k*x) - cos(k*y))",
+                        "a": f"{DEPTH} J",
+                        "k": f"{2.0 * math.pi / WELLS!r} 1/m",
+                    }
+                ]
             },
             "arrangement": {"height": extent, "jitter": 0.0},
             "protocol": [{"kind": "hold", "name": "rest"}],
         }
-    )  # fmt: skip
+    )
     frequency = 2.0 * math.pi / WELLS * math.sqrt(DEPTH / Scales.of(scene.grains).mass)
     bath = {"temperature": WARM * DEPTH, "rate": RATE * frequency, "seed": seed}
     return scene.replace(**{"effects.bath": bath}), frequency
@@ -66,9 +71,7 @@ def by_the_bath(step: float) -> tuple[float, float]:
         scene = scene.replace(**{"output": {"scalars": apart, "frames": apart}})
         run = simulate(scene, t_end=(20 + 800) * apart, dt=dt, progress=False, threads=1)
         places = run.dataset["position"].values[21:].reshape(800, -1)
-        for kept, found in zip(
-            (squares, bends), temperatures(2.0 * math.pi / WELLS * places), strict=True
-        ):
+        for kept, found in zip((squares, bends), temperatures(2.0 * math.pi / WELLS * places), strict=True):
             kept.append(found)
     return too_warm(np.concatenate(squares), np.concatenate(bends))
 
@@ -89,9 +92,7 @@ def kick_drift_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random
     _bath(v, step, random)
 
 
-def bath_verlet_bath(
-    x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator
-) -> None:
+def bath_verlet_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator) -> None:
     """Half of the bath on both sides of Verlet's step with its kicks outside: of second order."""
     _bath(v, 0.5 * step, random)
     v -= 0.5 * step * np.sin(x)

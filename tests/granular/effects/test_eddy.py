@@ -147,12 +147,7 @@ def test_lattice_that_moves_as_one_body(spacing: float, factor: float) -> None:
     assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
     area = math.sqrt(0.75) * spacing**2
     numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
-    basis = (
-        2.0
-        * math.pi
-        / spacing
-        * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
-    )
+    basis = 2.0 * math.pi / spacing * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
     k = np.hypot(*(numbers @ basis).T)
     exact = float((math.pi * H**4 / 3.0 / area * k**2 * np.exp(-k * H)).sum())
     assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(exact, abs=1e-4)
@@ -163,33 +158,20 @@ def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
     spacing, columns, rows = 1.375, 6, 6
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     height = math.sqrt(0.75) * spacing
-    positions = np.stack([(i + 0.5 * (j % 2) + 0.25) * spacing, (j + 0.5) * height], -1).reshape(
-        -1, 2
-    )
+    positions = np.stack([(i + 0.5 * (j % 2) + 0.25) * spacing, (j + 0.5) * height], -1).reshape(-1, 2)
     wave = 2.0 * math.pi / (rows * height)
     velocities = np.zeros_like(positions)
     # The longest wave of compression that fits is as affine as a periodic cell allows.
     velocities[:, 1] = 1e-9 * (1.0 if motion == "as one body" else np.sin(wave * positions[:, 1]))
-    cell = {
-        "width": f"{6 * columns * spacing} mm",
-        "height": f"{6 * rows * height} mm",
-        "sides": "periodic",
-    }
-    run = simulate(
-        scene_of(positions, velocities, **{"cell": cell}), dt=2e-5, t_end=1e-3, progress=False
-    )
+    cell = {"width": f"{6 * columns * spacing} mm", "height": f"{6 * rows * height} mm", "sides": "periodic"}
+    run = simulate(scene_of(positions, velocities, **{"cell": cell}), dt=2e-5, t_end=1e-3, progress=False)
     before, after = (run.dataset["velocity"][k].values for k in (0, -1))
     scales = Scales.of(run.scene.grains)
     rate = run.scene.effects.eddy.coefficient(scales) / scales.mass
     measured = -math.log((after * before).sum() / (before * before).sum()) / 1e-3 / rate
     own = 0.0 if motion == "as one body" else wave
     m = np.arange(-60, 61)
-    basis = (
-        2.0
-        * math.pi
-        / spacing
-        * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
-    )
+    basis = 2.0 * math.pi / spacing * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
     k = np.array([(a, b) for a in m for b in m]) @ basis + [0.0, own]
     size = np.maximum(np.hypot(k[:, 0], k[:, 1]), 1e-300)
     terms = k[:, 1] ** 2 * np.exp(-size * H)
@@ -204,10 +186,7 @@ def test_thick_plate_and_discs() -> None:
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
         lone, _ = tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
         assert lone[0] == pytest.approx(factor, abs=1e-3)
-    for plate, discs in (
-        (Plate(4.0 / 6.0, 2.0 / 6.0), ()),
-        (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc)),
-    ):
+    for plate, discs in ((Plate(4.0 / 6.0, 2.0 / 6.0), ()), (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc))):
         r = np.linspace(0.0, 20.0, 41)
         isotropic, radial = tensor(plate, r, discs)
         made = series(plate, discs)
@@ -245,9 +224,7 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
         scene = scene_of(positions, velocities, **{"cell.width": width})
         law = natural_system(scene).constants.acting.laws[0]
         assert math.isfinite(law.reach) == (width == "9 D")
-        losses.append(
-            float(simulate(scene, dt=1e-4, t_end=1e-3, progress=False).dataset["eddy_loss"][-1])
-        )
+        losses.append(float(simulate(scene, dt=1e-4, t_end=1e-3, progress=False).dataset["eddy_loss"][-1]))
     assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
 
 

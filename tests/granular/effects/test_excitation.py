@@ -45,9 +45,7 @@ def test_a_sweep_takes_equal_times_for_equal_ratios() -> None:
     assert not found[times > 6.0].any()
 
 
-@pytest.mark.parametrize(
-    "words", [{"kind": "sine"}, {"kind": "sweep", "to": "4 Hz", "duration": "2 s"}]
-)
+@pytest.mark.parametrize("words", [{"kind": "sine"}, {"kind": "sweep", "to": "4 Hz", "duration": "2 s"}])
 def test_a_displacement_is_that_of_the_base(words: dict[str, Any]) -> None:
     """The acceleration is the second derivative of A sin(phase)."""
     h = 1e-4
@@ -70,8 +68,13 @@ def test_an_impulse_is_half_a_sine() -> None:
 
 def test_noise_fills_its_band_and_is_of_its_seed() -> None:
     times = np.arange(0.0, 20.0, 1e-2)
-    words = {"kind": "noise", "acceleration": "2 m/s^2", "frequency": "3 Hz", "to": "9 Hz",
-             "duration": "20 s"}  # fmt: skip
+    words = {
+        "kind": "noise",
+        "acceleration": "2 m/s^2",
+        "frequency": "3 Hz",
+        "to": "9 Hz",
+        "duration": "20 s",
+    }
     found = of(times, **words)
     assert np.sqrt(np.mean(found**2)) == pytest.approx(2.0, rel=0.02)
     power = np.abs(np.fft.rfft(found * np.hanning(len(times)))) ** 2
@@ -88,10 +91,7 @@ def test_a_table_is_a_cubic_through_its_points() -> None:
     knots = np.linspace(0.0, 1.0, 6)
     cubic = knots**3 - knots**2 + 0.5
     times = np.linspace(0.1, 1.3, 121)
-    found = of(
-        times, kind="table", force="2 N", start="0.1 s",
-        times=tuple(knots), values=tuple(cubic),
-    )  # fmt: skip
+    found = of(times, kind="table", force="2 N", start="0.1 s", times=tuple(knots), values=tuple(cubic))
     t = times - 0.1
     wanted = np.where(t <= 1.0 + 1e-12, 2.0 * (t**3 - t**2 + 0.5), 0.0)
     np.testing.assert_allclose(found[t < 0.999], wanted[t < 0.999], atol=1e-12)
@@ -168,12 +168,11 @@ def test_what_is_left_out_of_a_record_is_said(tmp_path: Path) -> None:
         ({"kind": "sine", "force": 1.0, "acceleration": 1.0, "frequency": 1.0}, "give one of"),
         ({"kind": "sweep", "force": 1.0, "frequency": 2.0, "to": 1.0, "duration": 1.0}, "above"),
         ({"kind": "impulse", "displacement": 1.0, "duration": 1.0}, "only a sine or a sweep"),
-        ({"kind": "table", "force": 1.0, "times": (0.0, 2.0, 1.0, 3.0), "values": (0.0,) * 4},
-         "increase"),
+        ({"kind": "table", "force": 1.0, "times": (0.0, 2.0, 1.0, 3.0), "values": (0.0,) * 4}, "increase"),
         ({"kind": "table", "force": 1.0, "times": (0.0, 1.0), "values": (0.0,)}, "1 numbers"),
         ({"kind": "noise", "force": 1.0, "frequency": 1.0, "to": 1e6, "duration": 1e3}, "knots"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused(words: dict[str, Any], reason: str) -> None:
     with pytest.raises(FieldError, match=reason):
         Excitation(**words)

@@ -69,11 +69,10 @@ def grain_on_spring(mass: float, frequency: float) -> dict[str, Any]:
     return {
         "grains.count": 1,
         "grains.density": mass / (math.pi / 4.0 * 0.006**2 * 0.003),
-        "effects.walls": BARE
-        | {"bottom": {"energy": "k*(w-l)^2/2", "k": f"{spring!r} N/m", "l": "60 mm"}},
+        "effects.walls": BARE | {"bottom": {"energy": "k*(w-l)^2/2", "k": f"{spring!r} N/m", "l": "60 mm"}},
         "effects.drag.coefficient": "1 kg/s",
         "arrangement.positions": [["0.1 m", "60 mm"]],
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
@@ -82,12 +81,8 @@ def test_a_host_alone_swings_as_one_mass_does(ratio: float) -> None:
     omega = math.tau * ratio * RESONANCE
     found = run(scene(**{"effects.host.excitation": force(ratio * RESONANCE)}))
     x, _ = solved(
-        lambda t, y: [
-            y[1],
-            (2.0 * math.sin(omega * t) - DAMPING * y[1] - STIFFNESS * y[0]) / MASS,
-        ],
-        found, 2,
-    )  # fmt: skip
+        lambda t, y: [y[1], (2.0 * math.sin(omega * t) - DAMPING * y[1] - STIFFNESS * y[0]) / MASS], found, 2
+    )
     assert off(found.dataset.host_displacement.values, x) < 1e-3
     assert found.settings()["ledger_residual"] < 1e-5
 
@@ -99,9 +94,10 @@ def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) 
     spring = mass * (math.tau * RESONANCE) ** 2
     shake = {"kind": "sine", "acceleration": 0.8, "frequency": ratio * RESONANCE}
     found = run(
-        scene(**grain_on_spring(mass, RESONANCE))
-        .replace(**{"effects.host.excitation": shake if base else force(ratio * RESONANCE)})
-    )  # fmt: skip
+        scene(**grain_on_spring(mass, RESONANCE)).replace(
+            **{"effects.host.excitation": shake if base else force(ratio * RESONANCE)}
+        )
+    )
 
     def rate(t: float, y: np.ndarray) -> list[float]:
         x, w, r, v = y
@@ -126,23 +122,21 @@ def test_a_linear_damper_makes_two_degrees_of_freedom(ratio: float, base: bool) 
 def test_grains_that_stick_are_a_mass_more(ratio: float) -> None:
     count = 6
     loaded = {
-        "grains.count": count, "grains.density": "2e6 kg/m^3",
+        "grains.count": count,
+        "grains.density": "2e6 kg/m^3",
         "effects.gravity": True,
-        "effects.dipole": True, "effects.friction": {"load": "50 N"},
-    }  # fmt: skip
+        "effects.dipole": True,
+        "effects.friction": {"load": "50 N"},
+    }
     mass = count * 2e6 * math.pi / 4.0 * 0.006**2 * 0.003
     omega = math.tau * ratio * RESONANCE
     # With friction the automatic step is four times that of other scenes.
-    found = run(
-        scene(**loaded).replace(**{"effects.host.excitation": force(ratio * RESONANCE)}), "auto/2"
-    )
+    found = run(scene(**loaded).replace(**{"effects.host.excitation": force(ratio * RESONANCE)}), "auto/2")
     x, _ = solved(
-        lambda t, y: [
-            y[1],
-            (2.0 * math.sin(omega * t) - DAMPING * y[1] - STIFFNESS * y[0]) / (MASS + mass),
-        ],
-        found, 2,
-    )  # fmt: skip
+        lambda t, y: [y[1], (2.0 * math.sin(omega * t) - DAMPING * y[1] - STIFFNESS * y[0]) / (MASS + mass)],
+        found,
+        2,
+    )
     assert mass > 0.5
     assert off(found.dataset.host_displacement.values, x) < 2e-3
     assert found.settings()["ledger_residual"] < 1e-5
@@ -153,13 +147,17 @@ def test_grains_that_stick_are_a_mass_more(ratio: float) -> None:
 def test_a_piston_in_drag_pulls_at_the_body_that_carries_the_cell() -> None:
     drag, mass, omega = 4.0, 0.5, math.tau * RESONANCE
     found = run(
-        scene(**{
-            "piston.mass": mass, "piston.drag": drag,
-            "effects.host.bodies": [{"mass": 3.0, "stiffness": 900.0, "damping": 2.0}, BODY],
-            "effects.host.excitation": force(RESONANCE), "effects.host.excited": 0,
-            "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
-        })
-    )  # fmt: skip
+        scene(
+            **{
+                "piston.mass": mass,
+                "piston.drag": drag,
+                "effects.host.bodies": [{"mass": 3.0, "stiffness": 900.0, "damping": 2.0}, BODY],
+                "effects.host.excitation": force(RESONANCE),
+                "effects.host.excited": 0,
+                "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
+            }
+        )
+    )
 
     def rate(t: float, y: np.ndarray) -> list[float]:
         x, w, x_2, w_2, _, v = y
@@ -180,12 +178,17 @@ def test_a_piston_in_drag_pulls_at_the_body_that_carries_the_cell() -> None:
 def test_a_free_cell_hangs_by_its_drag_on_the_piston() -> None:
     drag, own, cell, omega = 4.0, 0.5, 0.7, math.tau * RESONANCE
     found = run(
-        scene(**{
-            "piston.mass": own, "piston.drag": drag, "effects.host.mount": "piston",
-            "effects.host.cell_mass": cell, "effects.host.excitation": force(RESONANCE),
-            "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
-        })
-    )  # fmt: skip
+        scene(
+            **{
+                "piston.mass": own,
+                "piston.drag": drag,
+                "effects.host.mount": "piston",
+                "effects.host.cell_mass": cell,
+                "effects.host.excitation": force(RESONANCE),
+                "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
+            }
+        )
+    )
 
     def rate(t: float, y: np.ndarray) -> list[float]:
         x, w, _, v = y
@@ -203,47 +206,52 @@ def test_a_free_cell_hangs_by_its_drag_on_the_piston() -> None:
 def test_a_load_in_drag_over_a_shaken_base() -> None:
     drag, mass, omega = 4.0, 0.5, math.tau * 3.0
     found = run(
-        scene(**{
-            "piston.mass": mass, "piston.drag": drag,
-            "effects.host": {
-                "mount": "base", "bodies": [],
-                "excitation": {"displacement": "5 mm", "frequency": "3 Hz"},
-            },
-            "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
-        })
-    )  # fmt: skip
-    r, _ = solved(
-        lambda t, y: [y[1], 0.005 * omega**2 * math.sin(omega * t) - drag / mass * y[1]], found, 2
+        scene(
+            **{
+                "piston.mass": mass,
+                "piston.drag": drag,
+                "effects.host": {
+                    "mount": "base",
+                    "bodies": [],
+                    "excitation": {"displacement": "5 mm", "frequency": "3 Hz"},
+                },
+                "protocol": [{"name": "shake", "kind": "free", "duration": 2.0}],
+            }
+        )
     )
+    r, _ = solved(lambda t, y: [y[1], 0.005 * omega**2 * math.sin(omega * t) - drag / mass * y[1]], found, 2)
     assert off(found.dataset.piston_height.values - 0.12, r) < 1e-3
     assert found.settings()["ledger_residual"] < 1e-5
 
 
 BED = {
-    "grains.count": 24, "cell.width": "16 D", "piston.height": "8 D", "piston.mass": 0.4,
-    "effects.dipole": True, "effects.walls": True, "effects.gravity": True,
-    "arrangement.height": "7 D", "arrangement.speed": "1e-2 D/s",
+    "grains.count": 24,
+    "cell.width": "16 D",
+    "piston.height": "8 D",
+    "piston.mass": 0.4,
+    "effects.dipole": True,
+    "effects.walls": True,
+    "effects.gravity": True,
+    "arrangement.height": "7 D",
+    "arrangement.speed": "1e-2 D/s",
     "effects.host.bodies": [{"mass": 2.0, "stiffness": 800.0}],
     "effects.host.excitation": force(3.0),
     "protocol": [{"name": "shake", "kind": "free", "duration": 0.02}],
-}  # fmt: skip
+}
 
 
 @pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 @pytest.mark.parametrize("mount", ["cell", "piston"])
 @pytest.mark.parametrize("drag", [0.0, 0.1])
-def test_a_bed_on_a_host_has_the_order_and_the_ledger_of_the_method(
-    mount: str, drag: float
-) -> None:
+def test_a_bed_on_a_host_has_the_order_and_the_ledger_of_the_method(mount: str, drag: float) -> None:
     bed = scene(**BED)
     if mount == "piston":
         host = bed.to_plain()["effects"]["host"] | {"mount": mount, "cell_mass": 0.6}
         bed = bed.replace(**{"effects.host": host})
     if drag:
-        bed = bed.replace(**{
-            "effects.drag.coefficient": drag, "piston.drag": 0.3,
-            "effects.host.bodies": [BODY],
-        })  # fmt: skip
+        bed = bed.replace(
+            **{"effects.drag.coefficient": drag, "piston.drag": 0.3, "effects.host.bodies": [BODY]}
+        )
     steps = [4e-5 / 2**k for k in range(4)]
     runs = [run(bed, dt) for dt in steps]
     last = [
@@ -259,10 +267,13 @@ def test_a_bed_on_a_host_has_the_order_and_the_ledger_of_the_method(
 
 @pytest.mark.long  # quick: two degrees of freedom here, and forces and ledger in plain Python
 def test_the_momentum_of_the_whole_is_that_of_the_outer_force() -> None:
-    bed = scene(**BED).replace(**{
-        "effects.host.bodies": [{"mass": 2.0}], "effects.drag.coefficient": 0.5,
-        "output": {"scalars": "2 ms", "frames": "2 ms"},
-    })  # fmt: skip
+    bed = scene(**BED).replace(
+        **{
+            "effects.host.bodies": [{"mass": 2.0}],
+            "effects.drag.coefficient": 0.5,
+            "output": {"scalars": "2 ms", "frames": "2 ms"},
+        }
+    )
     found = run(bed)
     data, grain = found.dataset, float(bed.grains.masses()[0])
     host = data.host_velocity.values
@@ -295,13 +306,19 @@ simulation.simulate(load_scene(file), progress=False, out=out, resume=True, thre
 @pytest.mark.long
 def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(tmp_path: Path) -> None:
     file = tmp_path / "host.toml"
-    bed = scene(**BED).replace(**{
-        "grains.count": 300, "cell.width": "50 D", "piston.height": "22 D", "piston.mass": 5.0,
-        "arrangement.height": "21 D", "effects.drag.coefficient": 0.1,
-        "protocol.shake.duration": 0.1,
-        "effects.host.bodies": [BODY, {"mass": 20.0, "stiffness": 8000.0, "damping": 3.0}],
-        "output": {"scalars": "1 ms", "frames": "10 ms"},
-    })  # fmt: skip
+    bed = scene(**BED).replace(
+        **{
+            "grains.count": 300,
+            "cell.width": "50 D",
+            "piston.height": "22 D",
+            "piston.mass": 5.0,
+            "arrangement.height": "21 D",
+            "effects.drag.coefficient": 0.1,
+            "protocol.shake.duration": 0.1,
+            "effects.host.bodies": [BODY, {"mass": 20.0, "stiffness": 8000.0, "damping": 3.0}],
+            "output": {"scalars": "1 ms", "frames": "10 ms"},
+        }
+    )
     bed.save(file)
 
     def carry_out(name: str, threads: str, kill: str = "go") -> int:

@@ -110,9 +110,7 @@ def _apart(p: Any, r: float, first: Any, second: Any) -> Any:
     return p.k * first.moment / r**2
 
 
-MIXED = [
-    {"name": name, "diameter": size, "share": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))
-]
+MIXED = [{"name": name, "diameter": size, "share": 0.5} for name, size in (("a", 6e-3), ("b", 5e-3))]
 
 
 @pytest.mark.parametrize(
@@ -188,9 +186,7 @@ def test_what_is_wrong_with_a_formula_is_told_in_a_line(field: Any, words: str) 
 def test_work_is_derived_where_the_time_is_in_a_formula() -> None:
     still = {"energy": "k*y**2/2", "k": "1 N/m"}
     turning = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
-    known = [
-        bed(field=[one]).effects.field.fields[0].definition.functions for one in (still, turning)
-    ]
+    known = [bed(field=[one]).effects.field.fields[0].definition.functions for one in (still, turning)]
     assert "power" not in known[0]
     assert "power" in known[1]
 
@@ -265,9 +261,12 @@ def test_a_second_process_compiles_nothing_and_an_edit_anew(tmp_path: Path) -> N
         path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM, str(path), str(cache)],
-            capture_output=True, text=True, check=True, cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=ROOT,
             env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        )  # fmt: skip
+        )
         told.append([float(word) for word in done.stdout.split()])
     assert [force for force, _ in told] == pytest.approx([-0.1, -0.1, -0.3], rel=1e-12)
     assert told[0][1] == told[1][1] < told[2][1]

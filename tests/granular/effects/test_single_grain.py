@@ -91,13 +91,9 @@ def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None
     normal = 2.0 * force(3.0) * scales.force
     weight = 9.8 * scales.mass
     hold = weight / normal  # coefficient that just holds it
-    stays = run(
-        **{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 1.01 * hold}
-    )
+    stays = run(**{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 1.01 * hold})
     assert (stays.dataset["position"].values == stays.dataset["position"].values[0]).all()
-    slides = run(
-        **{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 0.4 * hold}
-    )
+    slides = run(**{"effects.gravity.acceleration": 9.8, "effects.wall_friction.coefficient": 0.4 * hold})
     time, v = fall(slides)
     np.testing.assert_allclose(v, -0.6 * 9.8 * time, rtol=1e-10, atol=1e-15)
     lost = 0.4 * weight * 0.5 * 0.6 * 9.8 * slides.dataset["time"].values[-1] ** 2
@@ -112,6 +108,4 @@ def test_friction_needs_a_side_wall_with_a_law_of_the_distance() -> None:
     with pytest.raises(SceneError, match="take 'infinite'"):
         alone(**{"effects.walls.left": slab})
     with pytest.raises(SceneError, match="cannot act together with 'friction'"):
-        load_scene("bed").replace(
-            **{"effects.friction": True, "effects.wall_friction.coefficient": 0.1}
-        )
+        load_scene("bed").replace(**{"effects.friction": True, "effects.wall_friction.coefficient": 0.1})

@@ -27,8 +27,7 @@ def files(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 
 def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
     """What the frames hold, one under the other, without absent grains."""
-    return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)]
-                           for one in values[::every]])  # fmt: skip
+    return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)] for one in values[::every]])
 
 
 def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
@@ -58,9 +57,7 @@ def test_particle_files(
     np.testing.assert_allclose(files[name] * unit, wanted, rtol=1e-14)
 
 
-def test_compression_is_the_sum_of_magnitudes(
-    run: Trajectory, files: dict[str, np.ndarray]
-) -> None:
+def test_compression_is_the_sum_of_magnitudes(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     sizes = per_frame(run, "compressive_force").values
     there = np.isfinite(run.dataset["position"].values).all(axis=2)
     np.testing.assert_allclose(files["comPart"] * FORCE, sizes[there], rtol=1e-12)
@@ -72,9 +69,7 @@ def test_compression_is_the_sum_of_magnitudes(
     np.testing.assert_allclose(norm, every[there[::4]] / np.nanmax(every), rtol=1e-12)
 
 
-def test_average_distance_is_the_sources_half(
-    run: Trajectory, files: dict[str, np.ndarray]
-) -> None:
+def test_average_distance_is_the_sources_half(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     place = run.dataset["position"].values
     wanted = []
     for frame in place[::4]:
@@ -113,9 +108,7 @@ def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path
 
 def test_absent_grains_are_named(run: Trajectory, tmp_path: Path) -> None:
     to_depaula_files(run, tmp_path)
-    heads = [
-        line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line
-    ]
+    heads = [line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line]
     assert "without" not in heads[39]
     assert heads[40].endswith("without grains 6")
 

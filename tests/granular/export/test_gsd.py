@@ -77,12 +77,13 @@ def test_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
     import dataclasses
 
     scene = run.scene.replace(
-        **{"piston": None, "effects.walls.top": None,
-           "protocol": [{"kind": "hold", "name": "relax", "duration": 1.0}]}
-    )  # fmt: skip
-    with gsd.hoomd.open(
-        str(to_gsd(dataclasses.replace(run, scene=scene), tmp_path / "a.gsd"))
-    ) as file:
+        **{
+            "piston": None,
+            "effects.walls.top": None,
+            "protocol": [{"kind": "hold", "name": "relax", "duration": 1.0}],
+        }
+    )
+    with gsd.hoomd.open(str(to_gsd(dataclasses.replace(run, scene=scene), tmp_path / "a.gsd"))) as file:
         top = np.nanmax(run.dataset["position"].values[..., 1])
         assert file[0].configuration.box[1] == pytest.approx(2.0 * top, rel=1e-6)
         assert "piston_height" not in file[0].log

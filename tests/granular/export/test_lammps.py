@@ -32,10 +32,14 @@ PROTOCOL = [
     {"kind": "move", "name": "move", "to": "5 D", "speed": "0.1 m/s"},
     {"kind": "lift", "name": "lift", "by": "0.3 D"},
     {"kind": "oscillate", "name": "swing", "amplitude": "0.3 D", "frequency": 30, "duration": 0.05},
-    {"kind": "follow", "name": "follow", "times": [0, 0.01, 0.02, 0.04],
-     "heights": ["5.3 D", "5.5 D", "5 D", "6 D"]},
+    {
+        "kind": "follow",
+        "name": "follow",
+        "times": [0, 0.01, 0.02, 0.04],
+        "heights": ["5.3 D", "5.5 D", "5 D", "6 D"],
+    },
     {"kind": "descend", "name": "descend", "to": "5 D", "duration": 0.05},
-]  # fmt: skip
+]
 """A stage of each kind that LAMMPS can carry."""
 
 
@@ -53,8 +57,12 @@ def lammps(directory: Path, *, ranks: int = 1) -> list[Frame]:
     parallel = [str(programs / "mpirun"), "-np", str(ranks)] if ranks > 1 else []
     done = subprocess.run(
         [*parallel, str(programs / "lmp"), "-in", "in.granular", "-log", "none"],
-        cwd=directory, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+        cwd=directory,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout[-2000:]
     return list(frames(directory / "frames.dump"))
 
@@ -238,12 +246,11 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
         "stage 'wait' cannot be exported to LAMMPS: it ends at rest",
     ),
     "force": (
-        {"protocol": [{"kind": "move", "name": "press", "to": "15 D", "speed": 0.01,
-                       "until_force": 10.0}]},
+        {"protocol": [{"kind": "move", "name": "press", "to": "15 D", "speed": 0.01, "until_force": 10.0}]},
         "it ends at a force",
     ),
     "endless": ({"protocol": [{"kind": "hold", "name": "wait"}]}, "stage 'wait' has no end"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("changes", "words"), REFUSED.values(), ids=REFUSED)
@@ -299,9 +306,19 @@ def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
 def test_command_line(tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]) -> None:
     deck = tmp_path / "deck"
     done = command(
-        "granular", "export", "bed", "--format", "lammps", "-o", str(deck), "--set",
-        "grains.count=92", "--dt", "1e-5", "--json",
-    )  # fmt: skip
+        "granular",
+        "export",
+        "bed",
+        "--format",
+        "lammps",
+        "-o",
+        str(deck),
+        "--set",
+        "grains.count=92",
+        "--dt",
+        "1e-5",
+        "--json",
+    )
     assert done.returncode == 0, done.stderr
     assert "92 atoms" in (deck / "bed.data").read_text()
     assert "timestep 1e-05" in (deck / "in.granular").read_text()

@@ -23,9 +23,7 @@ Writer = Callable[..., object]
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
-def test_existing_files_stay_unless_told(
-    run: Trajectory, tmp_path: Path, name: str, write: Writer
-) -> None:
+def test_existing_files_stay_unless_told(run: Trajectory, tmp_path: Path, name: str, write: Writer) -> None:
     write(run, tmp_path / name)
     first = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     longer = dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 50)))

@@ -56,14 +56,7 @@ def test_formulas_have_the_values_that_they_mean(text: str) -> None:
 
 def test_names_keep_their_order_and_primes() -> None:
     tree = parse("λ*z'' + rest_1*(z' - max(z, lambda)) + z")
-    assert [one.text for one in formulas.variable_names(tree)] == [
-        "λ",
-        "z''",
-        "rest_1",
-        "z'",
-        "z",
-        "lambda",
-    ]
+    assert [one.text for one in formulas.variable_names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
     assert formulas.constant_names(parse("pi*k + e"), parse("e")) == ("pi", "e")
     assert parse("-k") == Applied("-", (Name("k"),))
     assert parse("k*0.10") == Applied("*", (Name("k"), Number("0.10")))

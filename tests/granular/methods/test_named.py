@@ -20,9 +20,12 @@ from granular.user_code import import_user_code
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(
-    "mclachlan-2", 2, "McLachlan 1995, doi:10.1137/0916010",
-    kicks=(0.0, 0.5, 0.5, 0.0), drifts=(Z, 1.0 - 2.0 * Z, Z),
-)  # fmt: skip
+    "mclachlan-2",
+    2,
+    "McLachlan 1995, doi:10.1137/0916010",
+    kicks=(0.0, 0.5, 0.5, 0.0),
+    drifts=(Z, 1.0 - 2.0 * Z, Z),
+)
 
 
 @pytest.mark.parametrize("name", [*METHODS, "stormer-verlet+compensated"])
@@ -73,8 +76,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
     assert method_named("from-a-file").kicks == (0.5, 0.5)
     assert method_named("from-a-file+compensated").compensated
     (tmp_path / "other.py").write_text(
-        "from granular import Method\n"
-        "mine = Method('from-a-file', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
+        "from granular import Method\nmine = Method('from-a-file', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
     )
     with pytest.raises(InputError, match="two methods are called 'from-a-file'"):
         import_user_code([tmp_path / "other.py"])
@@ -83,10 +85,7 @@ def test_a_file_brings_methods(tmp_path: Path) -> None:
 
 
 def test_an_installed_distribution_offers_methods(installed: Callable[..., None]) -> None:
-    source = (
-        "from granular import Method\n"
-        "lab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
-    )
+    source = "from granular import Method\nlab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
     installed("methods", source, {"lab-2": "lab", "no": "no", "gone": "gone"})
     assert method_named("lab-2").order == 2
     with pytest.raises(InputError, match=r"'no' is no granular\.Method"):

@@ -92,7 +92,7 @@ def test_a_changed_digit_is_noticed() -> None:
         ({"tableau": ((0.0,), (1.0,)), "drifts": (1.0,)}, "give one of them"),
         ({"kicks": (0.0, 1.0, 0.0), "drifts": (0.5, 0.5), "variable": True}, "variable steps go"),
     ],
-)  # fmt: skip
+)
 def test_bad_tables_end_in_one_line(table: dict, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         Method(**{"name": "mine", "order": 2, **table})

@@ -49,12 +49,9 @@ def test_the_table_stands_in_the_settings_and_is_asked_for_again(tmp_path: Path)
     assert again.complete
 
 
-def test_the_command_line_takes_it_by_import(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_takes_it_by_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.py").write_text(
-        "from granular import Method\n"
-        "m = Method('on-the-line', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
+        "from granular import Method\nm = Method('on-the-line', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
     )
     words = ["run", "single-particle", "--dt", "1e-4", "--t-end", "0.02", "--json", "--quiet"]
     words += ["--method", "on-the-line"]

@@ -86,9 +86,14 @@ def make_run(small_bed: Scene) -> MakeRun:
         positions = np.asarray(positions, dtype=float)
         frames, count = positions.shape[:2]
         scene = small_bed.replace(
-            **{"grains.count": count, "arrangement.height": None, "cell.width": "60 D",
-               "piston.height": "60 D", **(changes or {})}
-        )  # fmt: skip
+            **{
+                "grains.count": count,
+                "arrangement.height": None,
+                "cell.width": "60 D",
+                "piston.height": "60 D",
+                **(changes or {}),
+            }
+        )
         blank = np.zeros(positions.shape)
         records = columns or {"time": np.arange(float(frames))}
         data = xarray.Dataset(

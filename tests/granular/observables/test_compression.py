@@ -26,17 +26,18 @@ from tests.granular.observables.conftest import MakeRun, hexagonal
 WIDTH, HEIGHT, COUNT = 0.08, 0.06, 30
 SLAB = {"law": "slab", "length": "0.6 m"}
 FORMULA = {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}
-TWO = [
-    {"name": "big", "diameter": 0.005, "share": 0.5},
-    {"name": "small", "diameter": 0.003, "share": 0.5},
-]
+TWO = [{"name": "big", "diameter": 0.005, "share": 0.5}, {"name": "small", "diameter": 0.003, "share": 0.5}]
 
 
 def bed(**changes: Any) -> Scene:
     given = {
-        "grains.count": COUNT, "grains.species": TWO, "cell.width": WIDTH,
-        "piston.height": HEIGHT, "arrangement.height": 0.058, "arrangement.speed": 0,
-    }  # fmt: skip
+        "grains.count": COUNT,
+        "grains.species": TWO,
+        "cell.width": WIDTH,
+        "piston.height": HEIGHT,
+        "arrangement.height": 0.058,
+        "arrangement.speed": 0,
+    }
     return load_scene("bed").replace(**given, **changes)
 
 
@@ -109,10 +110,13 @@ def test_stress_of_a_crystal_is_that_of_the_lattice() -> None:
     positions = hexagonal(side, side, spacing) + 0.1
     scene = load_scene("bed").replace(
         **{
-            "grains.count": side * side, "cell.width": "1.2 m", "piston": None,
-            "effects.walls": None, "arrangement.height": "1 m",
+            "grains.count": side * side,
+            "cell.width": "1.2 m",
+            "piston": None,
+            "effects.walls": None,
+            "arrangement.height": "1 m",
         }
-    )  # fmt: skip
+    )
     cells = voronoi_cells(positions)
     stresses = grain_stresses(scene, positions, cells=cells)
     middle = (side // 2) * side + side // 2
@@ -135,9 +139,7 @@ def test_absent_grains_press_nobody(random: np.random.Generator) -> None:
     assert np.isfinite(np.delete(found, 3)).all()
     far = positions.copy()
     far[3] = [WIDTH / 2, 1e6]
-    without = [
-        next(pair_interactions(scene, one)).forces[0].sum(axis=0) for one in (positions, far)
-    ]
+    without = [next(pair_interactions(scene, one)).forces[0].sum(axis=0) for one in (positions, far)]
     np.testing.assert_allclose(without[0], without[1], rtol=1e-12)
 
 

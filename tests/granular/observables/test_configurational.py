@@ -16,9 +16,7 @@ from .conftest import MakeRun, hexagonal
 
 def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
     """With the forces that dipoles and walls make."""
-    frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(
-        scale=4e-4, size=(3, 30, 2)
-    )
+    frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
     changes = {"effects.gravity": None, "effects.drag": None}
     scene = make_run(frames, changes).scene
     forces = np.zeros_like(frames)

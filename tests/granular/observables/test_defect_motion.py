@@ -74,17 +74,13 @@ def direction(sixth: int) -> np.ndarray:
 
 
 def dislocation(
-    start: tuple[float, float], velocity: tuple[float, float], sixth: int = 0, first: int = 0,
-    last: int = 39,
-) -> Made:  # fmt: skip
+    start: tuple[float, float], velocity: tuple[float, float], sixth: int = 0, first: int = 0, last: int = 39
+) -> Made:
     """One whose way, along its Burgers vector and across, begins at the middle plus ``start``."""
     b = direction(sixth)
     across = np.array([-b[1], b[0]])
     turned = np.stack([b, across])
-    return Made(
-        "dislocation", b, MIDDLE + np.array(start) @ turned, np.array(velocity) @ turned, first,
-        last,
-    )  # fmt: skip
+    return Made("dislocation", b, MIDDLE + np.array(start) @ turned, np.array(velocity) @ turned, first, last)
 
 
 def crystal(made: list[Made], jitter: float) -> Callable[[int, np.random.Generator], np.ndarray]:
@@ -106,8 +102,9 @@ def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray
     first = (ROWS // 2) * COLUMNS + 14
     aside = NOTHING if kind == "vacancy" else np.array([0.5, math.sqrt(3.0) / 6.0])
     # Over an integer of hops the line through the steps has their mean speed.
-    made = Made(kind, NOTHING, LATTICE[first] + aside - [0.5 - 0.5 / every, 0.0],
-                np.array([1.0 / every, 0.0]))  # fmt: skip
+    made = Made(
+        kind, NOTHING, LATTICE[first] + aside - [0.5 - 0.5 / every, 0.0], np.array([1.0 / every, 0.0])
+    )
 
     def frame(k: int, random: np.random.Generator) -> np.ndarray:
         site = first + k // every
@@ -138,9 +135,7 @@ def boundary(turn: float, speed: float) -> tuple[list[Made], Callable[..., np.nd
     return [made], frame
 
 
-def of_dislocations(
-    *made: Made, jitter: float = 0.02
-) -> tuple[list[Made], Callable[..., np.ndarray]]:
+def of_dislocations(*made: Made, jitter: float = 0.02) -> tuple[list[Made], Callable[..., np.ndarray]]:
     return list(made), crystal(list(made), jitter)
 
 
@@ -166,8 +161,7 @@ FILMS: dict[str, tuple[list[Made], Callable[..., np.ndarray]]] = {
         dislocation((-2.5 + 1.6, 0.0), (-0.4, 0.0), 3, first=4),
     ),
     "pair annihilated": of_dislocations(
-        dislocation((-15.7, 0.0), (0.4, 0.0), last=33),
-        dislocation((-15.7, 0.0), (0.4, 0.0), 3, last=33),
+        dislocation((-15.7, 0.0), (0.4, 0.0), last=33), dislocation((-15.7, 0.0), (0.4, 0.0), 3, last=33)
     ),
     "pair born and annihilated": of_dislocations(
         dislocation((-2.5, 0.0), (0.0, 0.0), first=5, last=30),
@@ -181,13 +175,15 @@ FILMS: dict[str, tuple[list[Made], Callable[..., np.ndarray]]] = {
     "vacancy": hopping("vacancy", 4),
     "interstitial": hopping("interstitial", 4),
     "grain boundary": boundary(math.radians(18.0), 0.2),
-}  # fmt: skip
+}
 QUICK = ("glide with jitter", "climb", "pair annihilated", "leaves", "vacancy", "grain boundary")
 EVENTS = {
-    "pair born": ["birth"], "pair annihilated": ["annihilation"],
-    "pair born and annihilated": ["birth", "annihilation"], "leaves": ["leaving"],
+    "pair born": ["birth"],
+    "pair annihilated": ["annihilation"],
+    "pair born and annihilated": ["birth", "annihilation"],
+    "leaves": ["leaving"],
     "comes in": ["entry"],
-}  # fmt: skip
+}
 STEP = 0.05
 
 
@@ -196,8 +192,7 @@ def place_among(one: Made, made: list[Made], frame: int) -> np.ndarray:
     place = one.place(frame)
     if one.kind != "dislocation":
         return place
-    sides = np.array([place + side * np.array([-one.burgers[1], one.burgers[0]])
-                      for side in (-0.4, 0.4)])  # fmt: skip
+    sides = np.array([place + side * np.array([-one.burgers[1], one.burgers[0]]) for side in (-0.4, 0.4)])
     others = [other for other in made if other is not one and other.there(frame)]
     moves = [displacement(sides, other.place(frame), other.burgers) for other in others]
     return np.asarray(place + np.sum(moves, axis=0).mean(axis=0) if moves else place)
@@ -297,9 +292,8 @@ def test_paths_are_drawn(make_run: MakeRun) -> None:
 
 
 def test_the_command_writes_tables_and_a_picture(
-    make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, film = FILMS["pair annihilated"]
     run = run_of(film, make_run)
     monkeypatch.setattr("granular.run.trajectory.load_trajectory", lambda _: run)

@@ -90,9 +90,7 @@ def test_wedge_disclination(sectors: int, charge: int) -> None:
     assert not np.isin(0, dislocations(points, cells).pairs)
 
 
-def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(
-    random: np.random.Generator,
-) -> None:
+def test_pairs_are_disjoint_neighbours_and_as_many_as_can_be(random: np.random.Generator) -> None:
     points = random.random((400, 2))
     cells = voronoi_cells(points)
     found = dislocations(points, cells)
@@ -135,11 +133,7 @@ def test_susceptibility(random: np.random.Generator) -> None:
     assert block_susceptibilities(frames, (1,))[0] == pytest.approx(wanted, rel=1e-10)
 
 
-def test_susceptibility_of_no_order_is_that_of_a_random_walk(
-    random: np.random.Generator,
-) -> None:
+def test_susceptibility_of_no_order_is_that_of_a_random_walk(random: np.random.Generator) -> None:
     """|Psi| of N independent unit phases: N <|Psi|^2> = 1, so N var |Psi| = 1 - pi/4."""
     phases = np.exp(2j * np.pi * random.random((20_000, 200)))
-    assert hexatic_susceptibility(phases.mean(axis=1), 200) == pytest.approx(
-        1.0 - np.pi / 4.0, abs=0.01
-    )
+    assert hexatic_susceptibility(phases.mean(axis=1), 200) == pytest.approx(1.0 - np.pi / 4.0, abs=0.01)

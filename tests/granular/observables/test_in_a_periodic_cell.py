@@ -74,10 +74,7 @@ def stress(run: Trajectory) -> np.ndarray:
     return per_frame(run, "grain_stress").values
 
 
-@pytest.mark.parametrize(
-    "measure",
-    [lindemann, relaxation, non_affine_series, stress, defect_places, forces],
-)
+@pytest.mark.parametrize("measure", [lindemann, relaxation, non_affine_series, stress, defect_places, forces])
 def test_it_does_not_matter_at_which_image_a_grain_is(
     make_run: MakeRun, measure: Callable[[Trajectory], Any]
 ) -> None:
@@ -108,9 +105,7 @@ def test_a_movie_takes_grains_across_a_side_by_the_short_way(make_run: MakeRun) 
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
     run = in_the_cell(make_run, frames, speed)
-    place = [
-        one.position[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))
-    ]
+    place = [one.position[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))]
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 

@@ -28,10 +28,16 @@ SPACING = 0.0115
 
 def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
     return bed.replace(
-        **{"grains.count": count, "cell.width": 2.0, "piston": None, "effects": {"dipole": True},
-           "arrangement.height": 2.0,
-           "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}], **changes}
-    )  # fmt: skip
+        **{
+            "grains.count": count,
+            "cell.width": 2.0,
+            "piston": None,
+            "effects": {"dipole": True},
+            "arrangement.height": 2.0,
+            "protocol": [{"kind": "hold", "name": "rest", "duration": 1.0}],
+            **changes,
+        }
+    )
 
 
 def strength_of(scene: Scene) -> float:
@@ -64,9 +70,7 @@ def test_crystal_follows_the_power_and_the_known_limits() -> None:
     unit = gamma * temperature / lattice_spacing(density) ** 2
     assert found.bulk / unit == pytest.approx(3.458, abs=5e-4)
     assert found.shear / unit == pytest.approx(0.3458, abs=5e-5)
-    assert melting_theory_modulus(found, density, temperature) / gamma == pytest.approx(
-        1.258, abs=1e-3
-    )
+    assert melting_theory_modulus(found, density, temperature) / gamma == pytest.approx(1.258, abs=1e-3)
 
 
 @pytest.mark.parametrize("reach", [3.0, 6.0, 10.0])
@@ -106,12 +110,9 @@ def test_affine_moduli_are_the_curvature_of_the_engines_energy(
         return evaluate(scene, middle + (points - middle) @ matrix).potential_energy
 
     start = energy(np.eye(2))
-    shears = [
-        np.diag([math.exp(s), math.exp(-s)]) for s in (step, -step)
-    ] + [
-        np.array([[math.cosh(s), math.sinh(s)], [math.sinh(s), math.cosh(s)]])
-        for s in (step, -step)
-    ]  # fmt: skip
+    shears = [np.diag([math.exp(s), math.exp(-s)]) for s in (step, -step)] + [
+        np.array([[math.cosh(s), math.sinh(s)], [math.sinh(s), math.cosh(s)]]) for s in (step, -step)
+    ]
     curvature = (sum(map(energy, shears)) - 4.0 * start) / step**2 / 2.0
     assert curvature / 4.0 == pytest.approx(3.0 / 8.0 * start, rel=1e-5)
     up, down = (energy(math.exp(s) * np.eye(2)) for s in (step, -step))
@@ -154,15 +155,12 @@ def test_relaxing_gives_back_what_a_solver_finds(bed: Scene, random: np.random.G
             places[inner] += step * moves.reshape(-1, 2)
             return places
 
-        def unbalanced_energy_error(
-            moves: np.ndarray, at: Callable[..., np.ndarray] = at
-        ) -> np.ndarray:
+        def unbalanced_energy_error(moves: np.ndarray, at: Callable[..., np.ndarray] = at) -> np.ndarray:
             return np.asarray((slope(at(moves))[inner] - held).ravel() / step)
 
         moves = fsolve(unbalanced_energy_error, np.zeros(2 * len(inner)), xtol=1e-10)
         assert (
-            abs(unbalanced_energy_error(moves)).max()
-            < 1e-4 * abs(unbalanced_energy_error(0.0 * moves)).max()
+            abs(unbalanced_energy_error(moves)).max() < 1e-4 * abs(unbalanced_energy_error(0.0 * moves)).max()
         )
         gain = energy(started) - energy(at(moves)) + step * float((held.ravel() * moves).sum())
         losses.append(gain / step**2 / 2.0)

@@ -58,9 +58,7 @@ def test_translational_order_falls_by_debye_and_waller(random: np.random.Generat
     np.testing.assert_allclose(found.values, wanted**2, rtol=0.01)
 
 
-def test_translational_correlation_of_no_order(
-    make_run: MakeRun, random: np.random.Generator
-) -> None:
+def test_translational_correlation_of_no_order(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = random.random((3, 400, 2)) * 0.1
     found = per_distance(make_run(frames), translational_correlation, np.array([0.02, 0.03, 0.05]))
     assert found.dims == ("distance",)

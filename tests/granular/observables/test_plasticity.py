@@ -31,9 +31,10 @@ def test_exponent_of_drawn_drops(random: np.random.Generator) -> None:
 
 def test_of_a_run_and_wrong_input(make_run: MakeRun) -> None:
     columns = {
-        "time": np.arange(4.0), "piston_height": np.full(4, 0.3),
+        "time": np.arange(4.0),
+        "piston_height": np.full(4, 0.3),
         "piston_force": np.array([1.0, 2.0, 1.5, 3.0]),
-    }  # fmt: skip
+    }
     run = make_run(0.006 * np.array([hexagonal(5, 5)] * 2), columns=columns)
     force = run.dataset["piston_force"]
     found = plastic_events(force["time"].values, force.values, 0.1)

@@ -73,9 +73,7 @@ def test_no_order_gives_one_at_every_distance(random: np.random.Generator) -> No
     """Over many arrangements the mean is 1 within its error up to the shorter side."""
     box = np.array([[0.0, 0.0], [2.0, 1.0]])
     edges = np.linspace(0.0, 1.0, 11)
-    found = [
-        radial_distribution(random.random((60, 2)) * box[1], edges, box).values for _ in range(400)
-    ]
+    found = [radial_distribution(random.random((60, 2)) * box[1], edges, box).values for _ in range(400)]
     error = np.std(found, axis=0) / np.sqrt(len(found))
     assert error.max() < 0.02
     assert (np.abs(np.mean(found, axis=0) - 1.0) < 4.0 * error).all()

@@ -20,9 +20,12 @@ def test_known_harmonics_are_found_exactly() -> None:
     turn = 2.0 * np.pi * 2.5 * time + 1.1
     drive = 7.0 + 4.0 * np.cos(turn)
     answer = (
-        -3.0 + 0.2 * time + 0.8 * np.cos(turn - 0.6) + 0.12 * np.cos(2.0 * turn + 2.0)
+        -3.0
+        + 0.2 * time
+        + 0.8 * np.cos(turn - 0.6)
+        + 0.12 * np.cos(2.0 * turn + 2.0)
         + 0.04 * np.cos(3.0 * turn - 3.0)
-    )  # fmt: skip
+    )
     found = harmonic_response(time, drive, answer, 2.5, discard=1.0)
     assert found.harmonics.tolist() == [1, 2, 3]
     np.testing.assert_allclose(found.ratio, [0.2, 0.03, 0.01], rtol=1e-10)
@@ -39,8 +42,13 @@ def test_linear_oscillator_after_its_transient() -> None:
     time = np.arange(0.0, 50.0, 0.002)
     motion = solve_ivp(
         lambda t, s: [s[1], (force * np.sin(omega * t) - damping * s[1] - stiffness * s[0]) / mass],
-        (0.0, 50.0), [0.3, 0.0], t_eval=time, rtol=1e-10, atol=1e-12, method="DOP853",
-    )  # fmt: skip
+        (0.0, 50.0),
+        [0.3, 0.0],
+        t_eval=time,
+        rtol=1e-10,
+        atol=1e-12,
+        method="DOP853",
+    )
     found = harmonic_response(time, force * np.sin(omega * time), motion.y[0], frequency)
     wanted = 1.0 / (stiffness - mass * omega**2 + 1j * damping * omega)
     assert found.ratio[0] == pytest.approx(abs(wanted), rel=1e-5)
@@ -97,11 +105,16 @@ def swinging(small_bed: Scene) -> Scene:
             "effects.drag.coefficient": "1 kg/s",
             "protocol": [
                 {"name": "settle", "kind": "hold", "duration": 0.5},
-                {"name": "swing", "kind": "oscillate", "amplitude": "0.1 D", "frequency": "4 Hz",
-                 "duration": 3.0},
+                {
+                    "name": "swing",
+                    "kind": "oscillate",
+                    "amplitude": "0.1 D",
+                    "frequency": "4 Hz",
+                    "duration": 3.0,
+                },
             ],
         }
-    )  # fmt: skip
+    )
 
 
 def test_bed_under_a_swinging_piston_is_a_damped_spring(swinging: Scene) -> None:
@@ -137,14 +150,19 @@ def test_pushed_damper_answers_like_its_small_swing(damper: Scene) -> None:
             **{
                 "protocol": [
                     {"name": "rest", "kind": "free", "until": "rest"},
-                    {"name": "push", "kind": "push", "amplitude": "4 N", "frequency": "3 Hz",
-                     "duration": "8 s"},
+                    {
+                        "name": "push",
+                        "kind": "push",
+                        "amplitude": "4 N",
+                        "frequency": "3 Hz",
+                        "duration": "8 s",
+                    },
                 ],
                 "output.record": None,
             }
         ),
         progress=False,
-    )  # fmt: skip
+    )
     found = stage_response(run)
     own, omega = 2.0 * np.pi / 0.288, 6.0 * np.pi
     wanted = 1.0 / (7.5 * (own**2 - omega**2 + 2j * 0.037 * own * omega))

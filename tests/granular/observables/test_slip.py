@@ -37,8 +37,9 @@ def check(name: str, error: float = 0.06) -> None:
     made, _ = FILMS[name]
     frames = frames_of(name)
     found = plastic_distortion(frames)
-    driven = sum(swept_area(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start))
-                 for one in made)  # fmt: skip
+    driven = sum(
+        swept_area(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start)) for one in made
+    )
     wanted = np.asarray(driven) / area_of(frames)
     np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
 
@@ -49,9 +50,9 @@ def test_glide_shears_as_it_was_driven() -> None:
 
 @pytest.mark.long  # quick: "glide with jitter", the same sum
 @pytest.mark.parametrize(
-    "name", ["glide", "fast glide", "glide backward", "glide at 60 degrees",
-             "glide at 120 degrees", "opposite sign"],
-)  # fmt: skip
+    "name",
+    ["glide", "fast glide", "glide backward", "glide at 60 degrees", "glide at 120 degrees", "opposite sign"],
+)
 def test_other_films(name: str) -> None:
     check(name)
 

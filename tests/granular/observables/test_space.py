@@ -57,9 +57,7 @@ def test_pair_distance_is_the_mean_over_pairs(count: int, random: np.random.Gene
     assert depaula_pair_distance(points) == pytest.approx(wanted / 2.0, rel=1e-12)
 
 
-def test_source_convention_reproduces_the_published_order_of_size(
-    random: np.random.Generator,
-) -> None:
+def test_source_convention_reproduces_the_published_order_of_size(random: np.random.Generator) -> None:
     """368 grains spread over 60 D x 18 D: the published 10.9 D is half the mean distance."""
     points = random.random((368, 2)) * [60.0, 18.0]
     assert depaula_pair_distance(points) == pytest.approx(10.9, rel=0.07)
@@ -87,10 +85,7 @@ def test_least_piston_distance_by_species(make_run: MakeRun) -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    seed=st.integers(0, 10**6),
-    cuts=st.lists(st.floats(0.05, 0.95), min_size=0, max_size=12, unique=True),
-)
+@given(seed=st.integers(0, 10**6), cuts=st.lists(st.floats(0.05, 0.95), min_size=0, max_size=12, unique=True))
 def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -> None:
     """However the cell is cut into strips, the covered areas add up to those of the discs."""
     random = np.random.default_rng(seed)
@@ -101,9 +96,7 @@ def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -
         return
     profile = area_fraction_profile(points, diameters, 1.0, edges)
     assert (profile >= 0.0).all()
-    assert profile @ np.diff(edges) == pytest.approx(
-        float(packing_fraction(diameters, 1.0, 1.0)), rel=1e-12
-    )
+    assert profile @ np.diff(edges) == pytest.approx(float(packing_fraction(diameters, 1.0, 1.0)), rel=1e-12)
 
 
 def test_profile_of_one_disc_is_the_integral_of_its_chords() -> None:

@@ -65,9 +65,7 @@ def test_random_arrangement_is_that_of_brute_force(seed: int) -> None:
     assert sum(polygon_fractions(cells)[:4]) == pytest.approx(1.0, abs=1e-12)
 
     hexagons = [one.corners for one in wanted if one.interior and len(one.neighbours) == 6]
-    regular = [
-        4.0 / np.sqrt(3.0) * polygon_area(one) / (side_lengths(one) ** 2).sum() for one in hexagons
-    ]
+    regular = [4.0 / np.sqrt(3.0) * polygon_area(one) / (side_lengths(one) ** 2).sum() for one in hexagons]
     found = hexagon_regularity(cells)
     np.testing.assert_allclose(found[np.isfinite(found)], regular, rtol=1e-12)
     assert (np.array(regular) < 1.0).all()
@@ -86,9 +84,7 @@ def test_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> No
     for grain, corners in polygons.items():
         assert len(corners) == cells.sides[grain]
         assert polygon_area(corners) == pytest.approx(cells.area[grain], rel=1e-10)
-        assert (side_lengths(corners) ** 2).sum() == pytest.approx(
-            cells.side_squares[grain], rel=1e-10
-        )
+        assert (side_lengths(corners) ** 2).sum() == pytest.approx(cells.side_squares[grain], rel=1e-10)
 
 
 @pytest.mark.parametrize("lattice", [False, True])
@@ -155,13 +151,9 @@ def test_wrong_shape_is_an_input_error() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(
-    seed=st.integers(0, 10**6),
-    angle=st.sampled_from([0.0, np.pi / 2.0, np.pi]),
-    scale=st.floats(1e-3, 1e3),
+    seed=st.integers(0, 10**6), angle=st.sampled_from([0.0, np.pi / 2.0, np.pi]), scale=st.floats(1e-3, 1e3)
 )
-def test_order_does_not_depend_on_place_size_or_quarter_turns(
-    seed: int, angle: float, scale: float
-) -> None:
+def test_order_does_not_depend_on_place_size_or_quarter_turns(seed: int, angle: float, scale: float) -> None:
     points = np.random.default_rng(seed).random((60, 2))
     moved = scale * (rotated(points, angle) + 0.3)
     assert psi6(moved) == pytest.approx(psi6(points), abs=1e-9)

@@ -20,11 +20,7 @@ def test_pairs_in_far_larger_cells_than_grains(far: float) -> None:
     workspace = close_pairs_workspace(10, 45)
     find_close_pairs(workspace, *places, 10, 1.0, None)
     found = set(
-        zip(
-            workspace.first[: workspace.filled[0]],
-            workspace.second[: workspace.filled[0]],
-            strict=True,
-        )
+        zip(workspace.first[: workspace.filled[0]], workspace.second[: workspace.filled[0]], strict=True)
     )
     gap = np.hypot(*(places[:, :, None] - places[:, None, :]))
     assert {tuple(sorted(map(int, pair))) for pair in found} == {

@@ -51,9 +51,7 @@ class Bed:
             self.smooth,
             self.threaded,
             self.count,
-            PairArrays(
-                self.x, self.y, out[0], out[1], self.moments, out[2], extremes, out[3], self.weight
-            ),
+            PairArrays(self.x, self.y, out[0], out[1], self.moments, out[2], extremes, out[3], self.weight),
         )
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
@@ -69,13 +67,14 @@ class Bed:
 )
 @settings(max_examples=10, deadline=None)
 @given(
-    count=st.integers(1, 150), seed=st.integers(0, 10**6), radius=st.floats(0.5, 12.0),
+    count=st.integers(1, 150),
+    seed=st.integers(0, 10**6),
+    radius=st.floats(0.5, 12.0),
     stretch=st.sampled_from([(1.0, 1.0), (30.0, 0.1), (0.05, 20.0)]),
-)  # fmt: skip
+)
 def test_sum_is_its_slow_twin_while_grains_move(
-    differing: bool, smooth: bool | None, count: int, seed: int, radius: float,
-    stretch: tuple[float, float],
-) -> None:  # fmt: skip
+    differing: bool, smooth: bool | None, count: int, seed: int, radius: float, stretch: tuple[float, float]
+) -> None:
     """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
     bed = Bed(scattered(count, seed) * stretch, radius, differing=differing)
     bed.smooth = smooth
@@ -173,8 +172,6 @@ def test_run_with_a_cut_off(small_bed: Scene, tmp_path: pytest.TempPathFactory) 
     simulate(scene, t_end=0.0711, out=out, progress=False)
     parts = simulate(scene, t_end=0.2, out=out, resume=True, progress=False)
     for name in ("position", "velocity"):
-        np.testing.assert_array_equal(
-            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
-        )
+        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
     assert integer.settings()["pairs"] == "cut-off"
     assert integer.settings()["ledger_residual"] < 1e-3

@@ -13,13 +13,7 @@ from granular.pairs import close_discs, direct
 from granular.pairs.close_discs import CloseDiscs, close_discs_workspace
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.disc_tables import CLOSEST, STIFFNESS, Discs, make_discs
-from granular.pairs.discs import (
-    Disc,
-    contact_distance,
-    disc_energy_and_force,
-    disc_shift,
-    pair_shift,
-)
+from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, disc_shift, pair_shift
 from granular.pairs.pair_arrays import PairArrays
 from granular.shared.errors import InputError
 
@@ -41,9 +35,7 @@ def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
 
 def from_fields(r: float, first: Disc, second: Disc, level: bool) -> tuple[float, float]:
     """Energy and force over mu0 m1 m2 / (4 pi), from magpylib's field in the second disc."""
-    source = magpylib.magnet.Cylinder(
-        polarization=(0, 0, 1), dimension=(2.0 * first.radius, first.height)
-    )
+    source = magpylib.magnet.Cylinder(polarization=(0, 0, 1), dimension=(2.0 * first.radius, first.height))
     middle = 0.0 if level else 0.5 * (second.height - first.height)
     points, weights = face_points(second.radius)
 
@@ -96,9 +88,7 @@ def test_force_of_equal_discs_over_that_of_dipoles() -> None:
 
 @pytest.mark.parametrize("level", [True, False])
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
-def test_far_away_discs_are_dipoles_with_a_second_multipole(
-    pair: tuple[Disc, Disc], level: bool
-) -> None:
+def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Disc], level: bool) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_energy_and_force(r, *pair, level=level)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
@@ -108,9 +98,7 @@ def test_far_away_discs_are_dipoles_with_a_second_multipole(
 
 def test_force_is_the_slope_of_the_energy() -> None:
     r, step = np.linspace(1.05, 8.0, 40), 1e-4
-    near, far, nearer, farther = (
-        disc_energy_and_force(r + k * step, COIN, COIN)[0] for k in (-1, 1, -2, 2)
-    )
+    near, far, nearer, farther = (disc_energy_and_force(r + k * step, COIN, COIN)[0] for k in (-1, 1, -2, 2))
     slope = (8.0 * (near - far) - (nearer - farther)) / (12.0 * step)
     force = disc_energy_and_force(r, COIN, COIN)[1]
     np.testing.assert_allclose(slope, force, rtol=0.0, atol=1e-9 * force[0])
@@ -136,18 +124,23 @@ class Bed:
         """Forces, energy, stiffness, and pairs that are too near."""
         out, extremes = np.zeros((3, self.x.size)), np.zeros(2)
         arrays = PairArrays(
-            self.x, self.y, out[0], out[1], self.moments, out[2], extremes,
-            series=self.discs.series, shift=self.discs.shift,
-        )  # fmt: skip
+            self.x,
+            self.y,
+            out[0],
+            out[1],
+            self.moments,
+            out[2],
+            extremes,
+            series=self.discs.series,
+            shift=self.discs.shift,
+        )
         direct_sum(arrays, None, None, self.nearest)
         crowded = add_close_discs(self.discs, self.close, self.count, arrays)
         stiffness = 6.0 * self.discs.series[STIFFNESS] * out[2] * padded_values(self.q)
         return out[:2, : self.count].T, 0.25 * extremes[0], stiffness[: self.count], crowded
 
 
-@pytest.mark.parametrize(
-    "discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]]
-)
+@pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
 def test_kernels_hold_the_law_from_contact_on(discs: list[Disc]) -> None:
     """Within 1e-6 of force and energy at contact, or 1e-5 of themselves."""
     pair = discs[0], discs[-1]
@@ -157,9 +150,7 @@ def test_kernels_hold_the_law_from_contact_on(discs: list[Disc]) -> None:
         force, energy, _, _ = bed.sums()
         exact = disc_energy_and_force(np.array([contact, r]), *pair)
         scale = 0.25 * bed.q[0] * bed.q[1]
-        assert energy == pytest.approx(
-            scale * exact[0][1], rel=1e-5, abs=1e-6 * scale * exact[0][0]
-        )
+        assert energy == pytest.approx(scale * exact[0][1], rel=1e-5, abs=1e-6 * scale * exact[0][0])
         push = force[1] @ [0.6, 0.8]
         assert push == pytest.approx(scale * exact[1][1], rel=1e-5, abs=1e-6 * scale * exact[1][0])
 
@@ -209,9 +200,7 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 
 
 @pytest.mark.parametrize("periods", [None, (14.0, 11.0), (5.5, 40.0)])
-def test_list_holds_the_close_pairs_while_grains_move(
-    periods: tuple[float, float] | None,
-) -> None:
+def test_list_holds_the_close_pairs_while_grains_move(periods: tuple[float, float] | None) -> None:
     """And a new list, of grains that stand elsewhere in the same positions, has the same bits."""
     random = np.random.default_rng(7)
     size = np.array(periods or (12.0, 9.0))
@@ -223,9 +212,7 @@ def test_list_holds_the_close_pairs_while_grains_move(
         moved = bed.sums()
         fresh = Bed(np.column_stack([bed.x[:48], bed.y[:48]]), [COIN], periods)
         assert np.array_equal(fresh.sums()[0], moved[0], equal_nan=True)
-        pairs = set(
-            zip(*(values[: fresh.close.filled[0]] for values in fresh.close[:2]), strict=True)
-        )
+        pairs = set(zip(*(values[: fresh.close.filled[0]] for values in fresh.close[:2]), strict=True))
         apart = np.stack([bed.x[:48, None] - bed.x[:48], bed.y[:48, None] - bed.y[:48]])
         if periods is not None:
             apart -= size[:, None, None] * np.round(apart / size[:, None, None])

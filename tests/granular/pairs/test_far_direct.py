@@ -91,17 +91,13 @@ def test_a_run_starts_with_the_forces_of_the_whole_sum(small_damper: Scene) -> N
 
 
 @pytest.mark.long  # quick: by the mesh in plain Python, whose impulses these are
-def test_a_resumed_run_has_the_bits_of_one_in_a_piece(
-    small_damper: Scene, tmp_path: object
-) -> None:
+def test_a_resumed_run_has_the_bits_of_one_in_a_piece(small_damper: Scene, tmp_path: object) -> None:
     scene = spared(small_damper)
     integer = simulate(scene, t_end=0.2, progress=False)
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(
-            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
-        )
+        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
 
 
 @pytest.mark.long

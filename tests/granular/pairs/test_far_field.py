@@ -15,11 +15,7 @@ from granular.engine.far import add_far_field, refresh_far_field
 from granular.pairs import far_field, mesh, mesh_grains
 from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import (
-    FarField,
-    FarForces,
-    far_forces_workspace,
-)
+from granular.pairs.far_field import FarField, FarForces, far_forces_workspace
 from granular.pairs.pair_arrays import PairArrays
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
@@ -178,9 +174,7 @@ def test_all_that_is_spread_arrives() -> None:
     bed = Bed(92, differing=True)
     far = bed.far()
     spread(far.mesh, None, bed.x, bed.y, bed.padded_moments, np.arange(bed.count), bed.count)
-    assert far.mesh.source[: far.mesh.begins[1]].sum() == pytest.approx(
-        bed.moments.sum(), rel=1e-13
-    )
+    assert far.mesh.source[: far.mesh.begins[1]].sum() == pytest.approx(bed.moments.sum(), rel=1e-13)
 
 
 def test_no_room_and_no_number() -> None:
@@ -228,8 +222,10 @@ def test_scene_chooses_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert large.pair_method == "mesh"
     assert large.replace(**{"effects.walls.left": None}).pair_method == "direct"
     assert large.replace(**{"pairs.method": "direct"}).pair_method == "direct"
-    radii = [large.replace(**{"pairs.tolerance": one}).pairs.radius("mesh", 0.006)
-             for one in (TOLERANCE, 0.1 * TOLERANCE)]  # fmt: skip
+    radii = [
+        large.replace(**{"pairs.tolerance": one}).pairs.radius("mesh", 0.006)
+        for one in (TOLERANCE, 0.1 * TOLERANCE)
+    ]
     assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.36)])
     with pytest.raises(SceneError, match=r"pairs\.method: the mesh of 'mesh' covers a closed"):
         small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
@@ -270,9 +266,7 @@ def test_run_with_impulses(small_damper: Scene, tmp_path: object) -> None:
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity", "force"):
-        np.testing.assert_array_equal(
-            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
-        )
+        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
     assert integer.settings()["pairs"] == "mesh"
     assert integer.settings()["ledger_residual"] < 1e-4
     exact = simulate(small_damper, t_end=0.2, progress=False)
@@ -298,9 +292,7 @@ def test_order_with_impulses(small_damper: Scene) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
-def test_run_with_friction_or_another_method(
-    small_bed: Scene, small_damper: Scene, method: str
-) -> None:
+def test_run_with_friction_or_another_method(small_bed: Scene, small_damper: Scene, method: str) -> None:
     """The far field is then a part of every force, and of the load."""
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)

@@ -45,9 +45,7 @@ def rubbing(scene: Scene) -> Scene:
 
 def moving(scene: Scene) -> Scene:
     """Its grains slide, and nothing else takes their energy."""
-    return scene.replace(
-        **{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"}
-    )
+    return scene.replace(**{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"})
 
 
 @pytest.mark.long
@@ -189,15 +187,11 @@ def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> No
 
 @both
 @pytest.mark.long
-def test_a_resumed_run_has_the_bits_of_one_in_a_piece(
-    far: Far, small_bed: Scene, tmp_path: Path
-) -> None:
+def test_a_resumed_run_has_the_bits_of_one_in_a_piece(far: Far, small_bed: Scene, tmp_path: Path) -> None:
     """What the far field goes on from is made of the state alone, wherever a run is cut."""
     scene = moving(far(rubbing(small_bed)))
     integer = simulate(scene, t_end=0.05, progress=False).dataset
     for end in (0.0123, 0.0307, 0.05):
-        parts = simulate(
-            scene, t_end=end, out=str(tmp_path), resume=end > 0.02, progress=False
-        ).dataset
+        parts = simulate(scene, t_end=end, out=str(tmp_path), resume=end > 0.02, progress=False).dataset
     for name in ("position", "velocity", "force"):
         np.testing.assert_array_equal(integer[name].values[-1], parts[name].values[-1])

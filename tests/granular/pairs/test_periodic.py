@@ -22,13 +22,12 @@ def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Sc
     return Scene.from_plain(
         {
             "grains": {"count": columns * rows, "species": [{"diameter": DIAMETER}]},
-            "cell": {"width": columns * a, "height": rows * a * math.sqrt(0.75),
-                     "sides": "periodic"},
+            "cell": {"width": columns * a, "height": rows * a * math.sqrt(0.75), "sides": "periodic"},
             "effects": {"dipole": True},
             "arrangement": {"jitter": 0.15},
             "protocol": [{"kind": "hold", "name": "rest"}],
         }
-    ).replace(**changes)  # fmt: skip
+    ).replace(**changes)
 
 
 def natural(scene: Scene) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -45,9 +44,7 @@ def elsewhere(scene: Scene) -> np.ndarray:
     return np.asarray(places + turns * scene.cell.periods)
 
 
-def nearest_images(
-    places: np.ndarray, sides: np.ndarray, radius: float
-) -> tuple[np.ndarray, float]:
+def nearest_images(places: np.ndarray, sides: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
     way = places[:, None] - places
     way -= sides * np.round(way / sides)
     r = np.linalg.norm(way, axis=2)
@@ -180,9 +177,14 @@ def test_mesh_takes_all_images_to_a_tolerance(
 def test_energy_momentum_and_threads(method: str) -> None:
     """Grains that cross the sides: energy to second order in the step, momentum, the same bits."""
     scene = crystal(
-        32, 34, **{"pairs.method": method, "arrangement.speed": "0.3 m/s",
-                   "output": {"scalars": "20 ms", "frames": "0.2 s"}}
-    )  # fmt: skip
+        32,
+        34,
+        **{
+            "pairs.method": method,
+            "arrangement.speed": "0.3 m/s",
+            "output": {"scalars": "20 ms", "frames": "0.2 s"},
+        },
+    )
     drifts, ends = [], []
     for step, threads in ((2e-4, 1), (1e-4, 1), (1e-4, 2)):
         run = simulate(scene, t_end=1.0, dt=step, threads=threads, progress=False)
@@ -192,8 +194,7 @@ def test_energy_momentum_and_threads(method: str) -> None:
         velocity = run.dataset["velocity"].values
         size = abs(velocity[0]).sum()
         assert (
-            abs((velocity[-1] - velocity[0]).sum(axis=0)).max()
-            < (2e-3 if method == "mesh" else 1e-12) * size
+            abs((velocity[-1] - velocity[0]).sum(axis=0)).max() < (2e-3 if method == "mesh" else 1e-12) * size
         )
     assert np.abs(ends[0] - run.scene.initial_motion()[0]).max() > 3 * 1.9 * DIAMETER
     assert drifts[0] / drifts[1] > 3.0
@@ -201,9 +202,7 @@ def test_energy_momentum_and_threads(method: str) -> None:
 
 
 def test_a_perfect_lattice_is_at_rest() -> None:
-    scene = crystal(
-        12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}}
-    )
+    scene = crystal(12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}})
     found = evaluate(scene, scene.initial_motion()[0]).force
     assert abs(found).max() < 1e-12 * Scales.of(scene.grains).force
 
@@ -223,7 +222,7 @@ def test_a_perfect_lattice_is_at_rest() -> None:
         ({"pairs": {"method": "direct", "far_every": 8}}, "has no far field; take 'mesh'"),
         ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
     ],
-)  # fmt: skip
+)
 def test_what_a_periodic_cell_cannot_have(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         crystal(12, 12).replace(**changes)
@@ -238,9 +237,7 @@ def test_places_are_brought_back_into_the_cell() -> None:
     cell = crystal(6, 4).cell
     assert cell.periods is not None
     width, height = cell.periods
-    places = np.array(
-        [[-1e-20, 0.0], [width, -height], [1.5 * width, 0.25 * height], [np.nan, 1.0]]
-    )
+    places = np.array([[-1e-20, 0.0], [width, -height], [1.5 * width, 0.25 * height], [np.nan, 1.0]])
     wanted = [[0.0, 0.0], [0.0, 0.0], [0.5 * width, 0.25 * height], [np.nan, 1.0 % height]]
     np.testing.assert_allclose(cell.inside(places), wanted, atol=1e-15)
     assert (cell.inside(places[:3]) < cell.periods).all()
@@ -251,7 +248,13 @@ def test_a_scene_says_that_it_is_periodic_and_others_do_not() -> None:
     assert Scene.from_plain(scene.to_plain()) == scene
     assert scene.pair_method == "mesh"
     assert crystal(8, 8).pair_method == "direct"
-    assert "sides" not in Scene.from_plain(
-        {"grains": {"count": 1, "species": [{"diameter": DIAMETER}]}, "cell": {"width": 0.1},
-         "arrangement": {"height": "0.1 m"}}
-    ).to_plain()["cell"]  # fmt: skip
+    assert (
+        "sides"
+        not in Scene.from_plain(
+            {
+                "grains": {"count": 1, "species": [{"diameter": DIAMETER}]},
+                "cell": {"width": 0.1},
+                "arrangement": {"height": "0.1 m"},
+            }
+        ).to_plain()["cell"]
+    )

@@ -76,9 +76,7 @@ def test_list_made_again_gives_the_same_bits() -> None:
 def test_full_list_gives_no_numbers() -> None:
     x, y = scattered(60, 5)
     workspace = verlet_list_workspace(x.size, LISTING.radius)
-    short = workspace.pairs._asdict() | {
-        name: np.zeros(9, np.int32) for name in ("first", "second")
-    }
+    short = workspace.pairs._asdict() | {name: np.zeros(9, np.int32) for name in ("first", "second")}
     full = VerletList(ClosePairs(**short), workspace.built, workspace.memory)
     assert np.isnan(sums(list_sum, full, LISTING, 60, x, y)[:120]).all()
 
@@ -101,7 +99,5 @@ def test_run_with_the_source_s_list(small_bed: Scene, tmp_path: object) -> None:
     simulate(scene, t_end=0.0711, out=str(tmp_path), progress=False)
     parts = simulate(scene, t_end=0.2, out=str(tmp_path), resume=True, progress=False)
     for name in ("position", "velocity"):
-        np.testing.assert_array_equal(
-            integer.dataset[name].values[-1], parts.dataset[name].values[-1]
-        )
+        np.testing.assert_array_equal(integer.dataset[name].values[-1], parts.dataset[name].values[-1])
     assert integer.settings()["pairs"] == "verlet-list"

@@ -21,10 +21,19 @@ def driven(scene: Scene, *stages: dict[str, object], **changes: object) -> Traje
 def empty(*stages: dict[str, object], **changes: object) -> Trajectory:
     """A piston over an empty cell."""
     scene = load_scene("damper").replace(
-        **{"grains.count": 0, "effects.dipole": None, "effects.drag": None,
-           "effects.walls": None, "piston.mass": 2.0, "protocol": list(stages),
-           "output.record": None, "output.scalars": 1e-3, "output.frames": 1e-2, **changes}
-    )  # fmt: skip
+        **{
+            "grains.count": 0,
+            "effects.dipole": None,
+            "effects.drag": None,
+            "effects.walls": None,
+            "piston.mass": 2.0,
+            "protocol": list(stages),
+            "output.record": None,
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+            **changes,
+        }
+    )
     return simulate(scene, dt=1e-5, progress=False)
 
 
@@ -42,8 +51,7 @@ def test_descent(small_bed: Scene) -> None:
 
 def test_follow(small_bed: Scene) -> None:
     times, heights = [0.0, 0.01, 0.025, 0.04], [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D]
-    run = driven(small_bed, {"kind": "follow", "name": "table", "times": times,
-                             "heights": heights})  # fmt: skip
+    run = driven(small_bed, {"kind": "follow", "name": "table", "times": times, "heights": heights})
     data = run.dataset
     exact = np.interp(data["time"].values, times, heights)
     assert data["piston_height"].values == pytest.approx(exact, rel=1e-12)
@@ -51,8 +59,12 @@ def test_follow(small_bed: Scene) -> None:
 
 
 def test_ledger_of_a_table_closes_with_slope_two(small_bed: Scene) -> None:
-    stage = {"kind": "follow", "name": "table", "times": [0.0, 0.0101, 0.0253, 0.04],
-             "heights": [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D]}  # fmt: skip
+    stage = {
+        "kind": "follow",
+        "name": "table",
+        "times": [0.0, 0.0101, 0.0253, 0.04],
+        "heights": [6.0 * D, 5.5 * D, 5.5 * D, 5.8 * D],
+    }
     scene = small_bed.replace(**{"protocol": [stage], "output.scalars": 1e-3})
     residuals = [
         simulate(scene, dt=dt, progress=False).settings()["ledger_residual"]
@@ -72,18 +84,20 @@ def test_automatic_step_resolves_the_drive() -> None:
 
 def test_frames_keep_their_cadence_under_a_given_step(small_bed: Scene) -> None:
     scene = small_bed.replace(
-        **{"protocol": [{"kind": "hold", "name": "hold", "duration": 0.4}],
-           "output.scalars": 1e-3, "output.frames": 0.1, "grains.count": 1}
-    )  # fmt: skip
+        **{
+            "protocol": [{"kind": "hold", "name": "hold", "duration": 0.4}],
+            "output.scalars": 1e-3,
+            "output.frames": 0.1,
+            "grains.count": 1,
+        }
+    )
     with pytest.warns(UserWarning, match=r"records come every 0\.0007 s, not 0\.001 s"):
         run = simulate(scene, dt=7e-4, progress=False)
     assert run.dataset["frame_time"].values == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4], abs=1e-3)
 
 
 @pytest.mark.parametrize("t_end", [None, 3.2e-3])
-def test_an_end_on_a_tick_between_records_is_recorded(
-    small_bed: Scene, t_end: float | None
-) -> None:
+def test_an_end_on_a_tick_between_records_is_recorded(small_bed: Scene, t_end: float | None) -> None:
     """352 steps from record to record are eleven ticks; a stage of 160 steps ends on the fifth."""
     last = {"kind": "hold", "name": "second", **({} if t_end else {"duration": 1.6e-3})}
     scene = small_bed.replace(
@@ -104,18 +118,24 @@ def test_piston_below_the_bottom_is_stopped() -> None:
 
 @pytest.mark.parametrize(
     "table",
-    [{"times": [0.0, 0.1], "heights": [0.036]}, {"times": [0.0, 0.0], "heights": [0.036, 0.03]},
-     {"times": [0.1, 0.0], "heights": [0.036, 0.03]}, {"times": [], "heights": []},
-     {"times": [0.0, 0.1], "heights": [0.036, -0.01]}],
-)  # fmt: skip
+    [
+        {"times": [0.0, 0.1], "heights": [0.036]},
+        {"times": [0.0, 0.0], "heights": [0.036, 0.03]},
+        {"times": [0.1, 0.0], "heights": [0.036, 0.03]},
+        {"times": [], "heights": []},
+        {"times": [0.0, 0.1], "heights": [0.036, -0.01]},
+    ],
+)
 def test_bad_tables(small_bed: Scene, table: dict[str, object]) -> None:
     with pytest.raises(SceneError):
         driven(small_bed, {"kind": "follow", "name": "table", **table})
 
 
 def test_oscillation(small_bed: Scene) -> None:
-    run = driven(small_bed, {"kind": "oscillate", "name": "shake", "amplitude": "0.2 D",
-                             "frequency": 50.0, "duration": 0.06})  # fmt: skip
+    run = driven(
+        small_bed,
+        {"kind": "oscillate", "name": "shake", "amplitude": "0.2 D", "frequency": 50.0, "duration": 0.06},
+    )
     data = run.dataset
     phase = 2.0 * math.pi * 50.0 * data["time"].values
     exact = (6.0 + 0.2 * np.sin(phase)) * D
@@ -155,9 +175,8 @@ def test_free_fall_of_the_piston() -> None:
 def test_push_by_a_force() -> None:
     """F = F0 + F1 sin(w t) on a falling mass, in closed form."""
     run = empty(
-        {"kind": "push", "name": "push", "mean": 0.3, "amplitude": 2.0, "frequency": 30.0,
-         "duration": 0.1},
-    )  # fmt: skip
+        {"kind": "push", "name": "push", "mean": 0.3, "amplitude": 2.0, "frequency": 30.0, "duration": 0.1}
+    )
     time, height = (run.dataset[name].values for name in ("time", "piston_height"))
     w = 2.0 * math.pi * 30.0
     exact = 0.12 + (0.075 - 4.9) * time**2 + 2.0 / 2.0 / w * (time - np.sin(w * time) / w)
@@ -215,11 +234,15 @@ def test_piston_that_is_thrown_up(friction: float) -> None:
 def test_shaken_cell() -> None:
     """Seen from the cell, a grain that nothing holds swings against it."""
     scene = load_scene("single-particle").replace(
-        **{"effects.gravity.acceleration": 0.0, "effects.walls": None, "effects.shaking":
-           {"amplitude": 0.01, "frequency": 20.0, "angle": 0.5},
-           "protocol": [{"kind": "hold", "name": "shake", "duration": 0.1}],
-           "output.scalars": 1e-3, "output.frames": 1e-3}
-    )  # fmt: skip
+        **{
+            "effects.gravity.acceleration": 0.0,
+            "effects.walls": None,
+            "effects.shaking": {"amplitude": 0.01, "frequency": 20.0, "angle": 0.5},
+            "protocol": [{"kind": "hold", "name": "shake", "duration": 0.1}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-3,
+        }
+    )
     run = simulate(scene, dt=1e-5, progress=False)
     time = run.dataset["frame_time"].values
     place = run.dataset["position"].values[:, 0]
@@ -231,17 +254,19 @@ def test_shaken_cell() -> None:
 
 
 def test_lift_as_the_first_stage(small_damper: Scene) -> None:
-    run = driven(small_damper, {"kind": "lift", "name": "lift", "by": "0.3 D"},
-                 {"kind": "free", "name": "fall", "duration": 0.02},
-                 **{"output.record": None})  # fmt: skip
+    run = driven(
+        small_damper,
+        {"kind": "lift", "name": "lift", "by": "0.3 D"},
+        {"kind": "free", "name": "fall", "duration": 0.02},
+        **{"output.record": None},
+    )
     assert run.dataset["piston_height"].values[0] == pytest.approx(6.3 * D)
     assert run.settings()["ledger_residual"] < 1e-3
 
 
 def test_lowering_into_the_bed_names_the_stage(small_damper: Scene) -> None:
     with pytest.raises(OutsideError, match=r"stage 'lift' sets the piston into the bed"):
-        driven(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"},
-               **{"output.record": None})  # fmt: skip
+        driven(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
 
 
 def test_rest_does_not_depend_on_the_cadence(small_damper: Scene) -> None:
@@ -249,20 +274,24 @@ def test_rest_does_not_depend_on_the_cadence(small_damper: Scene) -> None:
     soon = small_damper.replace(**{"effects.drag.coefficient": 0.5})
     fall = {"kind": "free", "name": "drop", "until": "rest"}
     ends = [
-        driven(
-            soon, fall,
-            **{"output.record": None, "output.scalars": cadence, "output.frames": cadence},
-        ).stage("drop").end
+        driven(soon, fall, **{"output.record": None, "output.scalars": cadence, "output.frames": cadence})
+        .stage("drop")
+        .end
         for cadence in (1e-3, 0.5)
-    ]  # fmt: skip
+    ]
     assert ends[1] == pytest.approx(ends[0], abs=0.02)
 
 
 def test_coarse_records_of_a_falling_piston(small_damper: Scene) -> None:
     """The automatic step sees the impact coming, though nothing is recorded before it."""
     fall = {"kind": "free", "name": "drop", "duration": 1.0}
-    changes = {"output.record": None, "output.scalars": 1.0, "output.frames": 1.0,
-               "piston.height": "40 D", "effects.drag.coefficient": 0.0}  # fmt: skip
+    changes = {
+        "output.record": None,
+        "output.scalars": 1.0,
+        "output.frames": 1.0,
+        "piston.height": "40 D",
+        "effects.drag.coefficient": 0.0,
+    }
     run = driven(small_damper, fall, **changes)
     assert run.settings()["ledger_residual"] < 1e-3
 

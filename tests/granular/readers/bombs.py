@@ -29,9 +29,7 @@ def _parts(path: Path, parts: dict[str, Iterable[str]]) -> None:
                     file.write(piece.encode())
 
 
-def xlsx(
-    path: Path, rows: Iterable[str], shared: Iterable[str] = (), entities: Iterable[str] = ()
-) -> None:
+def xlsx(path: Path, rows: Iterable[str], shared: Iterable[str] = (), entities: Iterable[str] = ()) -> None:
     """A workbook of one sheet, whose rows are given as XML."""
 
     def sheet() -> Iterator[str]:
@@ -45,27 +43,34 @@ def xlsx(
         yield from shared
         yield "</sst>"
 
-    _parts(path, {
-        "[Content_Types].xml": [
-            f'<Types xmlns="{_PACKAGE}/content-types">'
-            f'<Override PartName="/xl/workbook.xml" ContentType="{_SHEET}.sheet.main+xml"/>'
-            f'<Override PartName="/xl/sharedStrings.xml" ContentType="{_SHEET}.sharedStrings+xml"/>'
-            f'<Override PartName="/xl/worksheets/sheet1.xml" ContentType="{_SHEET}.worksheet+xml"/>'
-            "</Types>"],
-        "_rels/.rels": [
-            f'<Relationships xmlns="{_PACKAGE}/relationships"><Relationship Id="r1" '
-            f'Type="{_RELATIONS}/officeDocument" Target="xl/workbook.xml"/></Relationships>'],
-        "xl/workbook.xml": [
-            f'<workbook xmlns="{_MAIN}" xmlns:r="{_RELATIONS}"><sheets>'
-            '<sheet name="a" sheetId="1" r:id="r1"/></sheets></workbook>'],
-        "xl/_rels/workbook.xml.rels": [
-            f'<Relationships xmlns="{_PACKAGE}/relationships">'
-            f'<Relationship Id="r1" Type="{_RELATIONS}/worksheet" Target="worksheets/sheet1.xml"/>'
-            f'<Relationship Id="r2" Type="{_RELATIONS}/sharedStrings" Target="sharedStrings.xml"/>'
-            "</Relationships>"],
-        "xl/sharedStrings.xml": strings(),
-        "xl/worksheets/sheet1.xml": sheet(),
-    })  # fmt: skip
+    _parts(
+        path,
+        {
+            "[Content_Types].xml": [
+                f'<Types xmlns="{_PACKAGE}/content-types">'
+                f'<Override PartName="/xl/workbook.xml" ContentType="{_SHEET}.sheet.main+xml"/>'
+                f'<Override PartName="/xl/sharedStrings.xml" ContentType="{_SHEET}.sharedStrings+xml"/>'
+                f'<Override PartName="/xl/worksheets/sheet1.xml" ContentType="{_SHEET}.worksheet+xml"/>'
+                "</Types>"
+            ],
+            "_rels/.rels": [
+                f'<Relationships xmlns="{_PACKAGE}/relationships"><Relationship Id="r1" '
+                f'Type="{_RELATIONS}/officeDocument" Target="xl/workbook.xml"/></Relationships>'
+            ],
+            "xl/workbook.xml": [
+                f'<workbook xmlns="{_MAIN}" xmlns:r="{_RELATIONS}"><sheets>'
+                '<sheet name="a" sheetId="1" r:id="r1"/></sheets></workbook>'
+            ],
+            "xl/_rels/workbook.xml.rels": [
+                f'<Relationships xmlns="{_PACKAGE}/relationships">'
+                f'<Relationship Id="r1" Type="{_RELATIONS}/worksheet" Target="worksheets/sheet1.xml"/>'
+                f'<Relationship Id="r2" Type="{_RELATIONS}/sharedStrings" Target="sharedStrings.xml"/>'
+                "</Relationships>"
+            ],
+            "xl/sharedStrings.xml": strings(),
+            "xl/worksheets/sheet1.xml": sheet(),
+        },
+    )
 
 
 def ods(path: Path, rows: Iterable[str]) -> None:
@@ -82,15 +87,18 @@ def ods(path: Path, rows: Iterable[str]) -> None:
         yield ("</table:table></office:spreadsheet></office:body></office:document-content>")
 
     kind = "application/vnd.oasis.opendocument.spreadsheet"
-    _parts(path, {
-        "mimetype": [kind],
-        "content.xml": content(),
-        "META-INF/manifest.xml": [
-            f'<manifest:manifest xmlns:manifest="{office}:manifest:1.0"><manifest:file-entry '
-            f'manifest:full-path="/" manifest:media-type="{kind}"/><manifest:file-entry '
-            'manifest:full-path="content.xml" manifest:media-type="text/xml"/></manifest:manifest>'
-        ],
-    })  # fmt: skip
+    _parts(
+        path,
+        {
+            "mimetype": [kind],
+            "content.xml": content(),
+            "META-INF/manifest.xml": [
+                f'<manifest:manifest xmlns:manifest="{office}:manifest:1.0"><manifest:file-entry '
+                f'manifest:full-path="/" manifest:media-type="{kind}"/><manifest:file-entry '
+                'manifest:full-path="content.xml" manifest:media-type="text/xml"/></manifest:manifest>'
+            ],
+        },
+    )
 
 
 _NUMBER = '<table:table-cell office:value-type="float" office:value="1"{}/>'
@@ -101,8 +109,10 @@ def ods_row(cells: str, repeat: int = 1) -> str:
 
 
 def _far_cell(path: Path) -> None:
-    xlsx(path, ['<row r="1"><c r="A1"><v>1</v></c></row>',
-                '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'])  # fmt: skip
+    xlsx(
+        path,
+        ['<row r="1"><c r="A1"><v>1</v></c></row>', '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'],
+    )
 
 
 def _many_rows(path: Path) -> None:
@@ -126,11 +136,15 @@ def _long_strings(path: Path) -> None:
 
 def _entities(path: Path) -> None:
     """A cell of ten to the ninth letters, by entities of entities."""
-    xlsx(path, ["<row><c t='str'><v>&k9;</v></c></row>"], entities=[
-        '<!DOCTYPE x [<!ENTITY k0 "a">',
-        *(f'<!ENTITY k{k + 1} "{f"&k{k};" * 10}">' for k in range(9)),
-        "]>",
-    ])  # fmt: skip
+    xlsx(
+        path,
+        ["<row><c t='str'><v>&k9;</v></c></row>"],
+        entities=[
+            '<!DOCTYPE x [<!ENTITY k0 "a">',
+            *(f'<!ENTITY k{k + 1} "{f"&k{k};" * 10}">' for k in range(9)),
+            "]>",
+        ],
+    )
 
 
 def _far_repeats(path: Path) -> None:
@@ -200,9 +214,7 @@ def _matlab_cells(path: Path) -> None:
 def _matlab_structure(path: Path) -> None:
     """A structure of 5e6 empty elements."""
     empty = mat_head("", 6, 0, 0) + _element(9, b"")
-    head = (
-        mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + _element(1, b"height\0\0")
-    )
+    head = mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + _element(1, b"height\0\0")
     content = head + _element(14, empty) * 5 * 10**6
     path.write_bytes(_MATLAB + _element(15, zlib.compress(_element(14, content), 1)))
 

@@ -17,9 +17,7 @@ from .bombs import LONG, QUICK
 
 for needed in ("openpyxl", "nptdms", "pyarrow"):
     pytest.importorskip(needed)
-pytestmark = pytest.mark.skipif(
-    not Path("/proc/self/status").exists(), reason="memory is not counted here"
-)
+pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is not counted here")
 
 MOST_MEGABYTES, MOST_SECONDS, MOST_AFTER_A_STOP = 2048, 60, 10
 """Seconds are of the processor, which other work does not lengthen; after a stop by the clock."""
@@ -45,9 +43,11 @@ for path in sys.argv[1:]:
 def started(paths: Sequence[Path]) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *map(str, paths)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env=os.environ | {"COLUMNS": "80"},
-    )  # fmt: skip
+    )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     return process

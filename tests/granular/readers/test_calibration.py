@@ -97,9 +97,7 @@ def test_uncertainties_of_scale_and_zero_are_independent() -> None:
 
 def test_coefficients_make_a_polynomial() -> None:
     texts = ["1 mm", "2 +- 0.1 mm/V", "0.5 mm/V^2"]
-    heights, deviations = parse_calibration("height", {"coefficients": texts}).apply(
-        np.array([2.0]), "V"
-    )
+    heights, deviations = parse_calibration("height", {"coefficients": texts}).apply(np.array([2.0]), "V")
     assert heights == pytest.approx([7e-3])
     assert deviations == pytest.approx(np.array([[2e-4]]))
     for wrong in (["1 mm", "2 mm"], ["1 mm/V"], ["1 mm", "2 mm/V", "1 mm/V"], ["1 s"], []):

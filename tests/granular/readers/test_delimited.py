@@ -64,8 +64,7 @@ def test_commas_that_may_be_either(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["0, 5, 1, 2\n1, 5, 1, 3\n", "0,510,1,2\n1,5,1,30\n2,50,1,4\n", "0,5,1.0,2\n1,5,1.5,3\n"],
+    "text", ["0, 5, 1, 2\n1, 5, 1, 3\n", "0,510,1,2\n1,5,1,30\n2,50,1,4\n", "0,5,1.0,2\n1,5,1.5,3\n"]
 )
 def test_four_columns_without_names(text: str, tmp_path: Path) -> None:
     path = tmp_path / "record.csv"

@@ -10,11 +10,7 @@ from granular import PistonRecord
 from granular.shared.errors import RecordError
 
 TABLE = "time [s],height [mm]\n0,1\n1,2\n"
-SECRETS = (
-    "root:x:0:0:root:/root:/bin/bash\n",
-    "secret a b\n1 2 3\n4 5 6\n",
-    "time,height\n0,key\n",
-)
+SECRETS = ("root:x:0:0:root:/root:/bin/bash\n", "secret a b\n1 2 3\n4 5 6\n", "time,height\n0,key\n")
 
 
 def described(folder: Path, name: str) -> Path:

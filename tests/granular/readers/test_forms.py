@@ -124,17 +124,13 @@ def test_what_cannot_be_is_said(said: dict[str, Any], words: str, tmp_path: Path
     assert "\n" not in str(caught.value)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     separator=st.sampled_from(";\t|"),
     decimal=st.sampled_from(".,"),
     end=st.sampled_from(["\n", "\r\n", "\r"]),
     encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"]),
-    header=st.sampled_from(
-        ["Zeit [s]{}Höhe [mm]", "t{}z/mm", "time_s{}height_mm", "Time (sec){}Pos (mm)"]
-    ),
+    header=st.sampled_from(["Zeit [s]{}Höhe [mm]", "t{}z/mm", "time_s{}height_mm", "Time (sec){}Pos (mm)"]),
     steps=st.lists(st.integers(1, 10**6), min_size=2, max_size=20),
     data=st.data(),
 )
@@ -151,8 +147,7 @@ def test_any_form_of_text_returns(
     time = np.cumsum(steps) * 1e-3
     height = data.draw(st.lists(st.floats(-1e6, 1e6), min_size=len(time), max_size=len(time)))
     rows = [
-        f"{t!r}{separator}{z!r}".replace(".", decimal)
-        for t, z in zip(time.tolist(), height, strict=True)
+        f"{t!r}{separator}{z!r}".replace(".", decimal) for t, z in zip(time.tolist(), height, strict=True)
     ]
     text = end.join([header.format(separator), *rows, ""])
     (tmp_path / "any.txt").write_bytes(text.encode(encoding))

@@ -93,19 +93,16 @@ HEADS = {
     "Tracker, y at rest": Head("t\tx\ty", (TIME, HEIGHT, 1e-6 * RISING), note="not 'y'"),
     "capitals": Head("TIME[S],DISP[MM]", (TIME, MM)),
     "y as a function of time": Head("t,y(t)", (TIME, HEIGHT)),
-    "a damper dynamometer": Head(
-        "Time (s),Stroke (mm),Load (kN),Velocity (m/s)", (TIME, MM, HEIGHT, SPEED)
-    ),
-    "a servohydraulic machine": Head(
-        "Time,Ax Displ,Ax Force\nSec,mm,kN", (TIME, MM, HEIGHT)
-    ),
+    "a damper dynamometer": Head("Time (s),Stroke (mm),Load (kN),Velocity (m/s)", (TIME, MM, HEIGHT, SPEED)),
+    "a servohydraulic machine": Head("Time,Ax Displ,Ax Force\nSec,mm,kN", (TIME, MM, HEIGHT)),
     "a testing machine": Head('"Time","Extension","Load"\n"(s)","(mm)","(N)"', (TIME, MM, HEIGHT)),
     # what cannot be known is refused, with what to say
     "counter, time and height without names": Head(
         "", (np.arange(400.0), TIME, HEIGHT), "--columns time=1 or --columns time=2"
     ),
     "two sensors": Head(
-        "time [s],laser [mm],lvdt [mm]", (TIME, MM, 1.01 * MM),
+        "time [s],laser [mm],lvdt [mm]",
+        (TIME, MM, 1.01 * MM),
         "--columns height=laser or --columns height=lvdt",
     ),
     "Tracker, both move": Head(
@@ -119,9 +116,7 @@ HEADS = {
     ),
     "x over x": Head("x,y", (TIME, HEIGHT), r"'x' rises in even steps.*columns: time=x"),
     "frames of a camera": Head("frame,x [px]", (np.arange(400.0), MM), "rate: '100 Hz'"),
-    "an unknown unit before a remark": Head(
-        "time [s],height [furlong] (raw)", (TIME, MM), "units: height="
-    ),
+    "an unknown unit before a remark": Head("time [s],height [furlong] (raw)", (TIME, MM), "units: height="),
     "a remark that may be a unit": Head("time [s],height (raw)", (TIME, MM), "units: height="),
     "pixels": Head("time [s],x [px]", (TIME, MM), r"scale: '2.5 mm?/px'"),
     "a channel": Head("Time,Ch1", (TIME, MM), "only channels.*height=Ch1, units: height=mm"),
@@ -141,8 +136,7 @@ HEADS = {
     "a velocity": Head("temps (s);vitesse (m/s)", (TIME, SPEED), "no column 'height'"),
     "a gyroscope": Head("time [s],gyro [rad/s]", (TIME, SPEED), "no column 'height'"),
     "phyphox gyroscope": Head(
-        '"Time (s)","Gyroscope x (rad/s)","Absolute (rad/s)"', (TIME, SPEED, SPEED),
-        "no column 'height'",
+        '"Time (s)","Gyroscope x (rad/s)","Absolute (rad/s)"', (TIME, SPEED, SPEED), "no column 'height'"
     ),
     "an acceleration": Head("time [s],acc [g]", (TIME, ACCELERATION), "only the acceleration"),
     "French acceleration": Head(
@@ -150,15 +144,13 @@ HEADS = {
     ),
     "a temperature": Head("time,temperature", (TIME, HEIGHT), "no column 'height'"),
     "a force": Head("time [s],force [N]", (TIME, HEIGHT), "no column 'height'"),
-}  # fmt: skip
+}
 
 
 def write(path: Path, head: Head) -> Path:
     """Write the columns below their heading, separated as it is."""
     separator = next((mark for mark in (";", "\t") if mark in head.head), ",")
-    rows = [
-        separator.join(f"{value:.16g}" for value in row) for row in zip(*head.columns, strict=True)
-    ]
+    rows = [separator.join(f"{value:.16g}" for value in row) for row in zip(*head.columns, strict=True)]
     if head.comma:
         rows = [row.replace(".", ",") for row in rows]
     path.write_text("\n".join([*([head.head] if head.head else []), *rows, ""]), encoding="utf-8")
@@ -253,13 +245,9 @@ def test_json_is_refused_in_one_line(content: object, indent: int | None, tmp_pa
 STRUCTURES = {
     "structure": {"data": {"time": TIME, "height": HEIGHT}},
     "time series": {"ts": {"Time": TIME, "Data": HEIGHT}},
-    "Simulink's scope": {
-        "scope": {"time": TIME, "signals": {"values": HEIGHT[:, None], "label": "height"}}
-    },
-    "array of structures": {
-        "d": np.array([(TIME, HEIGHT)], dtype=[("t", "O"), ("z", "O")])
-    },
-}  # fmt: skip
+    "Simulink's scope": {"scope": {"time": TIME, "signals": {"values": HEIGHT[:, None], "label": "height"}}},
+    "array of structures": {"d": np.array([(TIME, HEIGHT)], dtype=[("t", "O"), ("z", "O")])},
+}
 
 
 @pytest.mark.parametrize("name", STRUCTURES)

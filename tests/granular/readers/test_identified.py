@@ -12,9 +12,17 @@ import pytest
 from .forms import FORMS
 
 FILES = (
-    "excel_german", "excel_unicode", "savetxt", "campbell", "phyphox", "labview", "tdms", "excel",
-    "matlab", "logger_pro",
-)  # fmt: skip
+    "excel_german",
+    "excel_unicode",
+    "savetxt",
+    "campbell",
+    "phyphox",
+    "labview",
+    "tdms",
+    "excel",
+    "matlab",
+    "logger_pro",
+)
 OMEGA = math.hypot(21.0, 0.8)
 """Of the motion in all files [rad/s]: it swings at 21 and decays at 0.8 1/s."""
 TRUTH = {
@@ -31,9 +39,7 @@ def test_there_are_ten() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
-def test_the_truth_is_in_the_printed_intervals(
-    name: str, command: Callable, tmp_path: Path
-) -> None:
+def test_the_truth_is_in_the_printed_intervals(name: str, command: Callable, tmp_path: Path) -> None:
     path = tmp_path / FORMS[name].name
     FORMS[name].write(path)
     done = command("reduced_models", "identify", str(path), "-o", str(tmp_path / "out"), "--quiet")

@@ -40,12 +40,20 @@ def test_a_letter_is_a_channel_and_no_acceleration(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "numbers",
-    [{"Tinterval": 0.0}, {"Tinterval": -0.01}, {"Tinterval": math.nan}, {"Tinterval": "fast"},
-     {"Tinterval": np.arange(3.0)}, {"Tinterval": 1j}, {"Tinterval": 0.01, "Tstart": "noon"},
-     {"Tinterval": 0.01, "Tstart": np.zeros(3)}, {"Tinterval": 0.01, "Tstart": 1j},
-     {"Tinterval": 0.01, "Tstart": math.inf}],
+    [
+        {"Tinterval": 0.0},
+        {"Tinterval": -0.01},
+        {"Tinterval": math.nan},
+        {"Tinterval": "fast"},
+        {"Tinterval": np.arange(3.0)},
+        {"Tinterval": 1j},
+        {"Tinterval": 0.01, "Tstart": "noon"},
+        {"Tinterval": 0.01, "Tstart": np.zeros(3)},
+        {"Tinterval": 0.01, "Tstart": 1j},
+        {"Tinterval": 0.01, "Tstart": math.inf},
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_a_wrong_interval_is_one_line(numbers: dict[str, Any], tmp_path: Path) -> None:
     path = saved(tmp_path / "a.mat", height=HEIGHT, **numbers)
     with pytest.raises(RecordError, match="Tinterval = ") as caught:

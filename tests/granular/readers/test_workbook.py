@@ -20,10 +20,7 @@ from .bombs import ods, ods_row, xlsx
 
 def ods_cell(kind: str, text: str = "", **values: str) -> str:
     said = "".join(f' office:{name.replace("_", "-")}="{value}"' for name, value in values.items())
-    return (
-        f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p>'
-        "</table:table-cell>"
-    )
+    return f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p></table:table-cell>'
 
 
 def test_cells_of_libre_office(tmp_path: Path) -> None:
@@ -36,8 +33,16 @@ def test_cells_of_libre_office(tmp_path: Path) -> None:
         + empty
         for k in range(3)
     ]
-    ods(path, [ods_row(empty, 7), ods_row(head), *map(ods_row, rows), ods_row(rows[2], 2),
-               ods_row(empty, 1_048_000)])  # fmt: skip
+    ods(
+        path,
+        [
+            ods_row(empty, 7),
+            ods_row(head),
+            *map(ods_row, rows),
+            ods_row(rows[2], 2),
+            ods_row(empty, 1_048_000),
+        ],
+    )
     sheet = read_sheet(path, ReadOptions())
     assert [column.name for column in sheet.columns] == ["clock", "height"]
     assert sheet.columns[0].values is not None
@@ -78,9 +83,7 @@ def test_a_cell_without_a_value_is_lost(tmp_path: Path) -> None:
     assert record.time.tolist() == [0.0, 1.0, 3.0, 4.0, 5.0]
 
 
-def test_limits_hold_for_all_sheets_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_limits_hold_for_all_sheets_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook()
     for name in ("a", "b"):

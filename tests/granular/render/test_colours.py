@@ -15,27 +15,21 @@ from granular.shared.plotting import COLOURS, SIDES
 
 EYES = {
     "all cones": np.eye(3),
-    "without red cones": np.array([
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
-    ]),
-    "without green cones": np.array([
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ]),
-    "without blue cones": np.array([
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
-    ]),
-}  # fmt: skip
+    "without red cones": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "without green cones": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "without blue cones": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
 """What remains of linear red, green and blue: Machado, Oliveira and Fernandes 2009, Table 1."""
 
-_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375],
-                 [0.2126729, 0.7151522, 0.0721750],
-                 [0.0193339, 0.1191920, 0.9503041]])  # fmt: skip
+_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 
 APART = 15.0
 """Least distance in CIELAB; 2.3 is what eyes just notice between patches that touch."""
@@ -51,11 +45,7 @@ def seen(colours: Sequence[str | tuple[float, ...]] | np.ndarray, eyes: str) -> 
     return np.stack([116.0 * fy - 16.0, 500.0 * (fx - fy), 200.0 * (fy - fz)], axis=1)
 
 
-PALETTES = {
-    "species": SPECIES,
-    "sides": tuple(SIDES.values()),
-    "lines": COLOURS,
-}
+PALETTES = {"species": SPECIES, "sides": tuple(SIDES.values()), "lines": COLOURS}
 
 
 @pytest.mark.parametrize("eyes", EYES)

@@ -64,9 +64,7 @@ def test_plays_in_the_wanted_time(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.mp4", fps=8.0, speed=None, progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert (count, seconds) == (12, pytest.approx(1.5, abs=0.02))
-    with Image.open(
-        movie(short, tmp_path / "bed.gif", fps=8.0, speed=None, progress=False)
-    ) as file:
+    with Image.open(movie(short, tmp_path / "bed.gif", fps=8.0, speed=None, progress=False)) as file:
         assert file.info["duration"] == pytest.approx(125.0, abs=10.0)
 
 
@@ -99,10 +97,7 @@ def test_ctrl_c_keeps_what_was_made(
 
     monkeypatch.setattr(BedPicture, "show", interrupted)
     path = tmp_path / f"bed.{ending}"
-    with (
-        pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"),
-        pytest.raises(KeyboardInterrupt),
-    ):
+    with pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"), pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)
     assert len(pictures(path)) == 5
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
@@ -148,9 +143,7 @@ def test_colours_are_the_same_all_along(short: Trajectory, tmp_path: Path) -> No
         ("there.gif", {}, "exists"),
     ],
 )
-def test_bad_choices(
-    short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str
-) -> None:
+def test_bad_choices(short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str) -> None:
     (tmp_path / "there.gif").touch()
     with pytest.raises(InputError, match=message):
         movie(short, tmp_path / name, progress=False, **choice)
@@ -173,9 +166,7 @@ def test_grains_between_frames_are_where_they_swing(swing: Trajectory) -> None:
     true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
     assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines: 5e-2
     heights = np.array([one.height for one in found])
-    assert np.allclose(
-        heights, np.interp(times, swing.dataset["time"], swing.dataset["piston_height"])
-    )
+    assert np.allclose(heights, np.interp(times, swing.dataset["time"], swing.dataset["piston_height"]))
     assert [one.time for one in found] == list(times)
 
 

@@ -12,12 +12,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from granular.observables import (
-    grain_pressures,
-    hexagon_regularity,
-    per_frame,
-    voronoi_cells,
-)
+from granular.observables import grain_pressures, hexagon_regularity, per_frame, voronoi_cells
 from granular.render import save_picture, still
 from granular.render.colourings import COLOURINGS, SPECIES
 from granular.run.trajectory import Trajectory
@@ -43,25 +38,31 @@ def words(figure: Figure) -> str:
 def lattice(run: Trajectory) -> Trajectory:
     """One frame of 120 grains in a hexagonal lattice, disordered."""
     k = np.arange(120)
-    place = np.stack([0.008 + 0.006 * (k % 12 + 0.5 * (k // 12 % 2)),
-                      0.006 + 0.0052 * (k // 12)], axis=1)  # fmt: skip
+    place = np.stack([0.008 + 0.006 * (k % 12 + 0.5 * (k // 12 % 2)), 0.006 + 0.0052 * (k // 12)], axis=1)
     place += np.random.default_rng(11).uniform(-0.0015, 0.0015, place.shape)
     scene = run.scene.replace(
-        **{"grains.count": 120, "grains.species": [{"name": "one", "diameter": "3 mm"}],
-           "piston.height": 0.06, "cell.width": 0.09}
-    )  # fmt: skip
+        **{
+            "grains.count": 120,
+            "grains.species": [{"name": "one", "diameter": "3 mm"}],
+            "piston.height": 0.06,
+            "cell.width": 0.09,
+        }
+    )
     import xarray
 
     from granular.run.trajectory import make_trajectory
 
     force = np.random.default_rng(3).normal(0.0, 0.1, (1, 120, 2))
     data = xarray.Dataset(
-        {"position": (("frame", "grain", "axis"), place[None]),
-         "velocity": (("frame", "grain", "axis"), 0.1 * force),
-         "force": (("frame", "grain", "axis"), force),
-         "frame_time": ("frame", [0.5]), "frame_height": ("frame", [0.06])},
+        {
+            "position": (("frame", "grain", "axis"), place[None]),
+            "velocity": (("frame", "grain", "axis"), 0.1 * force),
+            "force": (("frame", "grain", "axis"), force),
+            "frame_time": ("frame", [0.5]),
+            "frame_height": ("frame", [0.06]),
+        },
         coords={"time": [0.0, 1.0]},
-    )  # fmt: skip
+    )
     return make_trajectory(scene, data, {}, {"stages": [], "complete": True, "figures": {}}, None)
 
 
@@ -132,9 +133,7 @@ def test_sides_are_those_of_the_cells(lattice: Trajectory) -> None:
     assert {5, 6, 7} <= set(found.sides[inner].tolist())
 
 
-@pytest.mark.parametrize(
-    "colour", ["speed", "force", "compression", "pressure", "regularity", "fluctuation"]
-)
+@pytest.mark.parametrize("colour", ["speed", "force", "compression", "pressure", "regularity", "fluctuation"])
 def test_colour_bars(lattice: Trajectory, colour: str) -> None:
     """A greater value lies higher on the bar, and the bar says what it is."""
     from matplotlib import colormaps
@@ -153,10 +152,7 @@ def test_colour_bars(lattice: Trajectory, colour: str) -> None:
         values = grain_pressures(lattice.scene, place, float(height))
         values, drawn = values[np.isfinite(values)], cells(figure).get_facecolor()
     elif colour == "compression":
-        values, drawn = (
-            per_frame(lattice, "compressive_force").values[0],
-            grains(figure).get_facecolor(),
-        )
+        values, drawn = (per_frame(lattice, "compressive_force").values[0], grains(figure).get_facecolor())
     elif colour == "speed":
         values = 1e3 * np.linalg.norm(data["velocity"].values[0], axis=1)
         drawn = grains(figure).get_facecolor()
@@ -186,9 +182,11 @@ def test_every_colour_works_with_three_grains_and_with_none(run: Trajectory) -> 
 
 def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
     scene = run.scene.replace(
-        **{"effects.walls.left": None, "effects.walls.bottom":
-           {"law": "slab", "gap_start": 0.03, "gap_end": 0.05}}
-    )  # fmt: skip
+        **{
+            "effects.walls.left": None,
+            "effects.walls.bottom": {"law": "slab", "gap_start": 0.03, "gap_end": 0.05},
+        }
+    )
     figure = still(dataclasses.replace(run, scene=scene), 0)
     bars = [one.get_bbox() for one in figure.axes[0].patches if isinstance(one, Rectangle)]
     below = sorted((one.x0, one.x1) for one in bars if one.y1 == pytest.approx(0.0))
@@ -200,8 +198,7 @@ def test_walls_are_drawn_where_they_are(run: Trajectory) -> None:
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_same_picture_is_the_same_file(run: Trajectory, tmp_path: Path, ending: str) -> None:
     first, again = (
-        save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes()
-        for k in "ab"
+        save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
     )
     assert first[:4] in {b"\x89PNG", b"<?xm", b"%PDF"}
     assert first == again

@@ -61,8 +61,15 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     page = response_page(found).render()
     row = found.peaks()[1]
     assert f"{row['reduction']:.3g} times as much" in page
-    for words in ("times lower", "rearranging [mJ]", "added damping", "loss factor", "auto*4",
-                  "changes by 7 % while it is taken", "stiffness = 41700"):  # fmt: skip
+    for words in (
+        "times lower",
+        "rearranging [mJ]",
+        "added damping",
+        "loss factor",
+        "auto*4",
+        "changes by 7 % while it is taken",
+        "stiffness = 41700",
+    ):
         assert words in page, words
     assert "friction [mJ]" not in page
     assert "nothing is known" in response_page(found, missing="nothing is known").render()
@@ -123,8 +130,18 @@ REFUSED = [
     ),
     (("response", "bed", "--from", "2Hz", "--to", "4Hz", "--sweep", "60s"), "has no host"),
     (
-        ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep", "60s",
-         "--set", "effects.host.excitation=none"),
+        (
+            "response",
+            "machine",
+            "--from",
+            "2Hz",
+            "--to",
+            "4Hz",
+            "--sweep",
+            "60s",
+            "--set",
+            "effects.host.excitation=none",
+        ),
         "give --force, --acceleration or --displacement",
     ),
     (("response", "machine", "--to", "4Hz"), "required: --from; see "),
@@ -137,13 +154,11 @@ REFUSED = [
     ((*STRUCK, "machine", "--force", "0N"), "give a force that is not 0"),
     ((*STRUCK, "machine", "--force", "5N", "--fraction", "1.5"), "above 0 and below 1"),
     ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("words", "message"), REFUSED)
-def test_bad_input_is_one_line(
-    words: tuple[str, ...], message: str, command: Callable[..., Any]
-) -> None:
+def test_bad_input_is_one_line(words: tuple[str, ...], message: str, command: Callable[..., Any]) -> None:
     done = command("granular", *words)
     assert done.returncode == 2
     assert message in done.stderr

@@ -30,13 +30,16 @@ def bench(**changes: Any) -> Scene:
     plain = {
         "name": "bench",
         "grains": {
-            "count": 1, "species": [{"diameter": "6 mm"}],
+            "count": 1,
+            "species": [{"diameter": "6 mm"}],
             "density": mass / (math.pi / 4.0 * 0.006**2 * 0.003),
         },
         "cell": {"width": "60 D"},
         "effects": {
             "walls": {
-                "left": "none", "right": "none", "top": "none",
+                "left": "none",
+                "right": "none",
+                "top": "none",
                 "bottom": {"energy": "k*(w-l)^2/2", "k": "75 N/m", "l": "60 mm"},
             },
             "drag": {"coefficient": 1.0},
@@ -46,16 +49,14 @@ def bench(**changes: Any) -> Scene:
         "protocol": [{"name": "shake", "kind": "hold", "duration": 20.0}],
         "piston": {"height": "20 D"},
         "output": {"scalars": "2 ms", "frames": "1 s"},
-    }  # fmt: skip
+    }
     return Scene.from_plain(plain).replace(**changes)
 
 
 @pytest.mark.long
 def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
     scene, frequencies = bench(), [ratio * RESONANCE for ratio in RATIOS]
-    found = frequency_response(
-        scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False
-    )
+    found = frequency_response(scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False)
     hung = hanging_mass_stiffness(frequencies, 0.2, 75.0, 1.0)
     host = scene.effects.host
     assert host is not None
@@ -65,17 +66,14 @@ def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
     omega = math.tau * np.array(frequencies)
     np.testing.assert_allclose(data.added_damping, hung.imag / omega, rtol=0.05, atol=0.02)
     np.testing.assert_allclose(data.effective_mass, -hung.real / omega**2, rtol=0.05, atol=0.02)
-    again = frequency_response(
-        scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False
-    )
+    again = frequency_response(scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False)
     assert found.dataset.equals(again.dataset)
 
 
 def test_den_hartogs_tuned_mass_makes_both_peaks_alike() -> None:
-    host = Host.from_plain({
-        "bodies": [{"mass": 100.0, "stiffness": 4e4}],
-        "excitation": {"force": 1.0, "frequency": 1.0},
-    })  # fmt: skip
+    host = Host.from_plain(
+        {"bodies": [{"mass": 100.0, "stiffness": 4e4}], "excitation": {"force": 1.0, "frequency": 1.0}}
+    )
     frequencies = np.linspace(2.0, 4.5, 4001)
     hung = hanging_mass_stiffness(frequencies, 5.0, *tuned_mass(host, 5.0))
     swing = np.abs(linear_response(host, frequencies, hung)[:, 0])
@@ -102,15 +100,31 @@ def test_the_energy_in_a_period_is_what_force_and_drag_exchange() -> None:
 
 
 @pytest.mark.long
-def test_the_command_answers_and_refuses(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_answers_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.toml"
     bench().save(file)
-    main([
-        "response", str(file), "--from", "2Hz", "--to", "4Hz", "--points", "2", "--duration", "6",
-        "--force", "2N", "--workers", "1", "--json", "--quiet", "-o", str(tmp_path / "out"),
-    ])  # fmt: skip
+    main(
+        [
+            "response",
+            str(file),
+            "--from",
+            "2Hz",
+            "--to",
+            "4Hz",
+            "--points",
+            "2",
+            "--duration",
+            "6",
+            "--force",
+            "2N",
+            "--workers",
+            "1",
+            "--json",
+            "--quiet",
+            "-o",
+            str(tmp_path / "out"),
+        ]
+    )
     answer = json.loads(capsys.readouterr().out)
     assert answer["peaks"][0]["amplitude"] == 2.0
     assert (tmp_path / "out" / "response.png").is_file()

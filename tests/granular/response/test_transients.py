@@ -31,13 +31,17 @@ def amplitude(frequency: np.ndarray) -> np.ndarray:
 
 
 def machine(excitation: dict[str, object], duration: float) -> Scene:
-    return Scene.from_plain({
-        "name": "bare", "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
-        "cell": {"width": "60 D"}, "piston": {"height": "20 D"},
-        "effects": {"host": {"bodies": [BODY], "excitation": excitation}},
-        "protocol": [{"name": "shake", "kind": "hold", "duration": duration}],
-        "output": {"scalars": "2 ms", "frames": "1 s"},
-    })  # fmt: skip
+    return Scene.from_plain(
+        {
+            "name": "bare",
+            "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
+            "cell": {"width": "60 D"},
+            "piston": {"height": "20 D"},
+            "effects": {"host": {"bodies": [BODY], "excitation": excitation}},
+            "protocol": [{"name": "shake", "kind": "hold", "duration": duration}],
+            "output": {"scalars": "2 ms", "frames": "1 s"},
+        }
+    )
 
 
 def test_a_decay_comes_down_in_its_own_time() -> None:
@@ -96,9 +100,21 @@ def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixtur
     file = tmp_path / "bare.toml"
     machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)
     swept = [
-        "response", str(file), "--from", "1.5Hz", "--to", "6Hz", "--sweep", "60s", "--json",
-        "--points", "40", "--quiet", "-o", str(tmp_path / "swept"),
-    ]  # fmt: skip
+        "response",
+        str(file),
+        "--from",
+        "1.5Hz",
+        "--to",
+        "6Hz",
+        "--sweep",
+        "60s",
+        "--json",
+        "--points",
+        "40",
+        "--quiet",
+        "-o",
+        str(tmp_path / "swept"),
+    ]
     main(swept)
     (peak,) = json.loads(capsys.readouterr().out)["peaks"]
     exact = np.abs(amplitude(np.linspace(1.5, 6.0, 1000))).max()
@@ -107,10 +123,7 @@ def test_the_commands_run_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert {"report.html", "response.csv", "response.png", "run"} <= {
         one.name for one in (tmp_path / "swept").iterdir()
     }
-    struck = [
-        "response", str(file), "--impulse", "--force", "50N", "--quiet", "-o",
-        str(tmp_path / "struck"),
-    ]  # fmt: skip
+    struck = ["response", str(file), "--impulse", "--force", "50N", "--quiet", "-o", str(tmp_path / "struck")]
     with pytest.raises(InputError, match="run longer"):
         main([*struck, "--duration", "0.5s"])
     main([*struck, "--duration", "3s", "--json"])

@@ -12,20 +12,9 @@ from numba.core.compiler_lock import global_compiler_lock
 
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
-from granular.run.accuracy import (
-    FLOORS,
-    MARGIN,
-    choose_settings,
-    parse_accuracy,
-    step_hidden_by_scatter,
-)
+from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy, step_hidden_by_scatter
 from granular.run.options import validated_step
-from granular.run.price_table import (
-    WorkPrecisionTable,
-    load_price_table,
-    nearest_priced_scene,
-    price_text,
-)
+from granular.run.price_table import WorkPrecisionTable, load_price_table, nearest_priced_scene, price_text
 from granular.run.summary import run_text
 from granular.shared.errors import InputError
 
@@ -34,10 +23,7 @@ def of_table(one: WorkPrecisionTable) -> Scene:
     """A scene that the table's entry stands for."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
-        changes |= {
-            "piston.mass": 7.5,
-            "protocol": [{"kind": "free", "name": "drop", "until": "rest"}],
-        }
+        changes |= {"piston.mass": 7.5, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]}
     if one.kind == "friction":
         changes |= {"effects.drag": None, "effects.friction": {}}
     return load_scene("bed").replace(**changes)
@@ -80,10 +66,14 @@ def test_accuracies_are_read() -> None:
     assert parse_accuracy("1e-4 rest height") == (1e-4, "rest height")
     assert parse_accuracy(" 1 %  piston force") == (0.01, "piston force")
     for text, said in (
-        ("rest height", "give an error above 0"), ("0 rest height", "above 0"),
-        ("1e-3 rest heigth", "did you mean 'rest height'"), ("nan energy", "above 0"),
-        ("1e999 energy", "above 0"), ("-1 energy", "above 0"), ("", "above 0"),
-    ):  # fmt: skip
+        ("rest height", "give an error above 0"),
+        ("0 rest height", "above 0"),
+        ("1e-3 rest heigth", "did you mean 'rest height'"),
+        ("nan energy", "above 0"),
+        ("1e999 energy", "above 0"),
+        ("-1 energy", "above 0"),
+        ("", "above 0"),
+    ):
         with pytest.raises(InputError, match=said):
             parse_accuracy(text)
 
@@ -101,9 +91,8 @@ def test_what_cannot_be_promised_is_refused(bed: Scene) -> None:
 
 def test_a_mesh_gives_way_to_the_direct_sum_where_it_would_be_felt(bed: Scene) -> None:
     large = bed.replace(
-        **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D",
-           "arrangement.height": "58 D"}
-    )  # fmt: skip
+        **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D", "arrangement.height": "58 D"}
+    )
     assert large.pair_method == "mesh"
     rough, fine = (choose_settings(large, f"{one} rest height") for one in (0.2, 8e-4))
     assert (rough.scene.pair_method, fine.scene.pair_method) == ("mesh", "direct")

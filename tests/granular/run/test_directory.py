@@ -13,12 +13,7 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_scene, load_trajectory, simulate
-from granular.run.directory import (
-    create_partial_directory,
-    lock_directory,
-    move_into_place,
-    unlock_directory,
-)
+from granular.run.directory import create_partial_directory, lock_directory, move_into_place, unlock_directory
 from granular.shared.errors import StoreError
 
 ROOT = Path(__file__).parents[3]
@@ -60,9 +55,12 @@ def test_links_that_lead_nowhere_are_refused(scene: Scene, tmp_path: Path) -> No
     (tmp_path / "file").touch()
     (tmp_path / "to-file").symlink_to("file")
     for name, words in (
-        ("loop", "a link that leads to itself"), ("there", "a link that leads to itself"),
-        ("file", "is a file"), ("to-file", "is a file"), ("file/run", "cannot be made"),
-    ):  # fmt: skip
+        ("loop", "a link that leads to itself"),
+        ("there", "a link that leads to itself"),
+        ("file", "is a file"),
+        ("to-file", "is a file"),
+        ("file/run", "cannot be made"),
+    ):
         with pytest.raises(StoreError, match=words):
             started(scene, tmp_path / name)
     assert not parts(tmp_path)
@@ -93,10 +91,13 @@ def test_several_processes_begin_at_once(scene: Scene, tmp_path: Path) -> None:
         begun_by = [
             subprocess.Popen(
                 [sys.executable, "-m", *words, "--t-end", "1e-3", "--quiet"],
-                cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                cwd=ROOT,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
             )
             for _ in range(3)
-        ]  # fmt: skip
+        ]
         said = [one.communicate()[1] for one in begun_by]
         codes = [one.returncode for one in begun_by]
         assert sorted(codes) == [0, 2, 2], said
@@ -134,10 +135,7 @@ def full_disk(workspace: int) -> Iterator[None]:
 @pytest.mark.parametrize("workspace", [100, 5000])
 def test_a_disk_that_is_full_at_the_start(scene: Scene, tmp_path: Path, workspace: int) -> None:
     started(scene, tmp_path / "other")  # loads what is compiled
-    with (
-        full_disk(workspace),
-        pytest.raises(StoreError, match="run cannot be made: File too large"),
-    ):
+    with full_disk(workspace), pytest.raises(StoreError, match="run cannot be made: File too large"):
         started(scene, tmp_path / "run")
     assert [one.name for one in tmp_path.iterdir()] == ["other"]
 

@@ -55,10 +55,9 @@ def test_a_push_lends_its_force() -> None:
     """M z'' = -M g + F, with a phase that counts from the stage's start; 0 in other stages."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.0123},
-        {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0,
-         "duration": 0.04},
+        {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0, "duration": 0.04},
         {"kind": "free", "name": "fall", "duration": 0.01},
-    )  # fmt: skip
+    )
     run = simulate(scene, progress=False)
     record = run.piston("push")
     assert record.extra["outer_force"][0] == pytest.approx(3.0)

@@ -50,9 +50,7 @@ def in_time() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return load_scene("single-particle").replace(
-        **{"output.scalars": 2.5e-4, "output.frames": 1e-3}
-    )
+    return load_scene("single-particle").replace(**{"output.scalars": 2.5e-4, "output.frames": 1e-3})
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +79,9 @@ def check(runs: Runs, scene: Scene, place: Path, damaged: str, how: str) -> list
     """Load a damaged copy, and resume one; the lines of errors."""
     lines = []
     outcomes: tuple[tuple[Callable[[], Trajectory], xarray.Dataset], ...] = (
-        (lambda: load_trajectory(place), runs.data), (lambda: resumed(scene, place), runs.end)
-    )  # fmt: skip
+        (lambda: load_trajectory(place), runs.data),
+        (lambda: resumed(scene, place), runs.end),
+    )
     for made, right in outcomes:
         try:
             with in_time():
@@ -103,18 +102,15 @@ def copied(runs: Runs, place: Path) -> Path:
 
 def chunks(run: Path) -> list[str]:
     return sorted(
-        str(file.relative_to(run)) for file in run.rglob("trajectory.zarr/*/c/**/*")
-        if file.is_file()
-    )  # fmt: skip
+        str(file.relative_to(run)) for file in run.rglob("trajectory.zarr/*/c/**/*") if file.is_file()
+    )
 
 
 def files(run: Path) -> list[str]:
     return sorted(str(file.relative_to(run)) for file in run.rglob("*") if file.is_file())
 
 
-def test_an_older_chunk_is_not_taken_for_a_newer_one(
-    runs: Runs, scene: Scene, tmp_path: Path
-) -> None:
+def test_an_older_chunk_is_not_taken_for_a_newer_one(runs: Runs, scene: Scene, tmp_path: Path) -> None:
     """Behind what it held when it was copied there are fill values, which are no records."""
     assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
     for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
@@ -156,12 +152,16 @@ def test_a_chunk_of_another_run_is_noticed(runs: Runs, scene: Scene, tmp_path: P
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 @pytest.mark.parametrize(
     "name",
-    ["scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.json",
-     "trajectory.zarr/time/c/3", "trajectory.zarr/position/c/0/0/0"],
-)  # fmt: skip
-def test_a_pipe_in_place_of_a_file_is_named(
-    runs: Runs, scene: Scene, tmp_path: Path, name: str
-) -> None:
+    [
+        "scene.toml",
+        "run.json",
+        "checkpoint.npz",
+        "trajectory.zarr/zarr.json",
+        "trajectory.zarr/time/c/3",
+        "trajectory.zarr/position/c/0/0/0",
+    ],
+)
+def test_a_pipe_in_place_of_a_file_is_named(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
     place = copied(runs, tmp_path / "run")
     (place / name).unlink()
     os.mkfifo(place / name)

@@ -26,9 +26,7 @@ print(memory(30), memory(150))
 
 @pytest.mark.long
 def test_runs_leave_nothing_in_memory() -> None:
-    said = subprocess.run(
-        [sys.executable, "-c", PROGRAM], check=True, capture_output=True, text=True
-    ).stdout
+    said = subprocess.run([sys.executable, "-c", PROGRAM], check=True, capture_output=True, text=True).stdout
     print(said)
     first, second = map(float, said.split())  # MB
     assert second - first < 5.0

@@ -32,9 +32,14 @@ def test_what_is_dry(small_bed: Scene, changes: dict[str, Any], dry: tuple[str, 
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"effects.friction": {}}, CONTACT, {"piston.friction": 0.1, "piston.mass": 1.0},
-     {"effects.walls.top": {"law": "slab"}}],
-)  # fmt: skip
+    [
+        {},
+        {"effects.friction": {}},
+        CONTACT,
+        {"piston.friction": 0.1, "piston.mass": 1.0},
+        {"effects.walls.top": {"law": "slab"}},
+    ],
+)
 def test_simulate_refuses_what_is_not_allowed(small_bed: Scene, changes: dict[str, Any]) -> None:
     """Before anything is compiled: a scene without an end is refused last."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])

@@ -23,9 +23,7 @@ ROOT = Path(__file__).parents[3]
 def test_the_outlook_of_a_long_run() -> None:
     assert remaining_time_text(1e12, 1e6) == "up to 1e+12 steps, 12 days at 1e+06 steps a second"
     assert remaining_time_text(2e9, 1e6) == "up to 2e+09 steps, 33 minutes at 1e+06 steps a second"
-    assert (
-        remaining_time_text(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
-    )
+    assert remaining_time_text(1e20, 1e6) == "up to 1e+20 steps, 3.2e+06 years at 1e+06 steps a second"
     assert remaining_time_text(5e6, 1e6) is None
 
 
@@ -46,8 +44,11 @@ def test_a_run_of_weeks_says_so_and_ends_on_sigterm(tmp_path: Path) -> None:
     words = ("granular", "run", "single-particle", "--dt", "1e-12", "-o", str(out))
     process = subprocess.Popen(
         [sys.executable, "-m", *words, "--set", "protocol.0.duration=1"],
-        cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert process.stderr is not None
     said = next(line for line in process.stderr if "steps a second" in line)
     assert "up to 1e+12 steps" in said
@@ -96,9 +97,13 @@ for _ in range(2):
 def test_compiling_is_said_with_its_progress(tmp_path: Path) -> None:
     """By the kernel, where nothing is compiled yet; the second run says nothing of it."""
     done = subprocess.run(
-        [sys.executable, "-c", COMPILING], cwd=ROOT, capture_output=True, text=True, check=True,
+        [sys.executable, "-c", COMPILING],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-    )  # fmt: skip
+    )
     _, first, second = done.stderr.split("run\n")
     assert "compiling for scenes of this kind, kept for later runs, kernel 2" in first
     assert "compiling" not in second

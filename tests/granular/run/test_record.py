@@ -49,9 +49,7 @@ def write(path: Path, text: str) -> Path:
 
 
 def test_units_from_header_and_argument(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "lab.csv", "# lab 3\ntime [ms];height (mm);velocity\n0;59;0\n2;60;0.5\n"
-    )
+    path = write(tmp_path / "lab.csv", "# lab 3\ntime [ms];height (mm);velocity\n0;59;0\n2;60;0.5\n")
     record = PistonRecord.from_csv(path)
     assert record.time.tolist() == [0.0, 0.002]
     assert record.height.tolist() == pytest.approx([0.059, 0.060])
@@ -128,12 +126,9 @@ def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None
 
     made = {name: pyarrow.array(values) for name, values in columns.items()}
     fields = [
-        pyarrow.field(
-            name, values.type,
-            metadata={"units": units[name]} if units and name in units else None,
-        )
+        pyarrow.field(name, values.type, metadata={"units": units[name]} if units and name in units else None)
         for name, values in made.items()
-    ]  # fmt: skip
+    ]
     table = pyarrow.Table.from_arrays(list(made.values()), schema=pyarrow.schema(fields))
     pyarrow.parquet.write_table(table, path)
     return path
@@ -152,9 +147,7 @@ def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
     record = PistonRecord.from_file(path)
     assert record.time.tolist() == [0.0, 0.002, 0.004]
     assert record.height.tolist() == pytest.approx([0.059, 0.060, 0.061])
-    assert {name: values.tolist() for name, values in record.extra.items()} == {
-        "load": [1.0, 2.0, 3.0]
-    }
+    assert {name: values.tolist() for name, values in record.extra.items()} == {"load": [1.0, 2.0, 3.0]}
     assert PistonRecord.from_parquet(path, {"height": "m"}).height.tolist() == [59.0, 60.0, 61.0]
 
 
@@ -186,9 +179,7 @@ BAD_TABLES = [
 
 
 @pytest.mark.parametrize(("columns", "units", "words"), BAD_TABLES)
-def test_bad_parquet(
-    tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str
-) -> None:
+def test_bad_parquet(tmp_path: Path, columns: dict[str, object], units: dict[str, str], words: str) -> None:
     path = parquet(tmp_path / "bad.parquet", columns, units)
     with pytest.raises(RecordError) as caught:
         PistonRecord.from_parquet(path)

@@ -32,15 +32,17 @@ ROOT = Path(__file__).parents[3]
 def scene(small_damper: Scene) -> Scene:
     """A short damper run with a step that is no divisor of anything."""
     return small_damper.replace(
-        **{"protocol.drop.until": None, "protocol.drop.duration": 0.0503,
-           "protocol.release.duration": 0.05, "output.frames": 0.01}
-    )  # fmt: skip
+        **{
+            "protocol.drop.until": None,
+            "protocol.drop.duration": 0.0503,
+            "protocol.release.duration": 0.05,
+            "output.frames": 0.01,
+        }
+    )
 
 
 def same(one: Trajectory, other: Trajectory) -> bool:
-    return all(
-        np.array_equal(one.dataset[name].values, other.dataset[name].values) for name in one.dataset
-    )
+    return all(np.array_equal(one.dataset[name].values, other.dataset[name].values) for name in one.dataset)
 
 
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
@@ -61,18 +63,22 @@ def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: f
 def test_recording_does_not_change_the_motion(scene: Scene) -> None:
     often = simulate(scene.replace(**{"output.frames": 0.001}), dt=2e-5, progress=False)
     seldom = simulate(scene.replace(**{"output.frames": 0.02}), dt=2e-5, progress=False)
-    assert np.array_equal(
-        often.dataset["position"].values[-1], seldom.dataset["position"].values[-1]
-    )
+    assert np.array_equal(often.dataset["position"].values[-1], seldom.dataset["position"].values[-1])
 
 
 @pytest.mark.long  # quick: the sums over pairs, which are all that threads share, one by one
 def test_threads_give_the_same_bits(bed: Scene) -> None:
     large = bed.replace(
-        **{"grains.count": 1472, "cell.width": "120 D", "piston.height": "40 D",
-           "arrangement.height": "38 D", "effects.walls": None, "effects.gravity": None,
-           "effects.drag": None}
-    )  # fmt: skip
+        **{
+            "grains.count": 1472,
+            "cell.width": "120 D",
+            "piston.height": "40 D",
+            "arrangement.height": "38 D",
+            "effects.walls": None,
+            "effects.gravity": None,
+            "effects.drag": None,
+        }
+    )
     one = simulate(large, dt=2e-5, t_end=2e-3, threads=1, progress=False)
     two = simulate(large, dt=2e-5, t_end=2e-3, threads=2, progress=False)
     assert same(one, two)
@@ -92,9 +98,7 @@ def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
     data = run.dataset
     assert data["position"].dims == ("frame", "grain", "axis")
     assert data["piston_height"].dims == ("time",)
-    assert all(
-        "units" in data[name].attrs for name in data.variables if name not in ("grain", "axis")
-    )
+    assert all("units" in data[name].attrs for name in data.variables if name not in ("grain", "axis"))
     assert data["piston_force"].attrs["units"] == "N"
     assert Scene.from_plain(__import__("tomllib").loads(data.attrs["scene"])) == scene
     versions = json.loads(data.attrs["settings"])["versions"]
@@ -123,15 +127,11 @@ def test_any_method_resumes_to_the_same_bits(
 ) -> None:
     scene = small_bed
     if alone:
-        scene = load_scene("single-particle").replace(
-            **{"arrangement.positions": [["30 D", "3 D"]]}
-        )
+        scene = load_scene("single-particle").replace(**{"arrangement.positions": [["30 D", "3 D"]]})
     scene = scene.replace(**{"output.frames": 0.005})
     integer = simulate(scene, t_end=0.04, method=method, progress=False)
     for t_end in (cut, 0.04):
-        part = simulate(
-            scene, t_end=t_end, method=method, out=tmp_path / "run", resume=True, progress=False
-        )
+        part = simulate(scene, t_end=t_end, method=method, out=tmp_path / "run", resume=True, progress=False)
         assert float(part.dataset["time"][-1]) == pytest.approx(t_end, rel=1e-12)
     assert part.dataset.equals(integer.dataset)
 
@@ -203,8 +203,7 @@ def test_rest_is_detected(small_damper: Scene) -> None:
 def test_rest_that_does_not_come(small_damper: Scene) -> None:
     scene = small_damper.replace(**{"protocol.drop.duration": 1.2})
     with pytest.raises(
-        NotAtRestError,
-        match=r"'drop' did not come to rest within 1\.2 s: the piston still moves at .* m/s",
+        NotAtRestError, match=r"'drop' did not come to rest within 1\.2 s: the piston still moves at .* m/s"
     ) as caught:
         simulate(scene, progress=False)
     assert caught.value.time == pytest.approx(1.2)

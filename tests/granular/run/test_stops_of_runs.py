@@ -157,9 +157,7 @@ def test_what_a_compilation_held_is_not_freed_after_a_stop() -> None:
     assert not freed
 
 
-def test_a_stop_is_not_lost_to_a_run_that_fails(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stop_is_not_lost_to_a_run_that_fails(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that goes on after a failed run ends all the same."""
     from granular.run.run import Run
 
@@ -172,9 +170,7 @@ def test_a_stop_is_not_lost_to_a_run_that_fails(
         simulate(scene, t_end=END, progress=False)
 
 
-def commands_end(
-    scene: Scene, folder: Path, delays: np.ndarray, numbers: list[signal.Signals]
-) -> None:
+def commands_end(scene: Scene, folder: Path, delays: np.ndarray, numbers: list[signal.Signals]) -> None:
     """Signals to the command ``run`` after some seconds: exit status, and what is on the disk."""
     scene.save(folder / "scene.toml")
     for k, (delay, number) in enumerate(zip(delays, numbers, strict=True)):
@@ -182,8 +178,11 @@ def commands_end(
         words = ("run", str(folder / "scene.toml"), "-o", str(out), "--t-end", "1e6", "--quiet")
         command = subprocess.Popen(
             [sys.executable, "-m", "granular", *words],
-            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         while not out.exists():
             time.sleep(0.01)
         time.sleep(delay)
@@ -200,8 +199,6 @@ def test_a_signal_ends_a_command(scene: Scene, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_many_signals_end_commands(
-    scene: Scene, tmp_path: Path, random: np.random.Generator
-) -> None:
+def test_many_signals_end_commands(scene: Scene, tmp_path: Path, random: np.random.Generator) -> None:
     numbers = [signal.SIGINT, signal.SIGTERM] * 20
     commands_end(scene, tmp_path, random.uniform(0.0, 2.0, 40), numbers)

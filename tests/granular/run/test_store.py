@@ -46,9 +46,7 @@ class Damage:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return load_scene("single-particle").replace(
-        **{"output.scalars": 2.5e-4, "output.frames": 1e-3}
-    )
+    return load_scene("single-particle").replace(**{"output.scalars": 2.5e-4, "output.frames": 1e-3})
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +85,13 @@ def outcome(made: Callable[[], Trajectory]) -> xarray.Dataset | str:
 
 
 def check(
-    damages: list[Damage], directory: Path, scene: Scene, integer: Trajectory, place: Path,
+    damages: list[Damage],
+    directory: Path,
+    scene: Scene,
+    integer: Trajectory,
+    place: Path,
     random: np.random.Generator,
-) -> None:  # fmt: skip
+) -> None:
     """Load and resume a copy with each damage: the same values, or one line with its name."""
     good = everything(load_trajectory(directory))
     for damage in damages:
@@ -134,10 +136,16 @@ def test_many_damages_are_noticed(
 @pytest.mark.parametrize("how", ["flipped", "truncated", "empty", "missing"])
 @pytest.mark.parametrize(
     "file",
-    ["scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.json",
-     "trajectory.zarr/position/zarr.json", "trajectory.zarr/position/c/0/0/0",
-     "trajectory.zarr/time/c/3"],
-)  # fmt: skip
+    [
+        "scene.toml",
+        "run.json",
+        "checkpoint.npz",
+        "trajectory.zarr/zarr.json",
+        "trajectory.zarr/position/zarr.json",
+        "trajectory.zarr/position/c/0/0/0",
+        "trajectory.zarr/time/c/3",
+    ],
+)
 def test_each_kind_of_file_is_named(
     directory: Path, tmp_path: Path, random: np.random.Generator, file: str, how: str
 ) -> None:
@@ -155,9 +163,7 @@ def test_a_run_without_positions_is_none(directory: Path, tmp_path: Path) -> Non
     shutil.rmtree(copy / "trajectory.zarr" / "position")
     with pytest.raises(StoreError, match=r"position/zarr\.json is missing; restore it"):
         load_trajectory(copy)
-    shutil.copytree(
-        directory / "trajectory.zarr" / "position", copy / "trajectory.zarr" / "position"
-    )
+    shutil.copytree(directory / "trajectory.zarr" / "position", copy / "trajectory.zarr" / "position")
     shutil.rmtree(copy / "trajectory.zarr" / "position" / "c")
     with pytest.raises(StoreError, match=r"position/c/\d/0/0 is missing; restore it"):
         everything(load_trajectory(copy))
@@ -223,9 +229,7 @@ def test_nothing_in_a_checkpoint_is_executed(
     assert not (tmp_path / "sprung").exists()
 
 
-def test_what_is_read_does_not_grow_while_the_run_does(
-    scene: Scene, directory: Path, tmp_path: Path
-) -> None:
+def test_what_is_read_does_not_grow_while_the_run_does(scene: Scene, directory: Path, tmp_path: Path) -> None:
     """A reader of a live run keeps the part that was complete when it opened it."""
     copy = tmp_path / "run"
     shutil.copytree(directory, copy)

@@ -55,12 +55,7 @@ def test_one_thread_stays_one() -> None:
 
 def test_small_beds_and_the_source_s_list_take_one(bed: Scene) -> None:
     large = bed.replace(
-        **{
-            "grains.count": 2000,
-            "cell.width": "140 D",
-            "piston.height": "62 D",
-            "arrangement.height": "60 D",
-        }
+        **{"grains.count": 2000, "cell.width": "140 D", "piston.height": "62 D", "arrangement.height": "60 D"}
     )
     assert choose_threads(bed, None) == 1
     assert choose_threads(large.replace(**{"pairs.method": "verlet-list"}), None) == 1
@@ -88,12 +83,16 @@ def test_large_beds_take_several(bed: Scene, method: str, monkeypatch: pytest.Mo
 @pytest.mark.parametrize("method", ["cut-off", "mesh"])
 def test_runs_have_the_same_bits(bed: Scene, method: str) -> None:
     large = bed.replace(
-        **{"grains.count": 1500, "cell.width": "121 D", "piston.height": "41 D",
-           "arrangement.height": "40 D", "pairs.method": method}
-    )  # fmt: skip
+        **{
+            "grains.count": 1500,
+            "cell.width": "121 D",
+            "piston.height": "41 D",
+            "arrangement.height": "40 D",
+            "pairs.method": method,
+        }
+    )
     ends = [
-        simulate(large, dt=2e-5, t_end=2e-3, threads=count, progress=False).dataset
-        for count in (1, 2, None)
+        simulate(large, dt=2e-5, t_end=2e-3, threads=count, progress=False).dataset for count in (1, 2, None)
     ]
     for one in ends[1:]:
         np.testing.assert_array_equal(one["position"], ends[0]["position"])

@@ -16,9 +16,13 @@ ROOT = Path(__file__).parents[3]
 
 def command(cache: Path, *words: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "granular", *words, "--json"], cwd=ROOT, capture_output=True,
-        text=True, check=False, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-    )  # fmt: skip
+        [sys.executable, "-m", "granular", *words, "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -19,9 +19,8 @@ PISTON = Piston(height=0.036)
 
 def test_parts_place_the_grains_as_their_scene_does(small_bed: Scene) -> None:
     found = initial_motion(
-        small_bed.arrangement, small_bed.grains, small_bed.cell, small_bed.piston,
-        overlapping=False,
-    )  # fmt: skip
+        small_bed.arrangement, small_bed.grains, small_bed.cell, small_bed.piston, overlapping=False
+    )
     for values, of_scene in zip(found, small_bed.initial_motion(), strict=True):
         assert np.array_equal(values, of_scene)
 
@@ -33,9 +32,7 @@ def test_grains_stand_in_the_cell_and_move_at_the_speed_asked_for() -> None:
     assert (places > 0.003).all()
     assert (places < [CELL.width - 0.003, PISTON.height - 0.003]).all()
     assert np.linalg.norm(velocities, axis=1) == pytest.approx(0.2, rel=1e-12)
-    other = initial_motion(
-        dataclasses.replace(plan, seed=4), GRAINS, CELL, PISTON, overlapping=False
-    )
+    other = initial_motion(dataclasses.replace(plan, seed=4), GRAINS, CELL, PISTON, overlapping=False)
     assert not np.isclose(places, other[0]).any(axis=1).all()
 
 

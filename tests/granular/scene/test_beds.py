@@ -60,9 +60,22 @@ def test_table_of_the_source(
 
 @pytest.mark.parametrize(
     ("fraction", "made"),
-    [(0.0, 0.0), (0.05, 0.05), (0.1, 0.1), (0.2, 0.2), (0.3, 0.3325), (0.4, 0.5), (0.45, 0.5),
-     (0.5, 0.5), (0.55, 0.5), (0.7, 0.6675), (0.9, 0.9), (0.95, 0.95), (1.0, 1.0)],
-)  # fmt: skip
+    [
+        (0.0, 0.0),
+        (0.05, 0.05),
+        (0.1, 0.1),
+        (0.2, 0.2),
+        (0.3, 0.3325),
+        (0.4, 0.5),
+        (0.45, 0.5),
+        (0.5, 0.5),
+        (0.55, 0.5),
+        (0.7, 0.6675),
+        (0.9, 0.9),
+        (0.95, 0.95),
+        (1.0, 1.0),
+    ],
+)
 def test_rule_of_the_source_makes_other_shares(fraction: float, made: float) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
     assert grains.fractions()[1] == made
@@ -99,9 +112,8 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
         for k, (size, weight) in enumerate(kinds)
     ]
     base = load_scene("bed").replace(
-        **{"grains.count": count, "cell.width": 100.0, "piston.height": 100.0,
-           "arrangement.height": 99.0}
-    )  # fmt: skip
+        **{"grains.count": count, "cell.width": 100.0, "piston.height": 100.0, "arrangement.height": 99.0}
+    )
     mixed = base.replace(**{"grains.species": [one.to_plain() for one in species]})
     height = final_height(0.07, species)
     first = count * np.pi / 4.0 * species[0].diameter ** 2 / (mixed.cell.width * 0.07)
@@ -111,9 +123,7 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
 def test_mono_bed_scales_with_its_number_of_grains() -> None:
     one, four = mono_bed(368), mono_bed(4 * 368)
     assert four.cell.width == pytest.approx(2.0 * one.cell.width)
-    assert four.protocol[1].to_plain()["to"] == pytest.approx(
-        2.0 * one.protocol[1].to_plain()["to"]
-    )
+    assert four.protocol[1].to_plain()["to"] == pytest.approx(2.0 * one.protocol[1].to_plain()["to"])
     assert packing_fraction(one, 0.12) == pytest.approx(0.241, abs=5e-4)
     assert mono_bed(92).protocol[0].to_plain()["to"] > 37.5 * 0.006
 
@@ -126,10 +136,17 @@ def test_damper_is_the_packaged_one() -> None:
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: mono_bed(0), lambda: mono_bed(speed=0.0), lambda: mono_bed(relaxation=-1.0),
-     lambda: bidisperse(1.5), lambda: bidisperse(0.6, 1.5), lambda: bidisperse(mixing="random"),
-     lambda: damper(count=0), lambda: damper(mass=-1.0)],
-)  # fmt: skip
+    [
+        lambda: mono_bed(0),
+        lambda: mono_bed(speed=0.0),
+        lambda: mono_bed(relaxation=-1.0),
+        lambda: bidisperse(1.5),
+        lambda: bidisperse(0.6, 1.5),
+        lambda: bidisperse(mixing="random"),
+        lambda: damper(count=0),
+        lambda: damper(mass=-1.0),
+    ],
+)
 def test_bad_arguments_are_named(make: Callable[[], object]) -> None:
     with pytest.raises(InputError):
         make()

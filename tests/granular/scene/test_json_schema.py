@@ -92,8 +92,12 @@ def test_keys_have_words_units_and_limits() -> None:
 
 def test_studies(tmp_path: Path) -> None:
     admits = jsonschema.Draft202012Validator(study_schema()).is_valid
-    study = {"scene": "damper", "dt": "auto*2", "grid": {"piston.mass": [6.0, 7.5]},
-             "cases": [{"piston.mass": "9 kg", "dt": "auto"}]}  # fmt: skip
+    study = {
+        "scene": "damper",
+        "dt": "auto*2",
+        "grid": {"piston.mass": [6.0, 7.5]},
+        "cases": [{"piston.mass": "9 kg", "dt": "auto"}],
+    }
     assert admits(study)
     for wrong in ({"grid": {}}, study | {"grids": {}}, study | {"cases": {}}, study | {"dt": -1.0}):
         assert not admits(wrong)

@@ -45,23 +45,34 @@ def test_packaged_scenes_are_those_asked_for() -> None:
     left=st.sampled_from([None, {"law": "experimental"}]),
 )
 def test_any_scene_round_trips(
-    mass: float, drag: float, gravity: float, width: float, seed: int, jitter: float,
-    until: str | None, duration: float, left: dict | None,
-) -> None:  # fmt: skip
+    mass: float,
+    drag: float,
+    gravity: float,
+    width: float,
+    seed: int,
+    jitter: float,
+    until: str | None,
+    duration: float,
+    left: dict | None,
+) -> None:
     scene = load_scene("damper").replace(
-        **{"piston.mass": mass, "effects.drag.coefficient": drag, "cell.width": width,
-           "effects.gravity.acceleration": gravity, "arrangement.seed": seed,
-           "arrangement.jitter": jitter, "protocol.drop.until": until,
-           "protocol.drop.duration": duration, "effects.walls.left": left}
-    )  # fmt: skip
+        **{
+            "piston.mass": mass,
+            "effects.drag.coefficient": drag,
+            "cell.width": width,
+            "effects.gravity.acceleration": gravity,
+            "arrangement.seed": seed,
+            "arrangement.jitter": jitter,
+            "protocol.drop.until": until,
+            "protocol.drop.duration": duration,
+            "effects.walls.left": left,
+        }
+    )
     assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
 
 
 @settings(max_examples=200, deadline=None)
-@given(
-    value=st.floats(-1e6, 1e6, allow_nan=False),
-    unit=st.sampled_from(["m", "mm", "cm", "um", "km", "nm"]),
-)
+@given(value=st.floats(-1e6, 1e6, allow_nan=False), unit=st.sampled_from(["m", "mm", "cm", "um", "km", "nm"]))
 def test_lengths_with_units(value: float, unit: str) -> None:
     size = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "km": 1e3, "nm": 1e-9}[unit]
     assert si_value(f"{value!r} {unit}", "m") == pytest.approx(value * size, rel=1e-15, abs=1e-300)
@@ -193,9 +204,7 @@ def test_what_is_said_of_the_grid_beside_positions_is_told(
 ) -> None:
     with pytest.raises(SceneError, match=f"arrangement.{name}: is of the grid.*{remedy}"):
         damper.replace(**PLACES, **{f"arrangement.{name}": value})
-    assert damper.replace(**{f"arrangement.{name}": value}).replace(**PLACES) == damper.replace(
-        **PLACES
-    )
+    assert damper.replace(**{f"arrangement.{name}": value}).replace(**PLACES) == damper.replace(**PLACES)
 
 
 @pytest.mark.parametrize(

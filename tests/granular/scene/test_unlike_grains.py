@@ -63,8 +63,12 @@ def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarra
     unit = MU0 * first**2 / (math.pi * diameter[0] ** 4)
     assert scene.piston is not None
     top = scene.piston.height
-    gaps = [(place[:, 0], 0, 1), (scene.cell.width - place[:, 0], 0, -1),
-            (place[:, 1], 1, 1), (top - place[:, 1], 1, -1)]  # fmt: skip
+    gaps = [
+        (place[:, 0], 0, 1),
+        (scene.cell.width - place[:, 0], 0, -1),
+        (place[:, 1], 1, 1),
+        (top - place[:, 1], 1, -1),
+    ]
     for w, axis, sign in gaps:
         force[:, axis] += sign * moment / first * unit * (diameter[0] / w) ** 3
         energy += float((moment / first * unit * diameter[0] * 0.5 * (diameter[0] / w) ** 2).sum())
@@ -77,9 +81,10 @@ ONE = {"grains.species": [{"name": "big", "diameter": "6 mm"}]}
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"grains.spread": 0.1}, ONE | {"grains.spread": 0.1}],
+    "changes",
+    [{}, {"grains.spread": 0.1}, ONE | {"grains.spread": 0.1}],
     ids=["two species", "two that spread", "one that spreads"],
-)  # fmt: skip
+)
 def test_unlike_grains_follow_the_sums_over_pairs(changes: dict[str, Any]) -> None:
     scene = mixed(**changes)
     place = scene.initial_motion()[0]
@@ -116,8 +121,15 @@ def test_masses_and_moments_are_those_of_the_material() -> None:
     assert grains.masses()[grains.assignment() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
     integer = math.pi / 4.0 * 0.006**2 * 0.003
     assert grains.moment_ratios()[1] == pytest.approx(0.9 * sheet / (1.3 * integer), rel=1e-14)
-    spread = mixed(**{"grains.spread": 0.1, "grains.count": 400, "cell.width": "60 D",
-                      "piston.height": "40 D", "arrangement.height": "39 D"})  # fmt: skip
+    spread = mixed(
+        **{
+            "grains.spread": 0.1,
+            "grains.count": 400,
+            "cell.width": "60 D",
+            "piston.height": "40 D",
+            "arrangement.height": "39 D",
+        }
+    )
     factors = spread.grains.spread_factors()
     assert factors.std() == pytest.approx(0.1, rel=0.1)
     assert np.abs(factors - 1.0).max() <= 0.3 + 1e-15

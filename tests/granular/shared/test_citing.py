@@ -40,9 +40,7 @@ def test_a_doi_ends_before_what_the_text_goes_on_with() -> None:
     assert dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
 
 
-def test_a_run_cites_its_effects_and_its_method(
-    run: Trajectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_cites_its_effects_and_its_method(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Trajectory, "method", METHODS["stormer-verlet"])
     text = cite(run)
     assert text.index("granular-damper") < text.index("depaula2025") < text.index("hairer2003")

@@ -88,8 +88,11 @@ def test_a_device_that_is_full_is_told() -> None:
     with FULL.open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "granular", "scenes"],
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
-        )  # fmt: skip
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
     assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
     assert "standard output or a file: No space left on device" in done.stderr
 

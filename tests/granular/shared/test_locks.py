@@ -52,9 +52,7 @@ def test_the_lock_of_a_process_that_is_killed_is_free(tmp_path: Path) -> None:
         "import sys, time; from pathlib import Path; from granular.shared.locks import lock_file\n"
         "with lock_file(Path(sys.argv[1]), True): print('held', flush=True); time.sleep(600)"
     )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", words, str(path)], cwd=ROOT, stdout=subprocess.PIPE
-    )
+    holder = subprocess.Popen([sys.executable, "-c", words, str(path)], cwd=ROOT, stdout=subprocess.PIPE)
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"held\n"
     with lock_file(path, wait=False) as alone:

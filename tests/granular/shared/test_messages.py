@@ -14,22 +14,24 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch, print_result
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
-from granular.shared.messages import (
-    LONGEST,
-    MOST,
-    as_factor,
-    one_line,
-    printable,
-    quote,
-    sanitize,
-)
+from granular.shared.messages import LONGEST, MOST, as_factor, one_line, printable, quote, sanitize
 from granular.shared.plotting import line_look, plain_label
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
 LARGE = (
-    "x" * 10**6, ["y" * 10**6] * 10**4, {k: k for k in range(10**5)}, 10**5000, 10**400, -(10**999),
-    b"\x00" * 10**6, np.zeros(10**6), STEERING, [STEERING], {STEERING: STEERING}, (((((1,),),),),),
-)  # fmt: skip
+    "x" * 10**6,
+    ["y" * 10**6] * 10**4,
+    {k: k for k in range(10**5)},
+    10**5000,
+    10**400,
+    -(10**999),
+    b"\x00" * 10**6,
+    np.zeros(10**6),
+    STEERING,
+    [STEERING],
+    {STEERING: STEERING},
+    (((((1,),),),),),
+)
 
 
 @pytest.mark.parametrize("value", LARGE, ids=[type(one).__name__ for one in LARGE])
@@ -48,11 +50,7 @@ def test_a_factor_is_one_that_people_use() -> None:
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
         assert as_factor(value) == words
-    assert (as_factor(16.72, 3), as_factor(123.4, 3), as_factor(12345.0, 3)) == (
-        "16.7",
-        "123",
-        "12,300",
-    )
+    assert (as_factor(16.72, 3), as_factor(123.4, 3), as_factor(12345.0, 3)) == ("16.7", "123", "12,300")
     for value in (4.2e12, 1e6, 1e306, float("inf"), float("nan")):
         assert as_factor(value) == as_factor(value, 3) == "more than a million"
 
@@ -102,11 +100,9 @@ BAD = {
     "a kind": lambda words, _: load_scene("bed").replace(protocol=[{"kind": words}]),
     "a table": lambda words, _: load_scene("bed").replace(grains=words),
     "a column": lambda words, _: PistonRecord([0, 1], [0, 1], extra={words: [1]}),
-    "a column's unit": lambda words, folder: record_of(
-        folder, f'time,"height [{words}]"\n0,1\n1,2\n'
-    ),
+    "a column's unit": lambda words, folder: record_of(folder, f'time,"height [{words}]"\n0,1\n1,2\n'),
     "a cell": lambda words, folder: record_of(folder, f'time,height\n0,"{words}"\n1,2\n'),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("words", ["z" * 10**5, STEERING * 100], ids=["long", "steering"])

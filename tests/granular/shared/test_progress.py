@@ -19,9 +19,7 @@ def test_a_log_has_a_line_at_the_start_and_one_at_the_end(
     assert said == "cases 0\ncases 500\n"
 
 
-def test_a_terminal_has_a_bar(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_has_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     for _ in progress_bar(iterable=range(5), desc="cases", ascii=True):
         pass

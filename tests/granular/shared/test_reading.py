@@ -104,18 +104,7 @@ def test_two_times_ten_thousand_columns(tmp_path: Path) -> None:
     assert len(str(caught.value)) < 600
 
 
-CELLS = (
-    "1_0.5",
-    "0x10",
-    "\uff11\uff12",
-    "\u0663",
-    "True",
-    "1 2",
-    "½",
-    "−1",
-    "1e",
-    "--1",
-)
+CELLS = ("1_0.5", "0x10", "\uff11\uff12", "\u0663", "True", "1 2", "½", "−1", "1e", "--1")
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -129,9 +118,19 @@ def test_a_cell_is_a_number_or_it_is_said(cell: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "values",
-    [[True, False], ["1", "2"], [1 + 2j, 3], np.ma.array([1.0, 2.0], mask=[0, 1]), [None, 1.0],
-     [10**400, 1], np.array(["2020", "2021"], dtype="datetime64[D]"), {1: 2}, "ab", [[1], [2]]],
-)  # fmt: skip
+    [
+        [True, False],
+        ["1", "2"],
+        [1 + 2j, 3],
+        np.ma.array([1.0, 2.0], mask=[0, 1]),
+        [None, 1.0],
+        [10**400, 1],
+        np.array(["2020", "2021"], dtype="datetime64[D]"),
+        {1: 2},
+        "ab",
+        [[1], [2]],
+    ],
+)
 def test_an_array_holds_numbers_or_it_is_said(values: Any) -> None:
     with pytest.raises(RecordError, match="height: "):
         PistonRecord([0.0, 1.0], values)

@@ -31,8 +31,7 @@ def wait() -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "code", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
 def test_a_command_ends_with_one_line(
     number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]

@@ -36,10 +36,15 @@ ACCELERATIONS = [1.0, 2.0, 3.0, 4.0, 5.0]
 def falling(duration: float = 0.01) -> Scene:
     """A grain that falls without walls: a case takes milliseconds."""
     return load_scene("single-particle").replace(
-        **{"effects.walls": None, "effects.dipole": None, "effects.drag": None,
-           "protocol": [{"kind": "hold", "name": "fall", "duration": duration}],
-           "output.scalars": 1e-3, "output.frames": 1e-2}
-    )  # fmt: skip
+        **{
+            "effects.walls": None,
+            "effects.dipole": None,
+            "effects.drag": None,
+            "protocol": [{"kind": "hold", "name": "fall", "duration": duration}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +94,12 @@ OF_THE_MACHINE = [
 
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
 def test_what_the_machine_does_is_tried_again_and_never_kept(
-    tmp_path: Path, here: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    here: Executor,
+    integer: pandas.DataFrame,
+    monkeypatch: pytest.MonkeyPatch,
     error: Exception,
-) -> None:  # fmt: skip
+) -> None:
     simulate = granular.run.simulation.simulate
     monkeypatch.setattr(granular.run.simulation, "simulate", Failing(simulate, error, 5))
     alike(swept_area(here, tmp_path / "once").table, integer)
@@ -139,9 +147,7 @@ def test_an_error_of_the_measure_is_told_of_but_not_kept(tmp_path: Path, here: E
     study = swept_area(here, tmp_path, measure=faulty, values=[1.0])
     assert study.outcomes[0]["error"] == "ZeroDivisionError: float division by zero"
     assert len(calls) == len(study.unfinished) == 1
-    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0]["figures"] == {
-        "a": 1.0
-    }
+    assert swept_area(here, tmp_path, measure=faulty, values=[1.0]).outcomes[0]["figures"] == {"a": 1.0}
 
 
 def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
@@ -157,9 +163,7 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as first, ThreadPoolExecutor(2) as second:
         arguments: dict[str, Any] = {"measure": counted, "keep_runs": True, "values": values}
         with ThreadPoolExecutor(2) as both:
-            studies = [
-                both.submit(swept_area, pool, tmp_path, **arguments) for pool in (first, second)
-            ]
+            studies = [both.submit(swept_area, pool, tmp_path, **arguments) for pool in (first, second)]
         tables = [study.result().table for study in studies]
         assert sorted(calls) == values
         assert len(kept(tmp_path)) == len(values)
@@ -292,9 +296,7 @@ def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
     process = subprocess.Popen(command(study, out), cwd=ROOT, start_new_session=True)
     wait_for(out, len(first) + 40)
     victims = [
-        pid
-        for pid in living(process.pid)
-        if b"loky" in cmdline(pid) and b"tracker" not in cmdline(pid)
+        pid for pid in living(process.pid) if b"loky" in cmdline(pid) and b"tracker" not in cmdline(pid)
     ]
     os.kill(victims[-1], signal.SIGKILL)
     assert process.wait(timeout=300) == 0
@@ -312,8 +314,7 @@ def test_two_commands_into_one_directory(tmp_path: Path) -> None:
     subprocess.run(command(study, tmp_path / "alone"), check=True, cwd=ROOT)
     out = tmp_path / "shared"
     both = [
-        subprocess.Popen(command(study, out, "--keep-runs", "--workers", "2"), cwd=ROOT)
-        for _ in range(2)
+        subprocess.Popen(command(study, out, "--keep-runs", "--workers", "2"), cwd=ROOT) for _ in range(2)
     ]
     assert [one.wait(timeout=300) for one in both] == [0, 0]
     assert len(kept(out)) == len(list((out / "runs").iterdir())) == 60
@@ -336,9 +337,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("more", [(), ("--keep-runs",)], ids=["outcomes", "runs"])
-def test_a_full_disk_with_room_made_later(
-    tmp_path: Path, small_disk: Path, more: tuple[str, ...]
-) -> None:
+def test_a_full_disk_with_room_made_later(tmp_path: Path, small_disk: Path, more: tuple[str, ...]) -> None:
     study = write_study(tmp_path, 8)
     subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
     out = small_disk / "out"
@@ -348,9 +347,7 @@ def test_a_full_disk_with_room_made_later(
         while True:
             file.write(bytes(4096))
     os.truncate(filler, filler.stat().st_size - 4096 * 3)  # room for some of the cases
-    first = subprocess.run(
-        command(study, out, *more), cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    first = subprocess.run(command(study, out, *more), cwd=ROOT, capture_output=True, text=True, check=False)
     assert first.returncode in (1, 2)
     assert first.stderr.startswith("error: ")
     assert first.stderr.count("\n") == 1
@@ -368,9 +365,7 @@ def test_a_full_disk_with_room_made_later(
 def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     study = load_study(write_study(tmp_path, 40))
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
 
         def kill() -> None:
             wait_for(tmp_path / "dask", 8)
@@ -380,9 +375,8 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
         killer.start()
         with distributed.Client(cluster) as client:
             found = sweep(
-                **study, out=tmp_path / "dask", executor=client.get_executor(retries=2),
-                progress=False,
-            )  # fmt: skip
+                **study, out=tmp_path / "dask", executor=client.get_executor(retries=2), progress=False
+            )
         killer.join()
     integer = sweep(**study, workers=1, progress=False)
     alike(found.table, integer.table)

@@ -69,9 +69,14 @@ def test_no_name_is_imported(tmp_path: Path, name: str, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("def f(:", "SyntaxError"), ("1 / 0", "ZeroDivisionError"), ("import nothing_such", "Module"),
-     ("\0", "null"), ("import sys; sys.exit(0)", "SystemExit")],
-)  # fmt: skip
+    [
+        ("def f(:", "SyntaxError"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("import nothing_such", "Module"),
+        ("\0", "null"),
+        ("import sys; sys.exit(0)", "SystemExit"),
+    ],
+)
 def test_files_that_cannot_be_imported(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=rf"swing.py cannot be imported: .*{words}"):
         read(tmp_path, text)
@@ -93,8 +98,7 @@ def test_a_study_names_a_function_of_the_file_that_the_command_imports(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "study.toml").write_text(
-        'scene = "single-particle"\nmeasure = "answer"\nt_end = 0.001\n[grid]\n'
-        '"arrangement.seed" = [1]\n'
+        'scene = "single-particle"\nmeasure = "answer"\nt_end = 0.001\n[grid]\n"arrangement.seed" = [1]\n'
     )
     words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
     assert launch(main, words) == 2

@@ -28,13 +28,7 @@ def here() -> Iterator[Executor]:
 
 
 def test_a_sweep_carries_the_table(tmp_path: Path, here: Executor) -> None:
-    words: dict[str, Any] = {
-        "dt": 1e-4,
-        "t_end": 0.02,
-        "progress": False,
-        "executor": here,
-        "out": tmp_path,
-    }
+    words: dict[str, Any] = {"dt": 1e-4, "t_end": 0.02, "progress": False, "executor": here, "out": tmp_path}
     grid = {"method": [TWIN, "position-verlet", "stormer-verlet"]}
     table = sweep(SCENE, grid, **words).table
     assert list(table["method"]) == ["twin", "position-verlet", "stormer-verlet"]

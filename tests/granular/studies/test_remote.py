@@ -101,13 +101,34 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     words = [sys.executable, "-m"]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     first = subprocess.Popen(
-        [*words, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port),
-         "--no-dashboard"], cwd=ROOT, **quiet,
-    )  # fmt: skip
+        [
+            *words,
+            "distributed.cli.dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            str(port),
+            "--no-dashboard",
+        ],
+        cwd=ROOT,
+        **quiet,
+    )
     workers = subprocess.Popen(
-        [*words, "distributed.cli.dask_worker", address, "--nworkers", "2", "--nthreads", "1",
-         "--no-dashboard", "--death-timeout", "60"], cwd=ROOT, **quiet,
-    )  # fmt: skip
+        [
+            *words,
+            "distributed.cli.dask_worker",
+            address,
+            "--nworkers",
+            "2",
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+            "--death-timeout",
+            "60",
+        ],
+        cwd=ROOT,
+        **quiet,
+    )
     for _ in range(300):
         with socket.socket() as probe:
             if probe.connect_ex(("127.0.0.1", port)) == 0:
@@ -122,20 +143,37 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
     """A sweep of forty cases on the cluster, some of which are done."""
     scene = load_scene("single-particle").replace(
-        **{"effects.walls": None, "effects.dipole": None, "effects.drag": None,
-           "protocol": [{"kind": "hold", "name": "fall", "duration": 0.02}],
-           "output.scalars": 1e-3, "output.frames": 1e-2}
-    )  # fmt: skip
+        **{
+            "effects.walls": None,
+            "effects.dipole": None,
+            "effects.drag": None,
+            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.02}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+        }
+    )
     scene.save(tmp_path / "fall.toml")
     values = [1.0 + 0.01 * k for k in range(1000)]
     (tmp_path / "study.toml").write_text(
         f'scene = "fall.toml"\ndt = 1e-6\n[grid]\n"effects.gravity.acceleration" = {values}\n'
     )
     process = subprocess.Popen(
-        [sys.executable, "-m", "granular", "sweep", str(tmp_path / "study.toml"), "-o",
-         str(tmp_path / "out"), "--quiet", "--dask", address],
-        cwd=ROOT, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "granular",
+            "sweep",
+            str(tmp_path / "study.toml"),
+            "-o",
+            str(tmp_path / "out"),
+            "--quiet",
+            "--dask",
+            address,
+        ],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     until = time.monotonic() + 120.0
     while len(list(tmp_path.glob("out/cases/[!.]*.json"))) < 5 and time.monotonic() < until:
         time.sleep(0.1)
@@ -143,15 +181,11 @@ def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-def test_a_dask_scheduler_is_killed(
-    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
-) -> None:
+def test_a_dask_scheduler_is_killed(tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]) -> None:
     process = started(tmp_path, scheduler[0])
     scheduler[1].kill()
     _, told = process.communicate(timeout=60)
-    assert (
-        told == "error: the Dask scheduler is gone; start it again, and the same command goes on\n"
-    )
+    assert told == "error: the Dask scheduler is gone; start it again, and the same command goes on\n"
     assert process.returncode == 1
     assert len(list(tmp_path.glob("out/cases/[!.]*.json"))) >= 5
 

@@ -20,10 +20,16 @@ from granular.studies.sweep import load_study
 def falling(**changes: Any) -> Scene:
     """A grain that falls without walls: a case takes milliseconds."""
     return load_scene("single-particle").replace(
-        **{"effects.walls": None, "effects.dipole": None, "effects.drag": None,
-           "protocol": [{"kind": "hold", "name": "fall", "duration": 0.01}],
-           "output.scalars": 1e-3, "output.frames": 1e-2, **changes}
-    )  # fmt: skip
+        **{
+            "effects.walls": None,
+            "effects.dipole": None,
+            "effects.drag": None,
+            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.01}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+            **changes,
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +45,14 @@ def measured(run: Trajectory) -> dict[str, float]:
 
 def test_grid_and_cases_make_a_tidy_table() -> None:
     study = sweep(
-        falling(), {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
-        cases=[{"grains.density": 7000.0}], measure=measured, dt=1e-4, workers=1, progress=False,
-    )  # fmt: skip
+        falling(),
+        {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
+        cases=[{"grains.density": 7000.0}],
+        measure=measured,
+        dt=1e-4,
+        workers=1,
+        progress=False,
+    )
     table = study.table
     assert len(table) == 5
     assert list(table.columns[:2]) == ["effects.gravity.acceleration", "cell.width"]
@@ -58,33 +69,37 @@ def test_grid_and_cases_make_a_tidy_table() -> None:
 def test_a_failing_case_does_not_lose_the_others(tmp_path: Path, here: Executor) -> None:
     # The second grain is next to the wall when it starts and is shot into it at a step too long.
     scene = load_scene("single-particle").replace(
-        **{"protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}], "output.scalars": 1e-3,
-           "output.frames": 1e-2}
-    )  # fmt: skip
+        **{
+            "protocol": [{"kind": "hold", "name": "fall", "duration": 0.05}],
+            "output.scalars": 1e-3,
+            "output.frames": 1e-2,
+        }
+    )
     study = sweep(
-        scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
-                      {"arrangement.velocities": [[0.0, -50.0]]}],
-        dt=1e-3, out=tmp_path, executor=here, progress=False,
-    )  # fmt: skip
+        scene,
+        cases=[{"arrangement.velocities": [[0.0, 0.0]]}, {"arrangement.velocities": [[0.0, -50.0]]}],
+        dt=1e-3,
+        out=tmp_path,
+        executor=here,
+        progress=False,
+    )
     assert [outcome["error"] is None for outcome in study.outcomes] == [True, False]
     assert "Error: step" in study.outcomes[1]["error"]
     assert len(study.failed) == 1
     again = sweep(
-        scene, cases=[{"arrangement.velocities": [[0.0, 0.0]]},
-                      {"arrangement.velocities": [[0.0, -50.0]]}],
-        dt=1e-3, out=tmp_path, executor=here, progress=False,
-    )  # fmt: skip
+        scene,
+        cases=[{"arrangement.velocities": [[0.0, 0.0]]}, {"arrangement.velocities": [[0.0, -50.0]]}],
+        dt=1e-3,
+        out=tmp_path,
+        executor=here,
+        progress=False,
+    )
     assert again.reused == 2
     pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
 
 
 def test_another_measure_or_step_is_another_case(tmp_path: Path, here: Executor) -> None:
-    arguments: dict[str, Any] = {
-        "cases": [{}],
-        "out": tmp_path,
-        "executor": here,
-        "progress": False,
-    }
+    arguments: dict[str, Any] = {"cases": [{}], "out": tmp_path, "executor": here, "progress": False}
     keys = {
         sweep(falling(), dt=dt, measure=measure, **arguments).cases[0].key
         for dt in (1e-4, 2e-4)
@@ -98,9 +113,12 @@ def test_cases_have_steps_methods_and_ends_of_their_own(tmp_path: Path, here: Ex
     """They are the cases that a sweep with these settings for all of them has."""
     arguments: dict[str, Any] = {"out": tmp_path, "executor": here, "progress": False}
     mixed = sweep(
-        falling(), {"dt": [1e-4, "auto/2"], "method": ["stormer-verlet", "pefrl"]},
-        cases=[{"t_end": 0.005, "cell.width": 0.5}], dt=2e-4, **arguments,
-    )  # fmt: skip
+        falling(),
+        {"dt": [1e-4, "auto/2"], "method": ["stormer-verlet", "pefrl"]},
+        cases=[{"t_end": 0.005, "cell.width": 0.5}],
+        dt=2e-4,
+        **arguments,
+    )
     table = mixed.table
     assert list(table["dt"][:4]) == [1e-4, 1e-4, "auto/2", "auto/2"]
     assert table["error"].isna().all()
@@ -145,9 +163,7 @@ def test_studies_kept_before_go_on() -> None:
     from reduced_models.designs.study import damper_figures
 
     settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-    (case,) = make_cases(
-        load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns
-    )
+    (case,) = make_cases(load_scene("bed"), {}, [{"grains.density": 7000.0}], settings, piston_columns)
     assert case.key == "1b0fba2a0173aa53a35b"
     assert measure_name(damper_figures) == "reduced_models.designs.figures:damper_figures#8b0ef787"
 
@@ -155,9 +171,7 @@ def test_studies_kept_before_go_on() -> None:
 def test_kept_runs_can_be_loaded(tmp_path: Path, here: Executor) -> None:
     from granular import load_trajectory
 
-    study = sweep(
-        falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, executor=here, progress=False
-    )
+    study = sweep(falling(), cases=[{}], dt=1e-4, out=tmp_path, keep_runs=True, executor=here, progress=False)
     run = load_trajectory(tmp_path / "runs" / study.cases[0].key)
     assert run.complete
 

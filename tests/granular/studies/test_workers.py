@@ -63,8 +63,10 @@ SEEDS = range(1, 41)
 def swept_area(executor: Mortal) -> dict[int, str | None]:
     """The error of each seed."""
     study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
-    assert all(one["error"] or one["figures"]["seed"] == seed
-               for seed, one in zip(SEEDS, study.outcomes, strict=True))  # fmt: skip
+    assert all(
+        one["error"] or one["figures"]["seed"] == seed
+        for seed, one in zip(SEEDS, study.outcomes, strict=True)
+    )
     return {seed: one["error"] for seed, one in zip(SEEDS, study.outcomes, strict=True)}
 
 

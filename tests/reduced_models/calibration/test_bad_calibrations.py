@@ -25,9 +25,13 @@ def quiet(*parameters: str, scene: Scene | None = None, **options: Any) -> Calib
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return calibrate(
-            RECORD, scene or load_scene("damper"), parameters or (MASS, DRAG), progress=False,
-            checks=False, **options,
-        )  # fmt: skip
+            RECORD,
+            scene or load_scene("damper"),
+            parameters or (MASS, DRAG),
+            progress=False,
+            checks=False,
+            **options,
+        )
 
 
 BAD: list[tuple[Callable[[], Any], str]] = [

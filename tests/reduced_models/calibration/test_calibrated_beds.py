@@ -56,9 +56,14 @@ def test_simulations_run_where_they_are_told_to(tmp_path: Path) -> None:
     record = swing(7.0, 0.11, 100, slower=1.05)
     with pytest.warns(UserWarning, match="no values give the record's period"):
         found = calibrate(
-            record, load_scene("damper"), seeds=3, executor=Springs(), out=tmp_path,
-            checks=False, progress=False,
-        )  # fmt: skip
+            record,
+            load_scene("damper"),
+            seeds=3,
+            executor=Springs(),
+            out=tmp_path,
+            checks=False,
+            progress=False,
+        )
     assert found.notes
     assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
     assert (tmp_path / "report.html").is_file()
@@ -102,8 +107,22 @@ def test_mass_and_drag_of_few_grains(
     small().save(tmp_path / "start.toml")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-    words = ["calibrate", "lab.parquet", "start.toml", "--parameter", MASS, "--parameter", DRAG,
-             "--seeds", "2", "-o", "out", "--no-checks", "--json", "--quiet"]  # fmt: skip
+    words = [
+        "calibrate",
+        "lab.parquet",
+        "start.toml",
+        "--parameter",
+        MASS,
+        "--parameter",
+        DRAG,
+        "--seeds",
+        "2",
+        "-o",
+        "out",
+        "--no-checks",
+        "--json",
+        "--quiet",
+    ]
     here = ThreadPoolExecutor(1)
     place = "reduced_models.calibration.calibrate.workshop"
     monkeypatch.setattr(place, lambda _: contextlib.nullcontext(here))
@@ -130,16 +149,26 @@ def test_an_interrupted_calibration_goes_on(tmp_path: Path) -> None:
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
     lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
     small().save(tmp_path / "start.toml")
-    words = [sys.executable, "-m", "reduced_models", "calibrate", "lab.csv", "start.toml",
-             "--seeds", "2", "-o", "out", "--no-checks", "--quiet"]  # fmt: skip
+    words = [
+        sys.executable,
+        "-m",
+        "reduced_models",
+        "calibrate",
+        "lab.csv",
+        "start.toml",
+        "--seeds",
+        "2",
+        "-o",
+        "out",
+        "--no-checks",
+        "--quiet",
+    ]
 
     def kept() -> dict[Path, int]:
         cases = (tmp_path / "out" / "simulations" / "cases").glob("[!.]*.json")
         return {path: path.stat().st_mtime_ns for path in cases}
 
-    first = subprocess.Popen(
-        words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    first = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
     while first.poll() is None and len(kept()) < 2:
         time.sleep(0.05)
     os.killpg(first.pid, signal.SIGINT)

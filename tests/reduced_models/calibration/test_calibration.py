@@ -15,12 +15,7 @@ from granular.shared.errors import InputError
 from reduced_models.calibration.calibrate import run_calibration
 from reduced_models.calibration.gauss_newton import RADIUS
 from reduced_models.calibration.result import Calibration
-from reduced_models.calibration.simulations import (
-    Features,
-    SceneSimulator,
-    SimulatedPoint,
-    scene_parameter,
-)
+from reduced_models.calibration.simulations import Features, SceneSimulator, SimulatedPoint, scene_parameter
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
 NAMES = ("height", "period", "damping_ratio", "force")
@@ -63,9 +58,7 @@ class MadeUp(SceneSimulator):
 
     def point(self, place: np.ndarray) -> SimulatedPoint:
         if self.fails(math.exp(place[0])):
-            return SimulatedPoint(
-                place, (), np.empty((0, 0)), "the simulation with it failed: boom"
-            )
+            return SimulatedPoint(place, (), np.empty((0, 0)), "the simulation with it failed: boom")
         plain = self.scene.replace(**self.changes(place))
         rows = []
         for seed in self.seeds:
@@ -117,10 +110,12 @@ def test_intervals_cover_the_truth() -> None:
     for seed in range(300):
         found = Lab.of(seed, mass=6.0, drag=0.15).calibrated()
         assert found.undetermined == ()
-        covered.append([
-            found.intervals[key][0] <= value <= found.intervals[key][1]
-            for key, value in ((MASS, 6.0), (DRAG, 0.15))
-        ])  # fmt: skip
+        covered.append(
+            [
+                found.intervals[key][0] <= value <= found.intervals[key][1]
+                for key, value in ((MASS, 6.0), (DRAG, 0.15))
+            ]
+        )
         halves.append(0.5 * math.log(found.intervals[MASS][1] / found.intervals[MASS][0]))
     assert (np.mean(covered, axis=0) >= 0.92).all()
     assert (np.mean(covered, axis=0) <= 0.99).all()

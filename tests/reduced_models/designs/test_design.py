@@ -102,10 +102,9 @@ def test_maps_find_a_polynomial_again():
         table = pandas.DataFrame([one._asdict() for one in dampers])
         return DamperMaps(
             table.assign(
-                rest_height=0.05, frequency=np.exp(frequency), damping_ratio=0.1,
-                k1=1.0, k2=0.0, k3=0.0,
+                rest_height=0.05, frequency=np.exp(frequency), damping_ratio=0.1, k1=1.0, k2=0.0, k3=0.0
             )
-        )  # fmt: skip
+        )
 
     exact = maps(quadratic)
     assert exact.surfaces["frequency"].error < 1e-12
@@ -163,7 +162,7 @@ def test_published_number_of_grains_where_it_does():
         ({"frequency": 3.3, "damping": float("nan")}, "damping = nan"),
         ({"frequency": 3.3, "damping": 0.1, "small_share": 0.8}, "small_share = 0.8"),
     ],
-)  # fmt: skip
+)
 def test_refusals_name_value_limit_and_remedy(wish, words):
     with pytest.raises(InputError) as caught:
         design(**wish, progress=False)

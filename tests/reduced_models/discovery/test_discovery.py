@@ -17,13 +17,7 @@ from reduced_models import HeightMap, discover
 from reduced_models.discovery.discover import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
 from reduced_models.discovery.selection import all_subsets, score_subsets
-from reduced_models.discovery.terms import (
-    Term,
-    join_terms,
-    physical_library,
-    split_terms,
-    state_symbols,
-)
+from reduced_models.discovery.terms import Term, join_terms, physical_library, split_terms, state_symbols
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -32,22 +26,29 @@ VELOCITY = {"speed": 1, "odd": True}
 LAWS = {
     "van-der-pol-like": (
         lambda c, z, v: c[0] + c[1] * z + c[2] * z * v + c[3] * z**2 * v,
-        (-1.0, -(1.05**2), 0.68, -0.34), 1.0,
+        (-1.0, -(1.05**2), 0.68, -0.34),
+        1.0,
         (Term(0), Term(1), Term(1, **VELOCITY), Term(2, **VELOCITY)),
     ),
     "duffing": (
-        lambda c, z, v: c[0] * z + c[1] * z**3 + c[2] * v, (-1.0, -0.5, -0.1), 1.5,
+        lambda c, z, v: c[0] * z + c[1] * z**3 + c[2] * v,
+        (-1.0, -0.5, -0.1),
+        1.5,
         (Term(1), Term(3), Term(0, **VELOCITY)),
     ),
     "van-der-pol": (
-        lambda c, z, v: c[0] * z + c[1] * v + c[2] * z**2 * v, (-1.1, 0.5, -2.0), 0.3,
+        lambda c, z, v: c[0] * z + c[1] * v + c[2] * z**2 * v,
+        (-1.1, 0.5, -2.0),
+        0.3,
         (Term(1), Term(0, **VELOCITY), Term(2, **VELOCITY)),
     ),
     "quadratic-drag": (
-        lambda c, z, v: c[0] * z + c[1] * abs(v) * v, (-1.2, -0.2), 1.5,
+        lambda c, z, v: c[0] * z + c[1] * abs(v) * v,
+        (-1.2, -0.2),
+        1.5,
         (Term(1), Term(0, 2, True)),
     ),
-}  # fmt: skip
+}
 
 
 @functools.cache
@@ -61,9 +62,14 @@ def motion(name: str, time: np.ndarray, start: float) -> np.ndarray:
 
     law, values, _, _ = LAWS[name]
     solved = solve_ivp(
-        lambda _, y: [y[1], law(values, *y)], (0.0, time[-1]), [start, 0.0],
-        "DOP853", time, rtol=1e-10, atol=1e-12,
-    )  # fmt: skip
+        lambda _, y: [y[1], law(values, *y)],
+        (0.0, time[-1]),
+        [start, 0.0],
+        "DOP853",
+        time,
+        rtol=1e-10,
+        atol=1e-12,
+    )
     return np.asarray(solved.y[0])
 
 
@@ -90,9 +96,7 @@ def test_sparse_regression_finds_the_structure(name: str) -> None:
     assert np.abs(coefficient_errors(found, name)).max() < 0.04
 
 
-@pytest.mark.parametrize(
-    "name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("name", ["quadratic-drag", pytest.param("van-der-pol-like", marks=pytest.mark.long)])
 def test_symbolic_regression_finds_the_structure(name: str) -> None:
     assert is_exact(discover(made(name, 0), "operon", polish=0), name)
 
@@ -146,8 +150,7 @@ def pair(name: str, starts: tuple[float, float]) -> list[PistonRecord]:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{}, {"form": "strong"}, pytest.param({"method": "operon"}, marks=pytest.mark.long)],
+    "options", [{}, {"form": "strong"}, pytest.param({"method": "operon"}, marks=pytest.mark.long)]
 )
 def test_several_records_have_one_structure(options: dict[str, Any]) -> None:
     """A small and a large swing of the same spring, which stiffens in the large one alone."""
@@ -179,9 +182,7 @@ def test_several_records_share_the_polished_numbers() -> None:
 
 
 @pytest.mark.long  # quick: several records in Python, and the commands as they are shown
-def test_the_command_takes_several_records(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_takes_several_records(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from reduced_models.__main__ import main
 
     names = []
@@ -212,8 +213,7 @@ def test_a_seed_repeats_a_search() -> None:
     v = np.gradient(z, TIME[::5])
     target = -z - 0.5 * z**3 - 0.1 * v + np.random.default_rng(0).normal(0.0, 0.02, len(z))
     found = [
-        operon_expressions({"z": z, "v": v}, target, 0.02, effort=0.025, seed=seed)
-        for seed in (4, 4, 5)
+        operon_expressions({"z": z, "v": v}, target, 0.02, effort=0.025, seed=seed) for seed in (4, 4, 5)
     ]
     assert found[0] == found[1]
     assert found[0] != found[2]
@@ -245,13 +245,15 @@ def test_an_input_is_a_term() -> None:
         return np.sin(1.7 * t) + 0.5 * np.sin(0.6 * t)
 
     solved = solve_ivp(
-        lambda t, y: [y[1], -0.2 * y[1] - 1.3 * y[0] + 0.7 * base(t)], (0.0, 40.0), [0.5, 0.0],
-        "DOP853", TIME, rtol=1e-10,
-    )  # fmt: skip
-    z = solved.y[0] + np.random.default_rng(0).normal(0.0, 0.01 * solved.y[0].std(), len(TIME))
-    found = discover(
-        PistonRecord(TIME, z, extra={"base": base(TIME)}), "sindy", input="base", polish=0
+        lambda t, y: [y[1], -0.2 * y[1] - 1.3 * y[0] + 0.7 * base(t)],
+        (0.0, 40.0),
+        [0.5, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-10,
     )
+    z = solved.y[0] + np.random.default_rng(0).normal(0.0, 0.01 * solved.y[0].std(), len(TIME))
+    found = discover(PistonRecord(TIME, z, extra={"base": base(TIME)}), "sindy", input="base", polish=0)
     drive = Term(0, driven=True)
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY), drive}
     assert found.best.terms[drive] == pytest.approx(0.7, rel=0.01)
@@ -265,9 +267,7 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
     v = np.gradient(z, TIME)
     for seed in range(40):
         record = made("van-der-pol-like", seed).height
-        weak = weak_form(
-            SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0)
-        )
+        weak = weak_form(SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
         whitening = weak.whitening(terms, np.array(values))
         left = whitening @ (weak.target - weak.matrix(terms) @ np.array(values))
         squares.append((left**2).mean())
@@ -278,9 +278,7 @@ def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> 
     terms = physical_library(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
-    weak = weak_form(
-        SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0)
-    )
+    weak = weak_form(SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
     ranked, judge = score_subsets(weak, terms, terms, all_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
     assert judge.excess < 1.5
@@ -327,9 +325,13 @@ def test_a_law_outside_the_library_is_noted() -> None:
     from scipy.integrate import solve_ivp
 
     solved = solve_ivp(
-        lambda _, y: [y[1], -0.1 * y[1] - 4.0 * np.sin(3.0 * y[0])], (0.0, 40.0), [0.9, 0.0],
-        "DOP853", TIME, rtol=1e-10,
-    )  # fmt: skip
+        lambda _, y: [y[1], -0.1 * y[1] - 4.0 * np.sin(3.0 * y[0])],
+        (0.0, 40.0),
+        [0.9, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-10,
+    )
     noise = np.random.default_rng(0).normal(0.0, 1e-4, len(TIME))
     found = discover(PistonRecord(TIME, solved.y[0] + noise), "sindy", degree=1, polish=0)
     assert any("not among those searched" in note for note in found.notes)
@@ -369,10 +371,7 @@ def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
 
 
 def test_bad_records_are_refused() -> None:
-    for record in (
-        PistonRecord(TIME[:10], np.cos(TIME[:10])),
-        PistonRecord(TIME, np.full(len(TIME), 0.06)),
-    ):
+    for record in (PistonRecord(TIME[:10], np.cos(TIME[:10])), PistonRecord(TIME, np.full(len(TIME), 0.06))):
         with pytest.raises(RecordError):
             discover(record)
 

@@ -19,9 +19,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 
 LAW = LAWS["elastoplastic-bed"]
-TRUE = {
-    "lam": 0.8, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.33, "strength": 0.04,
-}  # fmt: skip
+TRUE = {"lam": 0.8, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.33, "strength": 0.04}
 MASS = 7.5
 
 
@@ -37,9 +35,14 @@ def forced(noise: float, modulus: float = TRUE["modulus"]) -> PistonRecord:
         return z, -0.012 * a * np.cos(a * t) - 0.004 * b * np.cos(b * t)
 
     w = solve_ivp(
-        lambda t, state: [field(*motion(t), state[0], *values)[1]], (0.0, 2.0), [0.0], "LSODA",
-        time, rtol=1e-8, atol=1e-10,
-    ).y[0]  # fmt: skip
+        lambda t, state: [field(*motion(t), state[0], *values)[1]],
+        (0.0, 2.0),
+        [0.0],
+        "LSODA",
+        time,
+        rtol=1e-8,
+        atol=1e-10,
+    ).y[0]
     z, v = motion(time)
     force = MASS * (9.8 + np.asarray(field(z, v, w, *values)[0]))
     random = np.random.default_rng(1)
@@ -57,11 +60,14 @@ def test_hidden_states_are_those_of_their_rates(state: HiddenState) -> None:
         "relaxing strain": lambda w, v, h: -v / h - w / 0.1,
     }[state.name]
     exact = solve_ivp(
-        lambda t, w: [
-            rates(w[0], -0.02 * speed * np.cos(speed * t), 0.06 - 0.02 * np.sin(speed * t))
-        ],
-        (0.0, 2.0), [0.0], "LSODA", time, rtol=1e-9, atol=1e-11,
-    ).y[0]  # fmt: skip
+        lambda t, w: [rates(w[0], -0.02 * speed * np.cos(speed * t), 0.06 - 0.02 * np.sin(speed * t))],
+        (0.0, 2.0),
+        [0.0],
+        "LSODA",
+        time,
+        rtol=1e-9,
+        atol=1e-11,
+    ).y[0]
     found = state.values(time, z, np.array([[0.1]]))[0]
     np.testing.assert_allclose(found, exact, atol=1e-4)
 
@@ -108,31 +114,29 @@ def test_what_memory_cannot_do_is_refused(changes: dict[str, Any], said: str) ->
 def test_records_without_force_or_below_the_floor_are_refused() -> None:
     record = forced(0.01)
     with pytest.raises(GranularError, match="needs a measured force"):
-        discover(
-            PistonRecord(record.time, record.height), "sindy", library="memory", target="force"
-        )
+        discover(PistonRecord(record.time, record.height), "sindy", library="memory", target="force")
     with pytest.raises(InputError, match="above the floor"):
         discover(PistonRecord(record.time, record.height - 0.06), "sindy", library="memory")
 
 
 @pytest.mark.long  # quick: the same structure in a force
-def test_a_fall_tells_the_law_of_its_bed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fall_tells_the_law_of_its_bed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From the command line: from 20 D with noise; fitted through its equation, it is the law."""
     time = np.linspace(0.0, 1.5, 500)
     values = [TRUE[name] for name in LAW.parameters]
     field = compile_rates(LAW.equation, (), "numpy")
     fall = solve_ivp(
-        lambda _, y: [y[1], *field(*y, *values)], (0.0, 1.5), [0.12, 0.0, 0.0], "LSODA", time,
-        rtol=1e-9, atol=1e-11,
-    ).y[0]  # fmt: skip
+        lambda _, y: [y[1], *field(*y, *values)],
+        (0.0, 1.5),
+        [0.12, 0.0, 0.0],
+        "LSODA",
+        time,
+        rtol=1e-9,
+        atol=1e-11,
+    ).y[0]
     noise = np.random.default_rng(0).normal(0.0, 5e-5, len(time))
     PistonRecord(time, fall + noise).to_csv(tmp_path / "fall.csv")
-    main(
-        ["discover", str(tmp_path / "fall.csv"), "--library", "memory", "--method", "sindy",
-         "--json"]
-    )  # fmt: skip
+    main(["discover", str(tmp_path / "fall.csv"), "--library", "memory", "--method", "sindy", "--json"])
     found = json.loads(capsys.readouterr().out)
     numbers = found["model"]["parameters"]
     assert numbers["yielding"] == pytest.approx(TRUE["strength"] / TRUE["modulus"], rel=0.05)
@@ -148,9 +152,11 @@ def test_simulated_falls_show_the_structure_of_the_law() -> None:
     def fall(height: float) -> PistonRecord:
         stage = {"kind": "free", "name": "drop", "duration": 3.0}
         changes = {
-            "piston.height": f"{height} D", "arrangement.height": f"{height - 1.0} D",
-            "protocol": [stage], "output.record": "drop",
-        }  # fmt: skip
+            "piston.height": f"{height} D",
+            "arrangement.height": f"{height - 1.0} D",
+            "protocol": [stage],
+            "output.record": "drop",
+        }
         return simulate(damper().replace(**changes), dt="auto*2", progress=False).piston()
 
     found = discover([fall(20.0), fall(28.0)], "sindy", library="memory", target="force")
@@ -158,9 +164,10 @@ def test_simulated_falls_show_the_structure_of_the_law() -> None:
     assert found.best.memory.state.name == "yielding strain"
     law = {"z**(-5/2)", "u/z**(5/2)", "z'"}
     same = [
-        one.terms for one in found.candidates
+        one.terms
+        for one in found.candidates
         if one.terms is not None and {term.text for term in one.terms} == law
-    ]  # fmt: skip
+    ]
     values = {term.text: value for term, value in same[0].items()}
     assert values["z'"] == pytest.approx(-368 * 0.1 / 3.0, rel=0.1)
     assert 0.2 < values["u/z**(5/2)"] / values["z**(-5/2)"] < 0.45

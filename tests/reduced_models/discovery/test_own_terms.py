@@ -39,30 +39,40 @@ def push(t: float) -> float:
 # Each: z''(t, z, v), z(0), options, and its terms.
 SYSTEMS = {
     "pendulum": (
-        lambda t, z, v: -0.3 * v - 2.0 * np.sin(z), 2.5,
-        {"library": "trigonometric"}, {"sin(z)", "z'"},
+        lambda t, z, v: -0.3 * v - 2.0 * np.sin(z),
+        2.5,
+        {"library": "trigonometric"},
+        {"sin(z)", "z'"},
     ),
     "quintic spring": (
-        lambda t, z, v: -0.1 * v - z - 0.5 * z**5, 1.3,
-        {"library": "polynomial"}, {"z", "z**5", "z'"},
+        lambda t, z, v: -0.1 * v - z - 0.5 * z**5,
+        1.3,
+        {"library": "polynomial"},
+        {"z", "z**5", "z'"},
     ),
-    "cubic drag": (
-        lambda t, z, v: -z - 0.1 * v**3, 1.5, {"terms": ["z'**3"]}, {"z", "z'**3"},
-    ),
+    "cubic drag": (lambda t, z, v: -z - 0.1 * v**3, 1.5, {"terms": ["z'**3"]}, {"z", "z'**3"}),
     "driven spring": (
-        lambda t, z, v: -0.2 * v - z - 0.5 * z**3 + 0.7 * push(t) * z, 1.0,
-        {"library": "driven", "input": "push"}, {"z", "z**3", "z'", "u*z"},
+        lambda t, z, v: -0.2 * v - z - 0.5 * z**3 + 0.7 * push(t) * z,
+        1.0,
+        {"library": "driven", "input": "push"},
+        {"z", "z**3", "z'", "u*z"},
     ),
-}  # fmt: skip
+}
 
 
 def motion(law: Callable[..., float], start: float) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     solved = solve_ivp(
-        lambda t, y: [y[1], law(t, *y)], (0.0, TIME[-1]), [start, 0.0],
-        "DOP853", TIME, rtol=1e-9, atol=1e-11, max_step=0.05,
-    )  # fmt: skip
+        lambda t, y: [y[1], law(t, *y)],
+        (0.0, TIME[-1]),
+        [start, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-9,
+        atol=1e-11,
+        max_step=0.05,
+    )
     return np.asarray(solved.y[0])
 
 
@@ -89,9 +99,9 @@ def test_the_structure_is_found_from_five_seeds(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "least"), [
-    ("pendulum", 0), ("quintic spring", 4), ("cubic drag", 4), ("driven spring", 4),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "least"), [("pendulum", 0), ("quintic spring", 4), ("cubic drag", 4), ("driven spring", 4)]
+)
 def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
     """It makes the powers that the library lacks; of a sine it finds the series."""
     law, start, options, right = SYSTEMS[name]
@@ -101,12 +111,7 @@ def test_symbolic_regression_without_the_library(name: str, least: int) -> None:
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
         record = PistonRecord(TIME, z + noise, extra={"push": FORCE})
         found = discover(
-            record,
-            "operon",
-            library="physical",
-            input=options.get("input"),
-            polish=0,
-            seed=seed,
+            record, "operon", library="physical", input=options.get("input"), polish=0, seed=seed
         )
         print(name, seed, f"{found.best.error:.2f}", found.best.text)
         assert found.best.error < 1.5
@@ -179,9 +184,16 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
 
 @pytest.mark.parametrize(
     "text",
-    ["z'*exp(-z**2)", "z'*sin(z**2)", "z'*sqrt(1+z**4)", "z'/(z-3)", "z'*sin(z)**2*exp(-z**2)",
-     "z'*exp(sin(z)*cos(z)**2)/(3+z**3)", "max(0, z)*z'"],
-)  # fmt: skip
+    [
+        "z'*exp(-z**2)",
+        "z'*sin(z**2)",
+        "z'*sqrt(1+z**4)",
+        "z'/(z-3)",
+        "z'*sin(z)**2*exp(-z**2)",
+        "z'*exp(sin(z)*cos(z)**2)/(3+z**3)",
+        "max(0, z)*z'",
+    ],
+)
 def test_the_primitive_needs_no_formula(text: str) -> None:
     """The integrals of G'(z) z' against bumps are those of G, though G be in no table."""
     z, v = np.cos(TIME), -np.sin(TIME)
@@ -209,9 +221,7 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
     misfits = []
     for seed in range(5):
         noisy = z + np.random.default_rng(seed).normal(0.0, level, len(z))
-        weak = weak_form(
-            SmoothedMotion(TIME, noisy, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0)
-        )
+        weak = weak_form(SmoothedMotion(TIME, noisy, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0))
         misfits.append(score_subsets(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
@@ -290,9 +300,7 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    _, judge = score_subsets(
-        weak_form(motion), physical_library(1), physical_library(1), [np.array([[0]])]
-    )
+    _, judge = score_subsets(weak_form(motion), physical_library(1), physical_library(1), [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]

@@ -18,9 +18,15 @@ TIME = np.linspace(0.0, 40.0, 1000)
 def record(law: Callable[[float, float], float], start: float, fraction: float) -> PistonRecord:
     """Of z'' = law(z, z'), released at a height, with that fraction of noise."""
     found = solve_ivp(
-        lambda _, y: [y[1], law(*y)], (0.0, TIME[-1]), [start, 0.0], "DOP853", TIME, rtol=1e-9,
-        atol=1e-11, max_step=0.05,
-    )  # fmt: skip
+        lambda _, y: [y[1], law(*y)],
+        (0.0, TIME[-1]),
+        [start, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-9,
+        atol=1e-11,
+        max_step=0.05,
+    )
     z = found.y[0]
     noise = np.random.default_rng(0).normal(0.0, fraction * z.std(), len(z))
     return PistonRecord(TIME, z + noise)
@@ -36,15 +42,21 @@ def pendulum(fraction: float) -> PistonRecord:
     [
         (lambda z, v: -0.15 * v - 2.0 * np.sin(z), 2.5, "trigonometric", {"sin(z)", "z'"}),
         pytest.param(
-            lambda z, v: -0.1 * v - z - 1.5 * max(z, 0.0), 1.0, "contact",
-            {"z", "max(0, z)", "z'"}, marks=pytest.mark.long,
+            lambda z, v: -0.1 * v - z - 1.5 * max(z, 0.0),
+            1.0,
+            "contact",
+            {"z", "max(0, z)", "z'"},
+            marks=pytest.mark.long,
         ),
         pytest.param(
-            lambda z, v: z**-2.5 - 1.0 - 0.1 * v, 1.8, "rational", {"1", "z'", "z**(-5/2)"},
+            lambda z, v: z**-2.5 - 1.0 - 0.1 * v,
+            1.8,
+            "rational",
+            {"1", "z'", "z**(-5/2)"},
             marks=pytest.mark.long,
         ),
     ],
-)  # fmt: skip
+)
 def test_a_record_speaks_for_its_library(
     law: Callable[[float, float], float], start: float, library: str, terms: set[str]
 ) -> None:

@@ -99,14 +99,17 @@ PLACES = [
 
 @pytest.mark.parametrize(("juliacall", "given", "lack"), PLACES)
 def test_given_julia_is_looked_at_and_not_run(
-    juliacall: str, given: dict[str, str], lack: str | None, monkeypatch: pytest.MonkeyPatch,
-    project: Path,
-) -> None:  # fmt: skip
+    juliacall: str, given: dict[str, str], lack: str | None, monkeypatch: pytest.MonkeyPatch, project: Path
+) -> None:
     (project / "empty").mkdir()
     (project / "broken").mkdir()
     (project / "broken" / "Manifest.toml").write_text("[[deps.Symb")
-    places = {"full": str(project), "empty": str(project / "empty"),
-              "broken": str(project / "broken"), "python": sys.executable}  # fmt: skip
+    places = {
+        "full": str(project),
+        "empty": str(project / "empty"),
+        "broken": str(project / "broken"),
+        "python": sys.executable,
+    }
     monkeypatch.setattr(julia, "_has_resolved", lambda: False)
     monkeypatch.setattr(julia, "version", lambda _: juliacall)
     monkeypatch.setattr(julia.importlib.util, "find_spec", lambda _: object())
@@ -179,9 +182,7 @@ def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.long
-@pytest.mark.skipif(
-    julia.missing_requirements() is not None, reason="there is no Julia with PySR's packages"
-)
+@pytest.mark.skipif(julia.missing_requirements() is not None, reason="there is no Julia with PySR's packages")
 def test_a_real_search() -> None:
     """A damped swing with 1 % noise, wherever Julia is."""
     time = np.linspace(0.0, 40.0, 2000)
@@ -220,8 +221,11 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     environment = kept | {f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
-        capture_output=True, text=True, check=False, env=environment,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(seen)
 
@@ -231,13 +235,10 @@ def python_of(operator: str) -> str:
     body = operator.split("= ", 1)[1]
     condition, rest = body.split(" ? ", 1)
     value = rest.rsplit(" : ", 1)[0]
-    value = re.sub(r"foldl\(\(p, _\) -> \((.*?), (sqrt\(.*?\))\), 1:5; init=\((.*?)\)\)\[1\]",
-                   r"fold(\3)", value)  # fmt: skip
-    value = (
-        value.replace("oftype(u, ", "(")
-        .replace("^", "**")
-        .replace("for n in 0:5", "for n in range(6)")
+    value = re.sub(
+        r"foldl\(\(p, _\) -> \((.*?), (sqrt\(.*?\))\), 1:5; init=\((.*?)\)\)\[1\]", r"fold(\3)", value
     )
+    value = value.replace("oftype(u, ", "(").replace("^", "**").replace("for n in 0:5", "for n in range(6)")
     value = value.replace("for n in 1:5", "for n in range(1, 6)")
     value = value.replace("(K, q) -> ", "lambda K, q: ").replace("(x) -> ", "lambda x: ")
     return f"({value}) if {condition} else float('nan')"
@@ -257,8 +258,15 @@ def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
 
     (text,) = (one for one in julia.elliptic_operators() if one.startswith(f"jacobi_{name}(u, m)"))
     assert "\n" not in text
-    scope = {"fold": fold, "one": lambda _: 1.0, "sqrt": math.sqrt, "exp": math.exp, "pi": math.pi,
-             "sin": math.sin, "cos": math.cos}  # fmt: skip
+    scope = {
+        "fold": fold,
+        "one": lambda _: 1.0,
+        "sqrt": math.sqrt,
+        "exp": math.exp,
+        "pi": math.pi,
+        "sin": math.sin,
+        "cos": math.cos,
+    }
     function = eval(f"lambda u, m: {python_of(text)}", scope)
     for m, off in ((1e-5, 1e-8), (0.3, 1e-8), (0.5, 1e-7), (0.9, 1e-4), (0.999, 1e-2)):
         for u in (-7.3, 0.0, 0.4, 3.1, 20.0):

@@ -31,10 +31,12 @@ def fall(scene: Scene, height: float, seed: int = SEED) -> PistonRecord:
     """Three seconds from a height [D], times the square root of the grains over 368."""
     scale = math.sqrt(scene.grains.count / 368)
     changes = {
-        "piston.height": height * scale * D, "arrangement.height": (height - 1.0) * scale * D,
-        "arrangement.seed": seed, "output.record": "drop",
+        "piston.height": height * scale * D,
+        "arrangement.height": (height - 1.0) * scale * D,
+        "arrangement.seed": seed,
+        "output.record": "drop",
         "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
-    }  # fmt: skip
+    }
     return simulate(scene.replace(**changes), dt="auto*2", progress=False).piston()
 
 
@@ -52,9 +54,7 @@ HEIGHTS = (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "scene", [damper(), damper(count=736), MIXTURE], ids=lambda one: str(one.name)
-)
+@pytest.mark.parametrize("scene", [damper(), damper(count=736), MIXTURE], ids=lambda one: str(one.name))
 def test_one_fall_tells_the_others(scene: Scene) -> None:
     """Six numbers from a fall from 20 D; heights and starts that no fit has seen."""
     found = judged(scene, HEIGHTS)
@@ -92,8 +92,10 @@ def test_the_scene_alone_tells_the_fall(count: int) -> None:
             for height in (17.0, 20.0, 24.0, 28.0):
                 one = fall(scene, height)
                 errors.append(fall_error(law, one, level(one)))
-            print(f"{count} grains, {mass:g} kg, {drag:g} kg/s:",
-                  *(f"{100 * each:.2f} %" for each in np.array(errors)))  # fmt: skip
+            print(
+                f"{count} grains, {mass:g} kg, {drag:g} kg/s:",
+                *(f"{100 * each:.2f} %" for each in np.array(errors)),
+            )
             worst.append(max(errors))
     assert max(worst) <= 0.025
 
@@ -136,8 +138,7 @@ def test_the_scene_alone_tells_other_beds(name: str) -> None:
     errors = [fall_error(law, one, level(one)) for one in falls.values()]
     first, other = falls[20.0].height, fall(scene, 20.0, 2).height
     scatter = float(np.sqrt(np.mean((first - other) ** 2)) / (first[0] - level(falls[20.0])))
-    print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in errors),
-          f"scatter {100 * scatter:.2f} %")  # fmt: skip
+    print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in errors), f"scatter {100 * scatter:.2f} %")
     assert max(errors) <= 0.03
 
 

@@ -28,9 +28,11 @@ SETTLE = {"kind": "free", "name": "fall", "until": "rest"}
 def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonRecord]:
     """The record of each stage that takes time, from a height [D, for 368 grains]."""
     changes = {
-        "piston.height": height * scale(scene), "arrangement.height": (height - 1.0) * scale(scene),
-        "output.record": None, "protocol": list(stages),
-    }  # fmt: skip
+        "piston.height": height * scale(scene),
+        "arrangement.height": (height - 1.0) * scale(scene),
+        "output.record": None,
+        "protocol": list(stages),
+    }
     found = simulate(scene.replace(**changes), dt="auto*2", progress=False)
     return [found.piston(str(one["name"])) for one in stages if one["kind"] != "lift"]
 
@@ -40,16 +42,11 @@ def numbers(scene: Scene, rest: float) -> list[float]:
     assert scene.piston is not None
     assert scene.effects.drag is not None
     lam = scene.grains.count * scene.effects.drag.coefficient / (6.0 * scene.piston.mass)
-    known = {
-        "lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": MODULUS,
-        "strength": STRENGTH,
-    }  # fmt: skip
+    known = {"lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": MODULUS, "strength": STRENGTH}
     return [known[name] for name in LAW.parameters]
 
 
-def strained(
-    values: list[float], hidden: list[float], times: np.ndarray, heights: np.ndarray
-) -> np.ndarray:
+def strained(values: list[float], hidden: list[float], times: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Hidden states (2, n) along straight lines from height to height, by the midpoint rule."""
     rates = compile_rates(LAW.equation, (), "numpy")
     states = np.empty((2, len(times)))
@@ -57,9 +54,7 @@ def strained(
     steps = np.diff(times)
     speeds, middles = np.diff(heights) / steps, 0.5 * (heights[1:] + heights[:-1])
     for k, (step, speed, middle) in enumerate(zip(steps, speeds, middles, strict=True)):
-        half = states[:, k] + 0.5 * step * np.array(
-            rates(middle, speed, *states[:, k], *values)[1:]
-        )
+        half = states[:, k] + 0.5 * step * np.array(rates(middle, speed, *states[:, k], *values)[1:])
         states[:, k + 1] = states[:, k] + step * np.array(rates(middle, speed, *half, *values)[1:])
     return states
 
@@ -117,9 +112,12 @@ def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
     """Work that the law takes in a cycle of a prescribed sine, over that of the bed."""
     assert scene.piston is not None
     sine = {
-        "kind": "oscillate", "name": "sine", "amplitude": amplitude * scale(scene),
-        "frequency": frequency, "duration": max(4, math.ceil(frequency)) / frequency,
-    }  # fmt: skip
+        "kind": "oscillate",
+        "name": "sine",
+        "amplitude": amplitude * scale(scene),
+        "frequency": frequency,
+        "duration": max(4, math.ceil(frequency)) / frequency,
+    }
     before, record = run(scene, 20.0, SETTLE, sine)
     _, values, hidden = settled(scene, before)
     time = record.time - record.time[0]
@@ -173,9 +171,15 @@ def forces_at(
     duration = cycles(row) / row.frequency
     times = np.linspace(0.0, duration, round(400 * duration) + 1)
     found = solve_ivp(
-        rates, (0.0, duration), [rest, 0.0, *hidden], "LSODA", times, rtol=1e-7, atol=1e-9,
+        rates,
+        (0.0, duration),
+        [rest, 0.0, *hidden],
+        "LSODA",
+        times,
+        rtol=1e-7,
+        atol=1e-9,
         max_step=0.02 / row.frequency,
-    )  # fmt: skip
+    )
     return times, found.y[0]
 
 
@@ -203,9 +207,12 @@ def test_the_law_responds_to_a_push_as_the_table_says() -> None:
 def test_a_pushed_bed_responds_as_the_table_says(row: Pushed) -> None:
     scene = damper(count=row.grains)
     stage = {
-        "kind": "push", "name": "push", "amplitude": row.force, "frequency": row.frequency,
+        "kind": "push",
+        "name": "push",
+        "amplitude": row.force,
+        "frequency": row.frequency,
         "duration": cycles(row) / row.frequency,
-    }  # fmt: skip
+    }
     _, record = run(scene, 20.0, SETTLE, stage)
     found = response(record.time, record.height, row.frequency) / scale(scene)
     assert found == pytest.approx(row.simulated, rel=0.01)

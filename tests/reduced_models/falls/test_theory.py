@@ -58,9 +58,7 @@ def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> No
     assert scene.piston is not None
     mass = scene.piston.mass
     grains = 1000 * Scales.of(scene.grains).mass / 3.0
-    loose, damped = (
-        bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2)
-    )
+    loose, damped = (bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2))
     assert loose == pytest.approx(WEIGHT * 9.8 * mass / (mass + grains), rel=1e-6)
     assert damped > loose
 
@@ -124,13 +122,19 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"piston.mass": None, "output.record": None,
-          "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}]}, "nothing falls"),
+        (
+            {
+                "piston.mass": None,
+                "output.record": None,
+                "protocol": [{"kind": "hold", "name": "a", "duration": 1.0}],
+            },
+            "nothing falls",
+        ),
         ({"effects.gravity": None}, "nothing falls"),
         ({"effects.friction": True}, "has friction"),
         ({"grains.magnets": "cylinders"}, "no dipoles"),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         predict(damper().replace(**changes))
@@ -144,10 +148,8 @@ def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> Non
         ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),
         ({"piston.mass": 0.5}, "more piston.mass"),
     ],
-)  # fmt: skip
-def test_what_was_compared_with_nothing_is_told_with_a_warning(
-    changes: dict[str, Any], said: str
-) -> None:
+)
+def test_what_was_compared_with_nothing_is_told_with_a_warning(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     with pytest.raises(InputError, match=said):
         bed_parameters(scene)

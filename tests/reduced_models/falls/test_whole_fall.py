@@ -45,9 +45,7 @@ def test_losses_are_what_the_fall_gives_up() -> None:
 @pytest.mark.long  # quick: the two above
 def test_a_simulation_says_the_same() -> None:
     scene = damper()
-    changes = {
-        "output.record": None, "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
-    }  # fmt: skip
+    changes = {"output.record": None, "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}]}
     run = simulate(scene.replace(**changes), dt="auto*2", progress=False)
     motion, found = run.piston(), whole_fall(scene)
     assert motion.velocity is not None
@@ -72,9 +70,7 @@ def test_the_command_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
     assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())
 
 
-def test_a_fall_that_was_compared_with_nothing_is_simulated(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_fall_that_was_compared_with_nothing_is_simulated(capsys: pytest.CaptureFixture[str]) -> None:
     small = damper(count=92)
     with pytest.warns(OutsideRangeWarning, match="92 grains"):
         found = whole_fall(small, progress=False)

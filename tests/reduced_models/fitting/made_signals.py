@@ -67,9 +67,7 @@ def made_signal(
     time = np.linspace(0.0, PERIODS * 2.0 * math.pi / truth["omega"], SAMPLES)
     first = np.zeros(size + sensor.order)
     first[0] = start
-    states = solve_ivp(
-        rates, (0.0, time[-1]), first, t_eval=time, rtol=1e-9, atol=1e-13, method="LSODA"
-    ).y
+    states = solve_ivp(rates, (0.0, time[-1]), first, t_eval=time, rtol=1e-9, atol=1e-13, method="LSODA").y
     seen = states[sensor.derivative] if sensor.derivative < 2 else field(*states[:size], *values)[0]
     if sensor.order:
         low = states[size]

@@ -39,9 +39,7 @@ def test_each_parameter_gets_what_another_scale_would_move_it() -> None:
     assert plain.at_rest is not None
     low, high = wide.at_rest.intervals["height"]
     assert 0.5 * (high - low) == pytest.approx(quantile * 0.06 * 0.008, rel=0.03)
-    assert wide.at_rest.intervals["period"] == pytest.approx(
-        plain.at_rest.intervals["period"], rel=1e-6
-    )
+    assert wide.at_rest.intervals["period"] == pytest.approx(plain.at_rest.intervals["period"], rel=1e-6)
 
 
 @pytest.mark.parametrize("how", ["bootstrap", "profile"])
@@ -64,9 +62,7 @@ def test_the_scale_of_a_force_moves_the_mass_that_it_drives() -> None:
     system = ([0.2], [1.0, 0.1 * OMEGA, OMEGA**2])
     swing = lsim(system, 60.0 * volts, TIME)[1] + NOISE
     table = {"time [s]": TIME, "height [m]": swing, "cell [V]": volts}
-    record = PistonRecord.from_table(
-        table, columns={"force": "cell"}, scale={"force": "60 +- 1.2 N/V"}
-    )
+    record = PistonRecord.from_table(table, columns={"force": "cell"}, scale={"force": "60 +- 1.2 N/V"})
     model = fit(record, "z'' + 2*lam*z' + k*z = force/m")
     assert model.parameters["m"] == pytest.approx(5.0, rel=0.01)
     assert spread(model, "m") == pytest.approx(1.96 * 0.02 * model.parameters["m"], rel=0.05)

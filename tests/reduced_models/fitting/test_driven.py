@@ -11,12 +11,7 @@ from granular import PistonRecord
 from reduced_models import Law, fit, load_model
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import (
-    INTERPOLATIONS,
-    Interpolation,
-    interpolate_inputs,
-    piecewise_cubics,
-)
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, interpolate_inputs, piecewise_cubics
 
 LAW = Law("driven", "z'' + c*z' + k*z + b*z**3 = g*force", inputs=("force",))
 TRUE = {"c": 0.1, "k": 1.0, "b": 0.3, "g": 1.0}

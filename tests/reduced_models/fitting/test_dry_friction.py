@@ -102,11 +102,7 @@ def test_peaks_contradict_a_law_that_is_held_to_another_damping(tmp_path: Path) 
     """The law keeps its figure; what is printed is what the peaks show."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
-            released(0.02, 0.0, 1e-4),
-            "linear",
-            starts=2,
-            test_fraction=0.0,
-            fix={"lam": 0.1 * OMEGA},
+            released(0.02, 0.0, 1e-4), "linear", starts=2, test_fraction=0.0, fix={"lam": 0.1 * OMEGA}
         )
     rest = model.at_rest
     assert rest is not None

@@ -73,9 +73,7 @@ def test_intervals_cover_the_truth() -> None:
         for seed in range(100, 160)
     ]
     for name, value in TRUE.items():
-        covered = [
-            model.intervals[name][0] <= value <= model.intervals[name][1] for model in models
-        ]
+        covered = [model.intervals[name][0] <= value <= model.intervals[name][1] for model in models]
         assert 0.85 <= np.mean(covered) <= 1.0
 
 
@@ -86,9 +84,7 @@ def test_the_height_map_is_found() -> None:
     assert errors(model).max() < 1e-5
     assert model.map.shift == pytest.approx(0.06, rel=1e-6)
     assert model.map.scale == pytest.approx(0.002, rel=1e-5)
-    given = fit(
-        PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like", map=HeightMap(0.06, 0.002)
-    )
+    given = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like", map=HeightMap(0.06, 0.002))
     assert errors(given).max() < 1e-6
 
 
@@ -110,16 +106,13 @@ def test_map_and_law_are_found_together_in_noise(
     covered, wrong = [], []
     for seed in range(seeds):
         noise = np.random.default_rng(seed).normal(0.0, 0.01 * clean.std(), len(clean))
-        model = fit(
-            PistonRecord(TIME, shift + scale * (clean + noise)), "van-der-pol-like", starts=starts
-        )
+        model = fit(PistonRecord(TIME, shift + scale * (clean + noise)), "van-der-pol-like", starts=starts)
         assert model.map.fitted
         assert model.quality.converged >= 0.9 * starts
         found = dict(model.parameters) | {"shift": model.map.shift, "scale": model.map.scale}
         wrong.append([abs(found[name] / value - 1.0) for name, value in truth.items()])
         covered += [
-            model.intervals[name][0] <= value <= model.intervals[name][1]
-            for name, value in truth.items()
+            model.intervals[name][0] <= value <= model.intervals[name][1] for name, value in truth.items()
         ]
     assert np.median(wrong, axis=0).max() < 0.025
     assert np.mean(covered) >= 0.85
@@ -257,9 +250,7 @@ def test_a_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -
         fit(linear_record(), "linear")
 
 
-def test_a_solution_that_the_judge_cannot_follow_is_an_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_solution_that_the_judge_cannot_follow_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     lost = Solution(np.full(2000, np.nan), np.full(2000, np.nan), "steps")
     monkeypatch.setattr("reduced_models.fitting.refinement.solve_law", lambda *_: lost)
     with pytest.raises(InputError, match="cannot be followed by the adaptive solver"):
@@ -323,10 +314,7 @@ def test_equations() -> None:
     t = sympy.Symbol("t")
     z = sympy.Function("z")(t)
     lam, omega, g0 = sympy.symbols("lam omega g0")
-    assert (
-        sympy.simplify(model.equation.lhs - (z.diff(t, 2) + 2 * lam * z.diff(t) + omega**2 * z))
-        == 0
-    )
+    assert sympy.simplify(model.equation.lhs - (z.diff(t, 2) + 2 * lam * z.diff(t) + omega**2 * z)) == 0
     assert model.equation.rhs == g0
     assert model.latex == r"\ddot{z} + 2 \lambda \dot{z} + \omega^{2} z = g_{0}"
     assert "475.2" in model.fitted_latex
@@ -359,11 +347,12 @@ def test_bad_laws(equation: str, words: str) -> None:
 def test_own_law(tmp_path: Path) -> None:
     """A law of one's own is fitted like those of the package."""
 
-    def start(
-        guesses: FirstGuesses, random: np.random.Generator, count: int
-    ) -> dict[str, np.ndarray]:
-        return {"k": np.full(count, guesses.frequency**2), "level": np.full(count, 0.058),
-                "c": np.full(count, 2.0)}  # fmt: skip
+    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        return {
+            "k": np.full(count, guesses.frequency**2),
+            "level": np.full(count, 0.058),
+            "c": np.full(count, 2.0),
+        }
 
     law = Law("spring", "z'' = -k*(z - level) - c*z'", start, positive=("k", "c"))
     model = fit(linear_record(), law)
@@ -398,13 +387,7 @@ def test_records_that_say_too_little(record: PistonRecord, words: str) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        {"law": "linaer"},
-        {"starts": 0},
-        {"test_fraction": 1.0},
-        {"confidence": 0.0},
-        {"map": "none"},
-    ],
+    [{"law": "linaer"}, {"starts": 0}, {"test_fraction": 1.0}, {"confidence": 0.0}, {"map": "none"}],
 )
 def test_bad_arguments(arguments: dict) -> None:
     with pytest.raises(InputError):

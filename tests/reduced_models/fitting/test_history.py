@@ -31,9 +31,14 @@ def motion() -> np.ndarray:
     field = compile_rates(law.equation, (), "numpy")
     values = [TRUE[name] for name in law.parameters]
     found = solve_ivp(
-        lambda _, y: [y[1], *field(*y, *values)], (0.0, TIME[-1]), [3.0, 0.0, 0.0], "DOP853",
-        rtol=1e-10, atol=1e-12, t_eval=TIME,
-    )  # fmt: skip
+        lambda _, y: [y[1], *field(*y, *values)],
+        (0.0, TIME[-1]),
+        [3.0, 0.0, 0.0],
+        "DOP853",
+        rtol=1e-10,
+        atol=1e-12,
+        t_eval=TIME,
+    )
     return np.asarray(found.y)
 
 
@@ -81,10 +86,7 @@ def test_what_is_no_history(made: Callable[..., PistonRecord]) -> None:
     record = integer()
     late = record.between(CUT, TIME[-1])
     for initial, words in (
-        (
-            record.between(0.0, 5.0),
-            r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both",
-        ),
+        (record.between(0.0, 5.0), r"ends at 4\.\d+ s, and the record begins at 15\.\d+ s; cut both"),
         (record, "cut both from one record"),
         ([record.between(0.0, CUT)] * 2, "2 motions for 1 records; give one before each"),
         (PistonRecord(TIME, TIME, force=TIME).between(0.0, CUT), "columns"),

@@ -36,8 +36,10 @@ def test_fits_leave_little_in_memory() -> None:
     """Of eight more laws than are kept, each of which takes 20 to 40 MB; of forty fits of one."""
     said = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
-        check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     print(said)
     first, second, third = map(float, said.split())  # MB
     assert second - first < 8 * 8.0

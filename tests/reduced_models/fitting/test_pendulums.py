@@ -39,9 +39,14 @@ def pendulum(place: int) -> Pendulum:
     decay = frequency / (4.0 * math.pi * periods) * random.uniform(0.3, 2.0)
     time = np.linspace(0.0, 2.0 * math.pi * periods / frequency, max(400, round(30 * periods)))
     angle = solve_ivp(
-        lambda _, y: [y[1], -2.0 * decay * y[1] - k * math.sin(y[0] - rest)], (0.0, time[-1]),
-        [rest + swing, 0.0], "DOP853", rtol=1e-10, atol=1e-12, t_eval=time,
-    ).y[0]  # fmt: skip
+        lambda _, y: [y[1], -2.0 * decay * y[1] - k * math.sin(y[0] - rest)],
+        (0.0, time[-1]),
+        [rest + swing, 0.0],
+        "DOP853",
+        rtol=1e-10,
+        atol=1e-12,
+        t_eval=time,
+    ).y[0]
     noise = random.choice([0.001, 0.01, 0.03]) * angle.std()
     height = angle + random.normal(0.0, noise, len(time))
     return Pendulum(PistonRecord(time, height), k, rest, noise)

@@ -50,10 +50,9 @@ def fits(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [
-            fit(noisy(kind, clean, seed), "linear", starts=2, test_fraction=0.0, intervals=how,
-                **KINDS[kind])
+            fit(noisy(kind, clean, seed), "linear", starts=2, test_fraction=0.0, intervals=how, **KINDS[kind])
             for seed in range(count)
-        ]  # fmt: skip
+        ]
 
 
 @pytest.mark.long

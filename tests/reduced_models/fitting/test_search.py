@@ -10,11 +10,7 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
-from reduced_models.fitting.diagnostics import (
-    fit_autoregression,
-    propagate_covariance,
-    residual_structure,
-)
+from reduced_models.fitting.diagnostics import fit_autoregression, propagate_covariance, residual_structure
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak
@@ -28,9 +24,14 @@ def hard_spring(stiffening: float, drag: float, duration: float, samples: int) -
 
     time = np.linspace(0.0, duration, samples)
     found = solve_ivp(
-        lambda _, y: [y[1], -drag * y[1] - y[0] - stiffening * y[0] ** 3], (0.0, duration),
-        [1.4, 0.0], "DOP853", rtol=1e-10, atol=1e-12, t_eval=time,
-    )  # fmt: skip
+        lambda _, y: [y[1], -drag * y[1] - y[0] - stiffening * y[0] ** 3],
+        (0.0, duration),
+        [1.4, 0.0],
+        "DOP853",
+        rtol=1e-10,
+        atol=1e-12,
+        t_eval=time,
+    )
     return PistonRecord(time, found.y[0])
 
 
@@ -99,9 +100,7 @@ def test_a_law_that_is_wrong_by_little_is_named(made: Callable[..., PistonRecord
     assert "and so does a fit to accelerations" in str(right)
 
 
-def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(
-    made: Callable[..., PistonRecord],
-) -> None:
+def test_a_fit_to_accelerations_leads_out_of_a_wrong_valley(made: Callable[..., PistonRecord]) -> None:
     """One start at half the frequency ends where nothing is explained."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
         model = fit(made("linear"), "linear", start={"omega": 0.5}, starts=1)
@@ -161,9 +160,7 @@ def test_what_residuals_look_like() -> None:
     assert late["lag"] == pytest.approx(0.5, rel=0.1)
     assert late["swinging"] > 0.5
     assert late["whiteness"] < 1e-12
-    slow = residual_structure(
-        TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period
-    )
+    slow = residual_structure(TIME, white + np.cumsum(0.2 * random.normal(size=2000)), speed, period)
     assert slow["drift"] > 10.0
     assert slow["slow"] > slow["swinging"]
     assert residual_structure(TIME, 0.0 * motion, speed, period)["whiteness"] == 1.0
@@ -200,9 +197,7 @@ def test_a_short_record_does_not_seem_to_forget_sooner() -> None:
 
 def test_a_walk_is_taken_out_and_put_back() -> None:
     noise = np.random.default_rng(2).normal(size=300)
-    np.testing.assert_allclose(
-        add_random_walk(remove_random_walk(noise, 0.2), 0.2), noise, atol=1e-12
-    )
+    np.testing.assert_allclose(add_random_walk(remove_random_walk(noise, 0.2), 0.2), noise, atol=1e-12)
 
 
 @pytest.mark.long

@@ -93,15 +93,11 @@ def test_a_filter_is_exact_between_grid_points(derivative: int, kind: str, order
     sensor = Sensor(quantity, **given)  # type: ignore[arg-type]
     step, omega = 1.0 / 64.0, 2.0 * math.pi
     points = step * np.arange(129)
-    motion = tuple(
-        (omega**k * np.sin(omega * points + 0.5 * math.pi * k))[:, None] for k in range(3)
-    )
+    motion = tuple((omega**k * np.sin(omega * points + 0.5 * math.pi * k))[:, None] for k in range(3))
     sample = np.linspace(0.0, 1.99, 777)
     point = (sample / step).astype(int)
     tables = sensor_tables(sensor, Grid(step, 128), sample / step - point, np.zeros(777))
-    result = solution_signal(
-        motion, step, point, derivative, tables, np.zeros((order, 1)), 0.0, 1.0
-    )
+    result = solution_signal(motion, step, point, derivative, tables, np.zeros((order, 1)), 0.0, 1.0)
     corner = 2.0 * math.pi * 9.0
     bottom = [1.0, corner] if order == 1 else [1.0, 0.8 * corner, corner**2]
     top = [corner**order] if kind == "low_pass" else [1.0] + [0.0] * order
@@ -154,8 +150,14 @@ def test_a_sensor_in_words() -> None:
     geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
     text = "velocity gain=20:30 high_pass=4.5 absolute column=geo"
     assert sensor_from_text(text) == geophone
-    for wrong in ("speed", "velocity gain", "velocity gain=x", "velocity low_pass=1:2",
-                  "velocity absolute=1", "velocity low_pass=free"):  # fmt: skip
+    for wrong in (
+        "speed",
+        "velocity gain",
+        "velocity gain=x",
+        "velocity low_pass=1:2",
+        "velocity absolute=1",
+        "velocity low_pass=free",
+    ):
         with pytest.raises(InputError):
             sensor_from_text(wrong)
 

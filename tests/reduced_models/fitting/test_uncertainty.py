@@ -39,9 +39,7 @@ def test_it_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
     noise = _correlated_noise(5.0)
     inverse = np.linalg.inv(slopes.T @ slopes)
     exact = inverse @ slopes.T @ noise @ slopes @ inverse
-    assert_allclose(
-        sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9
-    )
+    assert_allclose(sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
 
 
 def test_information_on_some_entries_is_that_of_their_covariance() -> None:
@@ -57,14 +55,10 @@ def test_a_start_that_the_motion_forgets_at_once_takes_no_information() -> None:
     slopes[:, -1] = 0.0
     normal, asked = slopes.T @ slopes, np.array([0, 1])
     without = marginal_information(normal[:-1, :-1], asked, np.ones(SIZE - 1, dtype=bool))
-    assert_allclose(
-        marginal_information(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10
-    )
+    assert_allclose(marginal_information(normal, asked, np.ones(SIZE, dtype=bool)), without, rtol=1e-10)
 
 
-@pytest.mark.parametrize(
-    "how", [pytest.param("linear", marks=pytest.mark.long), "bootstrap", "profile"]
-)
+@pytest.mark.parametrize("how", [pytest.param("linear", marks=pytest.mark.long), "bootstrap", "profile"])
 def test_intervals_of_a_product_that_alone_matters_stay_open(
     monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:

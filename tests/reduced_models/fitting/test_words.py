@@ -42,11 +42,7 @@ def test_an_angle_comes_home() -> None:
 
 def test_home_lies_within_bounds() -> None:
     law = law_from_text(PENDULUM)
-    values = {
-        "lam": np.zeros(3),
-        "k": np.array([9.0, -9.0, 9.0]),
-        "rest": np.array([0.2, 9.0, -7.0]),
-    }
+    values = {"lam": np.zeros(3), "k": np.array([9.0, -9.0, 9.0]), "rest": np.array([0.2, 9.0, -7.0])}
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
     for low, high in ((-20.0, 0.0), (0.0, math.inf), (-math.inf, math.inf)):
         found = canonical_values(law, values, bounds={"k": (low, high), "rest": (6.0, 13.0)})
@@ -80,9 +76,7 @@ def test_a_pendulum_as_it_is_written() -> None:
     free = np.diff(model.intervals["k"])[0]
     assert np.diff(held.intervals["k"])[0] < 1.01 * free
     assert "lam = 0.03 given" in held.provenance["fit"]
-    again = fit(
-        record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free", seed=2
-    )
+    again = fit(record, PENDULUM, fix={"lam": 0.03}, bounds={"k": (0.0, None)}, initial="free", seed=2)
     assert again.parameters["k"] == pytest.approx(held.parameters["k"], rel=1e-6)
     assert min(held.quality.converged, again.quality.converged) >= 8  # whatever the random starts
 
@@ -219,9 +213,7 @@ def test_outliers_weigh_little(made: Callable[..., PistonRecord], loss: Any) -> 
 
 
 @pytest.mark.long
-def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(
-    made: Callable[..., PistonRecord],
-) -> None:
+def test_eight_lengths_of_a_pendulum_tell_gravity_and_the_pivot(made: Callable[..., PistonRecord]) -> None:
     """A constant a record is given as a list; what is shared is found from all together."""
     law = "z'' + c*z' + g/(L + d)*z = 0"
     lengths, records = np.linspace(0.3, 1.5, 8), []

@@ -19,9 +19,10 @@ from reduced_models.laws.law import Law
 
 def test_the_true_law_is_first(made: Any) -> None:
     table = compare(
-        made("duffing"), ["linear", "polynomial-spring", "duffing"],
+        made("duffing"),
+        ["linear", "polynomial-spring", "duffing"],
         test_records=[made("duffing", seed=9, start=1.5)],
-    )  # fmt: skip
+    )
     assert [row.name for row in table.rows] == ["duffing", "polynomial-spring", "linear"]
     assert table.rows[0].error == pytest.approx(0.01, rel=0.1)
     assert table.rows[0].records[0].relative == pytest.approx(0.01, rel=0.1)

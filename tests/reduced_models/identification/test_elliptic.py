@@ -57,9 +57,12 @@ def test_a_cosine_is_no_elliptic_motion() -> None:
 def test_averaging_says_where_it_does_not_hold(alpha: float, held: bool) -> None:
     """The Van der Pol-like law about z = 1 has a limit cycle of 2, a smooth one or a jerky one."""
     model = dataclasses.replace(
-        load_model(SAVED), law=law_named("van-der-pol-like"), map=HeightMap(0.0, 1.0),
-        parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2}, initial=(2.6, 0.0),
-    )  # fmt: skip
+        load_model(SAVED),
+        law=law_named("van-der-pol-like"),
+        map=HeightMap(0.0, 1.0),
+        parameters={"alpha": alpha, "omega": 1.05, "g0": 1.05**2},
+        initial=(2.6, 0.0),
+    )
     time = np.linspace(0.0, 40.0, 2000)
     found = average_elliptically(model, time)
     assert found is not None

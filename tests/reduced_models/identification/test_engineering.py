@@ -20,11 +20,7 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
 )
-from reduced_models.identification.residual_tests import (
-    ResidualTests,
-    residual_tests,
-    samples_of_transient,
-)
+from reduced_models.identification.residual_tests import ResidualTests, residual_tests, samples_of_transient
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
 
@@ -33,11 +29,7 @@ SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 def test_a_textbook_oscillator() -> None:
     """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
-    intervals = {
-        "height": (0.0589, 0.0593),
-        "period": (0.313, 0.3153),
-        "damping_ratio": (0.09, 0.11),
-    }
+    intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.09, 0.11)}
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
     )
@@ -57,35 +49,30 @@ def test_a_textbook_oscillator() -> None:
     angle = {one.name: one for one in engineering_quantities(model, angle=True, mass=None)}
     assert angle["level of rest"].unit == "°"
     assert not any("mm" in one.unit or one.unit == "N/m" for one in angle.values())
-    assert (
-        engineering_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None)
-        == ()
-    )
+    assert engineering_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
 
 
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
-    intervals = {
-        "height": (0.0589, 0.0593),
-        "period": (0.313, 0.3153),
-        "damping_ratio": (0.025, 0.027),
-    }
+    intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.025, 0.027)}
     others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others)
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     known = {one.name: one for one in engineering_quantities(model, angle=False, mass=8.0)}
     assert list(known) == [
-        "level of rest", "natural frequency", "damping ratio at 5 mm", "damping ratio at 1 mm",
-        "friction", "stiffness",
-    ]  # fmt: skip
+        "level of rest",
+        "natural frequency",
+        "damping ratio at 5 mm",
+        "damping ratio at 1 mm",
+        "friction",
+        "stiffness",
+    ]
     assert known["damping ratio at 5 mm"].value == pytest.approx(2.6)
     assert known["damping ratio at 1 mm"].interval == "12.0 to 14.0"
     assert known["friction"].text == "1.000 N"
     assert known["friction"].unit == "N"
     for angle, unit in ((False, "m/s²"), (True, "rad/s²")):
-        (friction,) = [
-            one for one in engineering_quantities(model, angle, None) if one.symbol == "F"
-        ]
+        (friction,) = [one for one in engineering_quantities(model, angle, None) if one.symbol == "F"]
         assert (friction.value, friction.unit) == (0.125, unit)
 
 
@@ -131,13 +118,18 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
 @pytest.mark.parametrize(
     ("value", "low", "high", "text"),
     [
-        (59.1078561, 59.1077, 59.1080, "59.10786"), (3.4726, 3.2, 3.7, "3.47"),
-        (12345.6, 12000.0, 12700.0, "12350"), (0.0361588, 0.0361, 0.0362, "0.036159"),
-        (2.0, 2.0, 2.0, "2.0000000"), (0.0, 0.0, 0.0, "0.0000000"),
-        (0.0, -1e-17, 1e-17, "0.0000000"), (0.0, -0.3, 0.3, "0.00"),
-        (0.0, -math.inf, math.inf, "0.000"), (5.0, -math.inf, math.inf, "5.000"),
+        (59.1078561, 59.1077, 59.1080, "59.10786"),
+        (3.4726, 3.2, 3.7, "3.47"),
+        (12345.6, 12000.0, 12700.0, "12350"),
+        (0.0361588, 0.0361, 0.0362, "0.036159"),
+        (2.0, 2.0, 2.0, "2.0000000"),
+        (0.0, 0.0, 0.0, "0.0000000"),
+        (0.0, -1e-17, 1e-17, "0.0000000"),
+        (0.0, -0.3, 0.3, "0.00"),
+        (0.0, -math.inf, math.inf, "0.000"),
+        (5.0, -math.inf, math.inf, "5.000"),
     ],
-)  # fmt: skip
+)
 def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
     assert format_fixed(value, decimal_places(value, low, high)) == text
     shown = Quantity("x", "x", "", value, low, high)
@@ -151,14 +143,14 @@ def test_digits_follow_the_interval(value: float, low: float, high: float, text:
 @pytest.mark.parametrize(
     ("low", "high", "digits", "text"),
     [
-        (3.34467811, 3.34467816, 7, "3.3446781 to 3.3446782"), (9.0, 11.000000000000002, 1,
-        "9.0 to 11.0"), (0.06, 0.94, 1, "0.0 to 1.0"), (-0.06, 0.06, 1, "-0.1 to 0.1"),
+        (3.34467811, 3.34467816, 7, "3.3446781 to 3.3446782"),
+        (9.0, 11.000000000000002, 1, "9.0 to 11.0"),
+        (0.06, 0.94, 1, "0.0 to 1.0"),
+        (-0.06, 0.06, 1, "-0.1 to 0.1"),
         (12004.0, 12696.0, -1, "12000 to 12700"),
     ],
-)  # fmt: skip
-def test_a_printed_interval_holds_the_whole(
-    low: float, high: float, digits: int, text: str
-) -> None:
+)
+def test_a_printed_interval_holds_the_whole(low: float, high: float, digits: int, text: str) -> None:
     assert format_interval(low, high, digits) == text
 
 
@@ -204,8 +196,7 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "words"),
-    [(2e-4, "so the law holds there"), (2e-3, "wrong: it swings"), (1e-6, "rounding")],
+    ("after", "words"), [(2e-4, "so the law holds there"), (2e-3, "wrong: it swings"), (1e-6, "rounding")]
 )
 def test_a_verdict_names_the_release(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)

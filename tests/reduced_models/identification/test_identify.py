@@ -73,14 +73,15 @@ def fits_a_screen(found: Identification, words: str) -> None:
 
 
 @pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
-def test_from_scene_with_checks(
-    small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
     scene = small_damper.replace(
-        **{"protocol.release.duration": 1.0, "protocol.drop.tolerance": "1e-3 D",
-           "effects.drag.coefficient": 0.5}
-    )  # fmt: skip
+        **{
+            "protocol.release.duration": 1.0,
+            "protocol.drop.tolerance": "1e-3 D",
+            "effects.drag.coefficient": 0.5,
+        }
+    )
     # Checks run in other processes; `test_checks_from_a_plain_script` looks at those.
     with ThreadPoolExecutor(1) as here:
         found = identify(scene, tmp_path / "out", executor=here, progress=False)
@@ -116,9 +117,8 @@ def test_from_scene_with_checks(
 def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
     """A short run with twice the automatic step, in a directory."""
     scene = small_damper.replace(
-        **{"protocol.drop.until": None, "protocol.drop.duration": 0.3,
-           "protocol.release.duration": 1.0}
-    )  # fmt: skip
+        **{"protocol.drop.until": None, "protocol.drop.duration": 0.3, "protocol.release.duration": 1.0}
+    )
     return simulate(scene, "auto*2", out=tmp_path_factory.mktemp("run") / "run", progress=False)
 
 
@@ -133,9 +133,16 @@ def test_from_run(run: Trajectory) -> None:
 
 @pytest.mark.parametrize(
     ("dt", "half"),
-    [("auto", "auto/2"), ("auto*2", "auto*1"), ("auto*8", "auto*4"), ("auto/2", "auto/4"),
-     ("auto*0.5", "auto/4"), ("auto*1.5", "auto/1.3333333333333333"), (1e-5, 5e-6)],
-)  # fmt: skip
+    [
+        ("auto", "auto/2"),
+        ("auto*2", "auto*1"),
+        ("auto*8", "auto*4"),
+        ("auto/2", "auto/4"),
+        ("auto*0.5", "auto/4"),
+        ("auto*1.5", "auto/1.3333333333333333"),
+        (1e-5, 5e-6),
+    ],
+)
 def test_half_a_step(dt: float | str, half: float | str) -> None:
     assert halve_step(dt) == half
     step, finer = validated_step(dt), validated_step(halve_step(dt))
@@ -144,13 +151,22 @@ def test_half_a_step(dt: float | str, half: float | str) -> None:
 
 @pytest.mark.parametrize(
     ("dt", "phase", "other", "factor"),
-    [("auto", 0.2, "auto*2", 1.0), (1e-5, 0.5, 2e-5, 1.0), ("auto", 0.6, "auto/2", 4 / 3),
-     (1e-5, 1.8, 5e-6, 4 / 3), ("auto*8", 0.1, "auto*4", 4 / 3)],
-)  # fmt: skip
+    [
+        ("auto", 0.2, "auto*2", 1.0),
+        (1e-5, 0.5, 2e-5, 1.0),
+        ("auto", 0.6, "auto/2", 4 / 3),
+        (1e-5, 1.8, 5e-6, 4 / 3),
+        ("auto*8", 0.1, "auto*4", 4 / 3),
+    ],
+)
 def test_the_step_is_doubled_where_that_resolves_the_motion(
-    run: Trajectory, monkeypatch: pytest.MonkeyPatch,
-    dt: float | str, phase: float, other: float | str, factor: float,
-) -> None:  # fmt: skip
+    run: Trajectory,
+    monkeypatch: pytest.MonkeyPatch,
+    dt: float | str,
+    phase: float,
+    other: float | str,
+    factor: float,
+) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
     check = scene_with_other_step(run)
@@ -253,9 +269,13 @@ def test_checks_from_a_plain_script(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run(
         [sys.executable, tmp_path / "script.py", str(run.path)],
-        capture_output=True, text=True, check=True, cwd=tmp_path, timeout=300,
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        timeout=300,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    )
     started, failed, kept = done.stdout.splitlines()
     assert started == "started"
     assert re.match(r"\[\] (NotFiniteError|StepError|OutsideError|EnergyError): step \d+", failed)

@@ -20,10 +20,25 @@ from reduced_models.laws.catalogue import LAWS
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 HOSTILE = (
-    "$\\frac{$", "$", "$$x$$", "_hidden", "<script>alert(1)</script>", '"><img src=x>', "a&b",
-    "\x1b[31mred", "\x00", "]]>", "-->", "x" * 4000, "\u202etxt.exe", "\\", "%s{}", "\n\n",
-    "\ud800", "λ" * 50,
-)  # fmt: skip
+    "$\\frac{$",
+    "$",
+    "$$x$$",
+    "_hidden",
+    "<script>alert(1)</script>",
+    '"><img src=x>',
+    "a&b",
+    "\x1b[31mred",
+    "\x00",
+    "]]>",
+    "-->",
+    "x" * 4000,
+    "\u202etxt.exe",
+    "\\",
+    "%s{}",
+    "\n\n",
+    "\ud800",
+    "λ" * 50,
+)
 
 
 def found(names: tuple[str, ...]) -> Identification:
@@ -81,9 +96,17 @@ def test_all_laws_by_command(command: Callable, tmp_path: Path) -> None:
     PistonRecord(time, height).to_csv(tmp_path / "lab.csv")
     out = tmp_path / "out"
     done = command(
-        "reduced_models", "identify", str(tmp_path / "lab.csv"), "--law", "all", "-o", str(out),
-        "--starts", "4", "--quiet",
-    )  # fmt: skip
+        "reduced_models",
+        "identify",
+        str(tmp_path / "lab.csv"),
+        "--law",
+        "all",
+        "-o",
+        str(out),
+        "--starts",
+        "4",
+        "--quiet",
+    )
     assert done.returncode == 0, done.stderr
     assert len(list((out / "models").glob("*.json"))) >= 8
     page = (out / "report.html").read_text()

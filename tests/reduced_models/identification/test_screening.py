@@ -19,9 +19,7 @@ from reduced_models.identification.candidates import (
 from reduced_models.laws.catalogue import LAWS
 
 
-@pytest.mark.parametrize(
-    "level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))]
-)
+@pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
     found = screen_laws(made(name, level=level), [LAWS[each] for each in CANDIDATES])
@@ -54,17 +52,19 @@ def test_what_cannot_be_looked_at_is_fitted() -> None:
 def test_a_column_that_drives() -> None:
     time = np.linspace(0.0, 6.0, 600)
     record = PistonRecord(
-        time, 0.06 + 0.001 * np.cos(20.0 * time),
+        time,
+        0.06 + 0.001 * np.cos(20.0 * time),
         extra={"u": np.sin(3.0 * time), "still": np.zeros(600), "load cell": time},
-    )  # fmt: skip
+    )
     assert unused_columns(record, (LAWS["linear"],)) == ("u", "load cell")
     law = driven_law(LAWS["linear"], record, "u")
     assert law.inputs == ("u",)
     assert set(law.parameters) == {"lam", "omega", "g0", "gain"}
     assert unused_columns(record, (law,)) == ("load cell",)
     for name, words in (
-        ("w", "no column 'w'; further columns: 'u'"), ("still", "is zero everywhere"),
+        ("w", "no column 'w'; further columns: 'u'"),
+        ("still", "is zero everywhere"),
         ("load cell", "rename it"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=words):
             driven_law(LAWS["linear"], record, name)

@@ -14,9 +14,7 @@ from reduced_models.laws.linearization import SmallSwing, small_swing
 from reduced_models.laws.solution import solve_law
 
 LAW = LAWS["annealing-bed"]
-TRUE = {
-    "lam": 0.02, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.3, "strength": 0.05,
-}  # fmt: skip
+TRUE = {"lam": 0.02, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.3, "strength": 0.05}
 
 
 def values(**changes: float) -> list[float]:
@@ -58,8 +56,7 @@ def test_order_grows_at_rest_and_goes_with_plastic_strain() -> None:
 def test_an_ordered_bed_swings_faster_than_one_that_was_let_go() -> None:
     time = np.linspace(0.0, 0.2, 2000)
     fresh, ordered = (
-        solve_law(LAW, time, 0.06006, 0.0, values(), 0.0001, hidden=[0.0, order]).z
-        for order in (0.0, 1.0)
+        solve_law(LAW, time, 0.06006, 0.0, values(), 0.0001, hidden=[0.0, order]).z for order in (0.0, 1.0)
     )
     # The lowest point comes after half a period, which goes with the root of the stiffness.
     ratio = math.sqrt((2.5 + 0.3) / (2.5 + 0.3 * (1.0 + STIFFENING)))

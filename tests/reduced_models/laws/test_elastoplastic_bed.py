@@ -12,9 +12,7 @@ from reduced_models.laws.linearization import SmallSwing, small_swing
 from reduced_models.laws.solution import solve_law
 
 LAW = LAWS["elastoplastic-bed"]
-TRUE = {
-    "lam": 0.02, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.3, "strength": 0.05,
-}  # fmt: skip
+TRUE = {"lam": 0.02, "weight": 9.8, "rest": 0.06, "power": 2.5, "modulus": 0.3, "strength": 0.05}
 
 
 def values(**changes: float) -> list[float]:

@@ -39,9 +39,14 @@ def test_it_is_the_solution(k: float, beta: float, start: float, function: str) 
     time = np.linspace(0.0, 20.0, 201)
     rest = 0.3
     solved = solve_ivp(
-        lambda _, y: [y[1], -k * (y[0] - rest) - beta * (y[0] - rest) ** 3], (0.0, 20.0),
-        [rest + start, 0.0], "DOP853", time, rtol=1e-11, atol=1e-12,
-    )  # fmt: skip
+        lambda _, y: [y[1], -k * (y[0] - rest) - beta * (y[0] - rest) ** 3],
+        (0.0, 20.0),
+        [rest + start, 0.0],
+        "DOP853",
+        time,
+        rtol=1e-11,
+        atol=1e-12,
+    )
     later = 37  # the motion is told from any of its moments
     found = elliptic_motion(k, beta, rest, solved.y[0, later], solved.y[1, later])
     assert found is not None
@@ -76,10 +81,16 @@ def cycles(one: Oscillator, start: float) -> Envelope:
         lambda _, y: [
             y[1],
             -2.0 * (one.decay + one.tilt * y[0] + one.bend * y[0] ** 2) * y[1]
-            - one.k * y[0] - one.beta * y[0] ** 3,
+            - one.k * y[0]
+            - one.beta * y[0] ** 3,
         ],
-        (0.0, TIME[-1]), [start, 0.0], "DOP853", TIME, rtol=1e-10, atol=1e-12,
-    )  # fmt: skip
+        (0.0, TIME[-1]),
+        [start, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-10,
+        atol=1e-12,
+    )
     return envelope(PistonRecord(TIME, solved.y[0]))
 
 
@@ -119,8 +130,7 @@ def test_negative_drag_leads_to_the_limit_cycle_of_van_der_pol(start: float) -> 
 
 
 @pytest.mark.parametrize(
-    ("k", "beta", "lam"),
-    [(1.1, 0.8, 0.05), (1.0, -0.3, 0.02), (1.0, 0.5, 0.1), (-0.3, 1.0, 0.005)],
+    ("k", "beta", "lam"), [(1.1, 0.8, 0.05), (1.0, -0.3, 0.02), (1.0, 0.5, 0.1), (-0.3, 1.0, 0.005)]
 )
 def test_a_duffing_law_drifts_as_it_does(k: float, beta: float, lam: float) -> None:
     """The last goes through two wells."""
@@ -150,13 +160,15 @@ def test_the_van_der_pol_like_law_drifts_as_it_does() -> None:
 @pytest.mark.parametrize(
     ("k", "beta", "amplitude", "turns"),
     [
-        (1.0, 0.5, 3.0, True), (-1.0, 1.0, 1.5, True), (-1.0, 1.0, 1.4, False),  # sqrt(2)
-        (1.0, -0.25, 1.9, True), (1.0, -0.25, 2.1, False), (-1.0, 0.0, 1.0, False),
+        (1.0, 0.5, 3.0, True),
+        (-1.0, 1.0, 1.5, True),
+        (-1.0, 1.0, 1.4, False),  # sqrt(2)
+        (1.0, -0.25, 1.9, True),
+        (1.0, -0.25, 2.1, False),
+        (-1.0, 0.0, 1.0, False),
     ],
-)  # fmt: skip
-def test_humps_and_barriers_bound_the_swings(
-    k: float, beta: float, amplitude: float, turns: bool
-) -> None:
+)
+def test_humps_and_barriers_bound_the_swings(k: float, beta: float, amplitude: float, turns: bool) -> None:
     assert turns_about_rest(np.array([amplitude]), Oscillator(k, beta, 0.0)) == turns
 
 

@@ -31,9 +31,7 @@ def test_many_laws_at_once() -> None:
     """Values of parameters may be arrays; each cycle has its own."""
     law = Law("mine", "z'' + 2*lam*z' + k*z + b*z**3 = 0")
     lams, spring = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
-    together = harmonic_cycles(
-        law_rates(law, (lams, spring, 0.5)), 0, SIZES[:, None], np.zeros(3), 1.0
-    )
+    together = harmonic_cycles(law_rates(law, (lams, spring, 0.5)), 0, SIZES[:, None], np.zeros(3), 1.0)
     assert together.damping.shape == (2, 3)
     for row, size in enumerate(SIZES):
         for k in range(3):

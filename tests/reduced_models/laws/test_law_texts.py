@@ -111,9 +111,7 @@ REFUSED = {
     "huge power": ("z'' + k*9**9**9 = 0", "a power of 3.87e+08"),
     "power of a sum": ("z'' + (a + b + c + z)**200 = 0", "a power of 200"),
     "power of a lesser sum": ("z'' + (a + b + c + z)**50 = 0", "multiplied out"),
-    "product of sums": (
-        "z'' + " + "*".join(f"(a{k} + z)" for k in range(24)) + " = 0", "multiplied out"
-    ),
+    "product of sums": ("z'' + " + "*".join(f"(a{k} + z)" for k in range(24)) + " = 0", "multiplied out"),
     "signs": ("z'' + k*" + "-" * 5000 + "z = 0", "5013 characters"),
     "fewer signs": ("z'' + k*" + "-" * 500 + "z = 0", "more than 50 brackets, operators"),
     "characters": ("z'' + k*z = " + "1" * 10**6, "1000012 characters"),
@@ -140,7 +138,7 @@ REFUSED = {
     "many hidden": ("z'' + k*z = 0" + "; w' = z" * 9, "9 hidden states"),
     "no parameter": ("z'' + z = 0", "no parameter"),
     "infinite": ("z'' + k/(z - z) = 0", "divides by zero"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -163,9 +161,7 @@ def test_no_text_runs_a_command(tmp_path: Path) -> None:
         "except ValueError as error: print(error)"
     )
     text = SHELL.format(str(seen).encode().hex())
-    done = subprocess.run(
-        [sys.executable, "-c", code, text], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code, text], capture_output=True, text=True, check=True)
     assert "'.' is none of the characters of a formula" in done.stdout
     assert not seen.exists()
 

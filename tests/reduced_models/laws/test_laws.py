@@ -90,10 +90,7 @@ def test_a_hysteresis_loop_has_the_work_of_its_force(made: Any) -> None:
 
     def rates(t: float, state: np.ndarray) -> list[float]:
         w, v = state[0], -size * omega * np.sin(omega * t)
-        return [
-            rho * (v - sigma * abs(v) * abs(w) * w + (sigma - 1.0) * v * w**2),
-            friction * w * v,
-        ]
+        return [rho * (v - sigma * abs(v) * abs(w) * w + (sigma - 1.0) * v * w**2), friction * w * v]
 
     period = 2.0 * np.pi / omega
     times = [0.0, 3.0 * period, 4.0 * period]
@@ -117,9 +114,7 @@ def test_a_hysteresis_loop_has_the_work_of_its_force(made: Any) -> None:
         ),
     ],
 )
-def test_a_law_by_its_text_alone(
-    made: Any, name: str, equation: str, values: tuple[float, ...]
-) -> None:
+def test_a_law_by_its_text_alone(made: Any, name: str, equation: str, values: tuple[float, ...]) -> None:
     """Where to start is told by the record's accelerations."""
     model = fit(made(name), equation)
     assert tuple(model.parameters.values()) == pytest.approx(values, rel=0.005)

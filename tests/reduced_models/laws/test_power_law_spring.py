@@ -35,9 +35,7 @@ def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
 def test_an_affine_column_falls_as_the_law_says() -> None:
     """From twice the height of rest; the drag is a third of that of all grains."""
     resistance, times, start = 10.0, np.linspace(0.0, 1.0, 500), 2.0 * REST
-    known = {
-        "lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER,
-    }  # fmt: skip
+    known = {"lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER}
     law = LAWS["power-law-spring"]
     field = compile_rates(law.equation, (), "math")
 

@@ -31,9 +31,12 @@ def column(lateness: float) -> tuple[float, float]:
 
 def swing(name: str, lateness: float) -> SmallSwing:
     known = {
-        "lam": OMEGA * lateness / 6.0, "weight": WEIGHT, "rest": REST, "power": POWER,
+        "lam": OMEGA * lateness / 6.0,
+        "weight": WEIGHT,
+        "rest": REST,
+        "power": POWER,
         "relaxation": lateness / OMEGA / 15.0,
-    }  # fmt: skip
+    }
     law = LAWS[name]
     found = small_swing(law, [known[key] for key in law.parameters], REST)
     assert isinstance(found, SmallSwing)
@@ -47,9 +50,7 @@ def test_a_small_swing_is_that_of_the_column(lateness: float) -> None:
 
     def errors(name: str) -> list[float]:
         found = swing(name, lateness)
-        return [
-            abs(2.0 * math.pi / found.period / frequency - 1.0), abs(found.damping_ratio - ratio)
-        ]  # fmt: skip
+        return [abs(2.0 * math.pi / found.period / frequency - 1.0), abs(found.damping_ratio - ratio)]
 
     near, far = errors("relaxing-column"), errors("power-law-spring")
     assert max(near) < 2e-3

@@ -14,11 +14,10 @@ from reduced_models.laws.linearization import NoSwing, SmallSwing, small_swing
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")
 CASES = {
-    "bouc-wen": (LAWS["bouc-wen"], {"omega": 5.0, "friction": 12.0, "rho": 1.0, "sigma": 0.8,
-                                    "g0": 1.0}),
+    "bouc-wen": (LAWS["bouc-wen"], {"omega": 5.0, "friction": 12.0, "rho": 1.0, "sigma": 0.8, "g0": 1.0}),
     "a spring behind a dashpot": (MAXWELL, {"k": 4.0, "f": 1.0, "tau": 0.5, "g": 2.0}),
     "duffing": (LAWS["duffing"], {"lam": 0.2, "k": 9.0, "rest": 0.4, "beta": 2.0}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -32,10 +31,14 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     field = compile_rates(law.equation, law.inputs, "numpy")
     size, hidden = 1e-6, [0.0] * len(law.hidden)
     motion = solve_ivp(
-        lambda _, state: [state[1], *field(*state, *values)], (0.0, 12.0 * found.period),
-        [found.z + size, 0.0, *hidden], "DOP853", rtol=1e-11, atol=1e-19,
+        lambda _, state: [state[1], *field(*state, *values)],
+        (0.0, 12.0 * found.period),
+        [found.z + size, 0.0, *hidden],
+        "DOP853",
+        rtol=1e-11,
+        atol=1e-19,
         t_eval=np.linspace(0.0, 12.0 * found.period, 20_000),
-    )  # fmt: skip
+    )
     # Hysteresis holds a swing about another level than that of rest.
     late = motion.t > 2.0 * found.period
     swing = motion.y[0] - motion.y[0][late].mean() if name == "bouc-wen" else motion.y[0] - found.z
@@ -44,8 +47,9 @@ def test_a_small_swing_is_as_simulated(name: str) -> None:
     if name == "bouc-wen":
         decay = 0.0
     else:
-        peaks = [np.abs(swing[(a <= motion.t) & (motion.t < b)]).max()
-                 for a, b in itertools.pairwise(passages[:9])]  # fmt: skip
+        peaks = [
+            np.abs(swing[(a <= motion.t) & (motion.t < b)]).max() for a, b in itertools.pairwise(passages[:9])
+        ]
         decay = -float(np.polyfit(0.5 * damped * np.arange(8), np.log(peaks), 1)[0])
     omega = np.hypot(2.0 * np.pi / damped, decay)
     assert found.period == pytest.approx(2.0 * np.pi / omega, rel=0.005)

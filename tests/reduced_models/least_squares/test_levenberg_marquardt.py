@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reduced_models.least_squares.levenberg_marquardt import (
-    Bounds,
-    Normal,
-    Prior,
-    levenberg_marquardt,
-)
+from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 
 MATRIX = np.array([[2.0, 0.6], [0.6, 1.0]])
 BEST = np.array([1.5, -0.5])
@@ -97,7 +92,5 @@ def test_an_undamped_step_that_promises_nothing_ends_the_search() -> None:
         off = theta[:, 0] - 1.0
         return 1e10 + off**2, off[:, None], np.ones((1, 1, 1))
 
-    levenberg_marquardt(
-        watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6
-    )
+    levenberg_marquardt(watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6)
     assert places == [0.0]

@@ -38,9 +38,7 @@ def test_errors_are_those_of_the_peaks() -> None:
         compare_response(made(load_scene("machine"), "acceleration"))
 
 
-def test_the_command_shows_the_law_or_says_why_not(
-    tmp_path: Path, command: Callable[..., Any]
-) -> None:
+def test_the_command_shows_the_law_or_says_why_not(tmp_path: Path, command: Callable[..., Any]) -> None:
     save_response(made(load_scene("machine")), tmp_path)
     done = command("reduced_models", "compare", "--response", str(tmp_path))
     assert done.returncode == 0

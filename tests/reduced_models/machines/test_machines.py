@@ -16,12 +16,7 @@ from reduced_models.falls.theory import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_text
-from reduced_models.machines.response import (
-    CoupledSystem,
-    PredictedResponse,
-    fill_rates,
-    solve_response,
-)
+from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_response
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
@@ -33,10 +28,17 @@ def test_the_equation_is_that_of_the_law_where_the_bed_weighs_nothing() -> None:
     rates = np.zeros(6)
     fill_rates(law, 0.0, state, rates)
     numbers = {
-        "lam": law.drag / (2.0 * law.piston), "weight": law.gravity, "rest": law.rest,
-        "power": 2.5, "modulus": law.modulus, "strength": law.strength,
-        "z": 0.055, "z_first": -0.2, "w": 0.02, "q": 0.6,
-    }  # fmt: skip
+        "lam": law.drag / (2.0 * law.piston),
+        "weight": law.gravity,
+        "rest": law.rest,
+        "power": 2.5,
+        "modulus": law.modulus,
+        "strength": law.strength,
+        "z": 0.055,
+        "z_first": -0.2,
+        "w": 0.02,
+        "q": 0.6,
+    }
     parsed = ANNEALING_BED.parsed
     values = [parsed.acceleration, parsed.hidden["w"], parsed.hidden["q"]]
     exact = [float(one.subs({s: numbers[_name(s)] for s in one.free_symbols})) for one in values]
@@ -93,11 +95,14 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
 @pytest.mark.parametrize(
     ("peak", "stroke", "words"),
     [
-        (6.0e-4, 0.1, "less than the 0.5 to 2 D"), (6.0e-4, 1.0, "take away 94 % of the peak"),
-        (6.0e-4, 3.0, "more than the 0.5 to 2 D"), (9.9e-3, 0.1, "less than the 0.5 to 2 D"),
-        (9.9e-3, 1.0, "leaves most"), (math.nan, math.nan, "leaves most"),
+        (6.0e-4, 0.1, "less than the 0.5 to 2 D"),
+        (6.0e-4, 1.0, "take away 94 % of the peak"),
+        (6.0e-4, 3.0, "more than the 0.5 to 2 D"),
+        (9.9e-3, 0.1, "less than the 0.5 to 2 D"),
+        (9.9e-3, 1.0, "leaves most"),
+        (math.nan, math.nan, "leaves most"),
     ],
-)  # fmt: skip
+)
 def test_a_verdict_says_what_its_figures_say(peak: float, stroke: float, words: str) -> None:
     """Of 9.95 mm; a bed that takes most of it away damps, however little it moves."""
     curve = np.array([peak, 0.5 * peak])

@@ -17,10 +17,33 @@ from reduced_models import ReducedModel, load_model
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 ODD: tuple[Any, ...] = (
-    None, True, 0, -1, 99, 2**53 + 1, 10**400, 1e-320, 1e99, 1e308, "1.0", "", "NaN", "x\x1b[2J",
-    "z" * 10**5, [], [1.0], [None, None], [2.0, 1.0], [0.1] * 300, {}, {"a": 1}, {"a": {"b": []}},
-    "__import__('os')", '""" + 1 + """', "$\\frac{$",
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    99,
+    2**53 + 1,
+    10**400,
+    1e-320,
+    1e99,
+    1e308,
+    "1.0",
+    "",
+    "NaN",
+    "x\x1b[2J",
+    "z" * 10**5,
+    [],
+    [1.0],
+    [None, None],
+    [2.0, 1.0],
+    [0.1] * 300,
+    {},
+    {"a": 1},
+    {"a": {"b": []}},
+    "__import__('os')",
+    '""" + 1 + """',
+    "$\\frac{$",
+)
 CONSTANTS = ("NaN", "Infinity", "-Infinity", "1e999", "1_0", "0x1")
 QUICK = 250
 
@@ -133,9 +156,7 @@ def test_all_damaged_models_are_read_or_refused(tmp_path: Path) -> None:
         (("covariance",), [[1.0]], "model.covariance is [[1.0]]; a row and a column for each name"),
     ],
 )
-def test_a_refusal_names_the_entry(
-    path: tuple[str, ...], value: Any, words: str, tmp_path: Path
-) -> None:
+def test_a_refusal_names_the_entry(path: tuple[str, ...], value: Any, words: str, tmp_path: Path) -> None:
     file = tmp_path / "model.json"
     file.write_text(json.dumps(changed(json.loads(SAVED.read_text()), path, value)))
     with pytest.raises(InputError) as caught:
@@ -171,6 +192,4 @@ def test_python_of_a_model_has_no_clash_of_names() -> None:
     space: dict[str, Any] = {}
     exec(other.numpy_source, space)
     times = np.linspace(0.0, 1.0, 50)
-    np.testing.assert_allclose(
-        space["simulate"](times), load_model(SAVED).simulate(times).height, atol=1e-6
-    )
+    np.testing.assert_allclose(space["simulate"](times), load_model(SAVED).simulate(times).height, atol=1e-6)

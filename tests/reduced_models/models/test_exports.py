@@ -32,26 +32,37 @@ TIMES = np.linspace(0.0, 2.0, 101)
 LAWS = {
     "linear": ({"lam": 0.8, "omega": 21.0, "g0": 26.0}, (0.062, 0.0), HeightMap()),
     "power-law-spring": (
-        {"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54}, (0.061, 0.01), HeightMap(),
+        {"lam": 0.8, "weight": 11.0, "rest": 0.059, "power": 2.54},
+        (0.061, 0.01),
+        HeightMap(),
     ),
     "van-der-pol-like": (
-        {"alpha": 4.0, "omega": 21.0, "g0": -20.0}, (0.061, 0.0), HeightMap(0.06, 0.02, True),
+        {"alpha": 4.0, "omega": 21.0, "g0": -20.0},
+        (0.061, 0.0),
+        HeightMap(0.06, 0.02, True),
     ),
     "quadratic-drag": ({"c": 90.0, "omega": 21.0, "g0": 26.0}, (0.062, -0.02), HeightMap()),
     "bouc-wen": (
-        {"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0}, (0.061, 0.0),
+        {"omega": 21.0, "friction": 0.1, "rho": 2000.0, "sigma": 0.8, "g0": 26.0},
+        (0.061, 0.0),
         HeightMap(),
     ),
-}  # fmt: skip
+}
 
 
 def model_of(name: str) -> ReducedModel:
     """A law with numbers, as a model."""
     parameters, initial, height_map = LAWS[name]
     return dataclasses.replace(
-        load_model(SAVED), law=law_named(name), parameters=parameters, initial=initial,
-        map=height_map, at_rest=None, hidden={}, provenance={},
-    )  # fmt: skip
+        load_model(SAVED),
+        law=law_named(name),
+        parameters=parameters,
+        initial=initial,
+        map=height_map,
+        at_rest=None,
+        hidden={},
+        provenance={},
+    )
 
 
 def with_step(model: ReducedModel) -> ReducedModel:
@@ -75,10 +86,24 @@ def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None
     model = with_step(model_of(name))
     model.export(tmp_path / "model.c")
     done = subprocess.run(
-        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC",
-         str(tmp_path / "model.c"), "-o", str(tmp_path / "model.so"), "-lm"],
-        check=False, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            "gcc",
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-O1",
+            "-shared",
+            "-fPIC",
+            str(tmp_path / "model.c"),
+            "-o",
+            str(tmp_path / "model.so"),
+            "-lm",
+        ],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     heights, numbers = np.empty_like(TIMES), ctypes.POINTER(ctypes.c_double)
     ctypes.CDLL(str(tmp_path / "model.so")).model_simulate(
@@ -95,8 +120,11 @@ def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) ->
     program = "h = damper(linspace(0, 2, 101)); printf('%.17g\\n', h)"
     done = subprocess.run(
         ["octave", "--no-gui", "--quiet", "--norc", "--eval", program],
-        check=False, capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     assert close(np.array(done.stdout.split(), dtype=float), model)
 
@@ -122,25 +150,35 @@ def test_modelica_text_declares_all_that_it_names(name: str) -> None:
     text = modelica_source(model_of(name))
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
     known = {
-        "model", "parameter", "Real", "unit", "start", "fixed", "true", "protected", "equation",
-        "der", "end", "DamperModel", "abs", "sign", "tanh", "e",
-    }  # fmt: skip
+        "model",
+        "parameter",
+        "Real",
+        "unit",
+        "start",
+        "fixed",
+        "true",
+        "protected",
+        "equation",
+        "der",
+        "end",
+        "DamperModel",
+        "abs",
+        "sign",
+        "tanh",
+        "e",
+    }
     declared = set(re.findall(r"Real (\w+)", code))
     assert set(re.findall(r"[A-Za-z_]\w*", code)) <= known | declared
     assert code.count("(") == code.count(")")
     assert "**" not in code
 
 
-HOSTILE = (
-    "*/ #error x", "//\\", "??/", "\n#include <x>", '"; system("x")', "%}", "\u2028x", "\x00",
-)  # fmt: skip
+HOSTILE = ("*/ #error x", "//\\", "??/", "\n#include <x>", '"; system("x")', "%}", "\u2028x", "\x00")
 
 
 @pytest.mark.parametrize("words", HOSTILE)
 @pytest.mark.parametrize("source", [c_source, matlab_source, modelica_source])
-def test_words_of_a_user_stay_in_comments(
-    words: str, source: Callable[[ReducedModel], str]
-) -> None:
+def test_words_of_a_user_stay_in_comments(words: str, source: Callable[[ReducedModel], str]) -> None:
     model = model_of("linear")
     plain = source(dataclasses.replace(model, provenance={"data": "x"}))
     law = dataclasses.replace(model.law, name=words, source=words)
@@ -155,8 +193,12 @@ def test_words_of_a_user_stay_in_comments(
 
 def test_names_in_any_alphabet_and_words_of_a_language() -> None:
     assert safe_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
-        "p_double", "p_lamda", "p_lambda", "p_end", "p_k_1",
-    )  # fmt: skip
+        "p_double",
+        "p_lamda",
+        "p_lambda",
+        "p_end",
+        "p_k_1",
+    )
     assert len(set(safe_names("p_", ("α", "alpha")))) == 2
     law = law_from_text("z'' + double*z' + λ*max(z, 0) = end")
     model = dataclasses.replace(

@@ -21,13 +21,7 @@ from reduced_models.machines import export_bed
 from reduced_models.machines.port import bed_port, mass_matrix
 from reduced_models.machines.response import CoupledSystem, fill_rates
 from reduced_models.models.export import write_code
-from reduced_models.models.ports import (
-    ForcePort,
-    force_port,
-    port_jacobian,
-    port_modelica_source,
-    port_parts,
-)
+from reduced_models.models.ports import ForcePort, force_port, port_jacobian, port_modelica_source, port_parts
 from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
@@ -91,9 +85,12 @@ def test_a_piston_on_the_element_in_c_moves_as_the_record(name: str, tmp_path: P
     start = ", ".join(map(repr, port.model.initial))
     (tmp_path / "main.c").write_text(MAIN.replace("START", start), "utf-8")
     done = subprocess.run(
-        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "main.c", "bed.c", "-o", "main",
-         "-lm"], check=False, capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
+        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "main.c", "bed.c", "-o", "main", "-lm"],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     heights = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
     assert close(np.array(heights.split(), dtype=float), with_step(model_of(name)))
@@ -109,9 +106,7 @@ def test_the_force_in_python_is_that_of_the_law(name: str, tmp_path: Path) -> No
     fine = model.simulate(np.array([0.0, step, 2.0 * step]), z0=0.06, v0=-0.05)
     assert motion.velocity is not None
     assert fine.velocity is not None
-    acceleration = (-3.0 * fine.velocity[0] + 4.0 * fine.velocity[1] - fine.velocity[2]) / (
-        2 * step
-    )
+    acceleration = (-3.0 * fine.velocity[0] + 4.0 * fine.velocity[1] - fine.velocity[2]) / (2 * step)
     force = bed.force(0.06, -0.05, states=[0.0] * len(port_parts(port).states))
     assert force == pytest.approx(MASS * (acceleration + 9.8), rel=1e-4)
     heavier = {**bed.PARAMETERS, "mass": 2.0 * MASS, "load": 0.0}
@@ -122,8 +117,13 @@ def test_derivatives_are_those_of_the_force() -> None:
     port = bed_port(load_scene("damper"))
     parts, rows = port_parts(port), port_jacobian(port_parts(port))
     assert rows is not None
-    values = {"height": 0.058, "velocity": -0.03, "h_w": 0.02, "h_q": 0.4,
-              **dict(zip(parts.parameters, parts.values, strict=True))}  # fmt: skip
+    values = {
+        "height": 0.058,
+        "velocity": -0.03,
+        "h_w": 0.02,
+        "h_q": 0.4,
+        **dict(zip(parts.parameters, parts.values, strict=True)),
+    }
 
     def at(expression: Any, changed: dict[str, float]) -> float:
         numbers = values | changed
@@ -251,9 +251,26 @@ def test_modelica_text_is_an_element_between_flanges() -> None:
     text = port_modelica_source(force_port(with_step(model), MASS), "Bed")
     assert "extends Modelica.Mechanics.Translational.Interfaces.PartialCompliant" in text
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
-    known = {"model", "Bed", "extends", "Modelica", "Mechanics", "Translational", "Interfaces",
-             "PartialCompliantWithRelativeStates", "parameter", "output", "Real", "unit",
-             "protected", "equation", "end", "f", "s_rel", "v_rel"}  # fmt: skip
+    known = {
+        "model",
+        "Bed",
+        "extends",
+        "Modelica",
+        "Mechanics",
+        "Translational",
+        "Interfaces",
+        "PartialCompliantWithRelativeStates",
+        "parameter",
+        "output",
+        "Real",
+        "unit",
+        "protected",
+        "equation",
+        "end",
+        "f",
+        "s_rel",
+        "v_rel",
+    }
     declared = set(re.findall(r"Real (\w+)", code))
     assert set(re.findall(r"[A-Za-z_]\w*", code)) <= known | declared
     assert "**" not in code

@@ -55,9 +55,7 @@ def test_a_model_shows_itself(made: Callable[..., PistonRecord]) -> None:
     seen = np.array(model.domain["height"])
     rest = model.at_rest.height if model.at_rest else np.nan
     assert abs(swing[0] - 1e3 * rest) == pytest.approx(1e3 * np.abs(seen - rest).max())
-    assert repr(model).startswith(
-        "ReducedModel 'linear': z'' + 2*lam*z' + omega**2*z = g0\n  lam ="
-    )
+    assert repr(model).startswith("ReducedModel 'linear': z'' + 2*lam*z' + omega**2*z = g0\n  lam =")
     assert len(repr(model).splitlines()) == 3
     assert "<math" in model._repr_html_()
     assert model._repr_latex_() == f"$${model.fitted_latex}$$"

@@ -37,11 +37,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
     """Level, period and damping ratio lie in the printed intervals."""
     rest = model.at_rest
     assert rest is not None
-    found = {
-        "height": height,
-        "period": 2.0 * math.pi / omega,
-        "damping_ratio": damping / (2.0 * omega),
-    }
+    found = {"height": height, "period": 2.0 * math.pi / omega, "damping_ratio": damping / (2.0 * omega)}
     for name, value in found.items():
         low, high = rest.intervals[name]
         assert low <= value <= high, name
@@ -77,8 +73,7 @@ def test_the_linear_law_as_it_is_printed(record: PistonRecord) -> None:
     assert all(f"<mn>{number}</mn>" in on_page for number in match.groups())
     assert all(number in model.text for number in match.groups())
     values = {
-        name: float(value)
-        for name, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
+        name: float(value) for name, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
     }
     lam, omega, g0 = values["lam"], values["omega"], values["g0"]
     inside(model, g0 / omega**2, omega, 2.0 * lam)
@@ -88,9 +83,7 @@ def test_a_law_with_a_map_as_it_is_printed(record: PistonRecord) -> None:
     """The map of the height is printed next to the equation, with as many digits."""
     model = fit(record, "van-der-pol-like")
     digits = max(5, model.printed_digits)
-    match = re.fullmatch(
-        rf"z = \(height ([-+]) {NUMBER} m\)/\({NUMBER} m\)", model.map.text(digits)
-    )
+    match = re.fullmatch(rf"z = \(height ([-+]) {NUMBER} m\)/\({NUMBER} m\)", model.map.text(digits))
     assert match is not None
     shift = float(match[2]) * (1.0 if match[1] == "-" else -1.0)
     scale = float(match[3])
@@ -128,9 +121,10 @@ def test_every_law_as_it_is_printed(name: str, level: float, made: Any) -> None:
     swing = swing_of_equation(model.printed_equation, printed.to_law(rest.height))
     assert swing is not None
     figures = {
-        "height": printed.to_height(swing.z), "period": swing.period,
+        "height": printed.to_height(swing.z),
+        "period": swing.period,
         "damping_ratio": damping_ratio(rest, equation_rates(model.printed_equation), swing),
-    }  # fmt: skip
+    }
     for key, value in figures.items():
         low, high = rest.intervals[key]
         slack = 1e-6 * abs(getattr(rest, key)) + 1e-12
@@ -145,9 +139,7 @@ def test_few_digits_where_little_is_known(made: Any) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(
-            name, marks=() if name in ("bouc-wen", "elastoplastic-bed") else pytest.mark.long
-        )
+        pytest.param(name, marks=() if name in ("bouc-wen", "elastoplastic-bed") else pytest.mark.long)
         for name, law in LAWS.items()
         if law.hidden
     ],  # quick: two that have memory
@@ -158,8 +150,7 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
         warnings.simplefilter("ignore")
         model = fit(made(name, seed=1, level=1e-3), name, starts=4)
     values = {
-        key: float(value)
-        for key, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
+        key: float(value) for key, value in re.findall(rf"^  (\w+) = {NUMBER} ", str(model), re.MULTILINE)
     }
     rest = model.at_rest
     assert rest is not None
@@ -168,9 +159,10 @@ def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> No
     assert not isinstance(swing, NoSwing)
     rates = law_rates(law, [values[key] for key in law.parameters])
     figures = {
-        "height": model.map.to_height(swing.z), "period": swing.period,
+        "height": model.map.to_height(swing.z),
+        "period": swing.period,
         "damping_ratio": damping_ratio(rest, rates, swing, len(law.hidden)),
-    }  # fmt: skip
+    }
     for key, value in figures.items():
         low, high = rest.intervals[key]
         assert low <= value <= high, key
@@ -197,10 +189,7 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
 
 def test_what_a_law_says_of_rest_is_printed_to_its_intervals() -> None:
     """Ends are rounded outwards, and no interval that has a width is printed without one."""
-    rest = AtRest(
-        0.062123456, 0.3, 0.0867512,
-        {"height": (0.06212341, 0.06212350), "period": (0.2, 0.4)},
-    )  # fmt: skip
+    rest = AtRest(0.062123456, 0.3, 0.0867512, {"height": (0.06212341, 0.06212350), "period": (0.2, 0.4)})
     assert str(rest).splitlines() == [
         "height: 0.062123456 m  [0.062123410, 0.062123500]",
         "period: 0.30 s  [0.20, 0.40]",

@@ -89,9 +89,7 @@ def test_text_that_runs_alone(duffing: ReducedModel, made: Any) -> None:
     for model in (duffing, fit(made("bouc-wen"), "bouc-wen")):
         space: dict[str, Any] = {}
         exec(model.numpy_source, space)
-        np.testing.assert_allclose(
-            space["simulate"](times), model.simulate(times).height, atol=1e-5
-        )
+        np.testing.assert_allclose(space["simulate"](times), model.simulate(times).height, atol=1e-5)
     assert "LaTeX:" in duffing.text
     assert "sha256" in duffing.text
 
@@ -113,9 +111,13 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
     again = estimator.predict(shuffle)[np.argsort(shuffle)]
     assert np.array_equal(again, estimator.predict(record.time))
     assert estimator.get_params() == {
-        "law": "linear", "starts": 16, "test_fraction": 0.3,
-        "bounds": None, "positive": (), "loss": "linear",
-    }  # fmt: skip
+        "law": "linear",
+        "starts": 16,
+        "test_fraction": 0.3,
+        "bounds": None,
+        "positive": (),
+        "loss": "linear",
+    }
     assert LawEstimator().set_params(law="duffing").law == "duffing"
     with pytest.raises(InputError):
         LawEstimator().set_params(lwa="duffing")

@@ -51,12 +51,13 @@ REFUSED = {
     "ragged": (table(SWING).replace("\n0.0,", "\n3,3,"), "3 values for 2 columns"),
     "decimal commas": (table(SWING).replace(".", ","), "sample 0 has 4 values for 2 columns"),
     "too many periods": (
-        table(0.1 * np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)), "record.between"
+        table(0.1 * np.cos(np.arange(40000) * 2.1), 0.01 * np.arange(40000)),
+        "record.between",
     ),
     "too large": (table(1e200 * SWING), "heights up to"),
     "times too large": (table(SWING, 1e200 * TIME), "s can be computed with: check the units"),
     "no text": ("\x00\x01\x02\n", "cannot be read as text"),
-}  # fmt: skip
+}
 
 DOUBTED = {
     "noise alone": (table(0.059 + 1e-4 * NOISE), "% of the rms swing, so the record says little"),

@@ -26,8 +26,7 @@ def noisy(time: np.ndarray, level: float, seed: int = 0) -> PistonRecord:
 def errors(found: Derivatives) -> list[float]:
     estimates = (found.height, found.velocity, found.acceleration)
     return [
-        float(np.std((one - true)[INNER]))
-        for one, true in zip(estimates, swing(found.time), strict=True)
+        float(np.std((one - true)[INNER])) for one, true in zip(estimates, swing(found.time), strict=True)
     ]
 
 
@@ -47,10 +46,7 @@ def test_noise_figures_are_those_of_the_weights() -> None:
         found = derivatives(noisy(TIME, 1e-4), method)
         if method == "savitzky-golay":
             window = round(found.width / step)
-            gains = [
-                np.linalg.norm(savgol_coeffs(window, 5, deriv=order, delta=step))
-                for order in range(3)
-            ]
+            gains = [np.linalg.norm(savgol_coeffs(window, 5, deriv=order, delta=step)) for order in range(3)]
         else:
             gains = [1.0, 1.0 / (np.sqrt(2.0) * step), np.sqrt(6.0) / step**2]
         assert np.array(found.noise) == pytest.approx(found.record_noise * np.array(gains), rel=0.1)
@@ -81,9 +77,7 @@ def test_smoothing_beats_differences_at_every_noise(method: str) -> None:
 def test_what_smoothing_takes_from_the_motion_is_no_more_than_twice_the_noise() -> None:
     for level in (1e-3, 1e-4, 1e-5, 1e-7):
         found = derivatives(noisy(TIME, level))
-        assert all(
-            error < 3.0 * noise for error, noise in zip(errors(found), found.noise, strict=True)
-        )
+        assert all(error < 3.0 * noise for error, noise in zip(errors(found), found.noise, strict=True))
 
 
 def test_uneven_samples_do_as_well_as_even_ones() -> None:

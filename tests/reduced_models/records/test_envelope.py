@@ -23,9 +23,7 @@ def test_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> Non
     found = envelope(noisy(0.06 + 0.002 * np.exp(-0.03 * TIME) * np.cos(2.0 * TIME + 0.4), noise))
     tolerance = 1e-4 + 100.0 * noise
     np.testing.assert_allclose(found.level, 0.06, atol=2e-6 + 3.0 * noise)
-    np.testing.assert_allclose(
-        found.amplitude, 0.002 * np.exp(-0.03 * found.time), rtol=2e-3 + 5e3 * noise
-    )
+    np.testing.assert_allclose(found.amplitude, 0.002 * np.exp(-0.03 * found.time), rtol=2e-3 + 5e3 * noise)
     np.testing.assert_allclose(np.mean(found.frequency), 2.0, rtol=tolerance)
     assert np.mean(found.damping) == pytest.approx(0.03, rel=0.03)
     assert np.mean(found.damping_ratio) == pytest.approx(0.015, rel=0.03)
@@ -34,9 +32,14 @@ def test_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> Non
 
 def test_the_backbone_of_a_duffing_motion() -> None:
     solved = solve_ivp(
-        lambda _, y: [y[1], -0.02 * y[1] - y[0] - 0.5 * y[0] ** 3], (0.0, 60.0), [1.5, 0.0],
-        "DOP853", TIME, rtol=1e-11, atol=1e-12,
-    )  # fmt: skip
+        lambda _, y: [y[1], -0.02 * y[1] - y[0] - 0.5 * y[0] ** 3],
+        (0.0, 60.0),
+        [1.5, 0.0],
+        "DOP853",
+        TIME,
+        rtol=1e-11,
+        atol=1e-12,
+    )
     found = envelope(noisy(solved.y[0], 0.002))
     expected = 2.0 * np.pi * averaged_frequency(found.amplitude, Oscillator(1.0, 0.5, 0.01))
     assert np.ptp(expected) > 0.05  # there is a backbone to see

@@ -76,9 +76,14 @@ def test_the_command_writes_a_description_that_repeats_it(
 
 @pytest.mark.parametrize(
     "words",
-    [["--between", "1"], ["--between", "a:b"], ["--columns", "height"], ["--decimal", ":"],
-     ["--units", "height=furlong"]],
-)  # fmt: skip
+    [
+        ["--between", "1"],
+        ["--between", "a:b"],
+        ["--columns", "height"],
+        ["--decimal", ":"],
+        ["--units", "height=furlong"],
+    ],
+)
 def test_bad_options_end_in_one_line(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -125,15 +125,20 @@ def test_a_release_that_is_not_there_is_refused() -> None:
         ReadOptions(release=2, between=(0.0, 1.0))
 
 
-def test_all_releases_of_a_file_are_fitted_together(
-    tmp_path: Path, command: Callable[..., Any]
-) -> None:
+def test_all_releases_of_a_file_are_fitted_together(tmp_path: Path, command: Callable[..., Any]) -> None:
     record = record_of(np.concatenate([decay(2.5)] * 3))
     record.to_csv(tmp_path / "lab.csv")
     done = command(
-        "reduced_models", "fit", str(tmp_path / "lab.csv"), "--release", "all", "--law", "linear",
-        "--starts", "2",
-    )  # fmt: skip
+        "reduced_models",
+        "fit",
+        str(tmp_path / "lab.csv"),
+        "--release",
+        "all",
+        "--law",
+        "linear",
+        "--starts",
+        "2",
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("linear: z''") == 3
     assert len(read_releases(tmp_path / "lab.csv")) == 3
@@ -176,11 +181,7 @@ def test_an_end_in_which_a_drive_acts_is_kept() -> None:
     assert len(motion) == len(record)
 
 
-LOST = {
-    "zeros": (0.0, 60e-3),
-    "far outside": (-999.25, 0.0),
-    "spikes": (None, 0.0),
-}  # fmt: skip
+LOST = {"zeros": (0.0, 60e-3), "far outside": (-999.25, 0.0), "spikes": (None, 0.0)}
 
 
 @pytest.mark.parametrize("kind", LOST)
@@ -190,9 +191,7 @@ def test_lost_samples_are_left_out(kind: str) -> None:
     record = record_of(decay(3.0))
     height = record.height + level
     lost = random.uniform(size=len(height)) < 0.02
-    height[lost] = (
-        height[lost] + random.choice([-5e-3, 5e-3], lost.sum()) if value is None else value
-    )
+    height[lost] = height[lost] + random.choice([-5e-3, 5e-3], lost.sum()) if value is None else value
     motion, said = found(PistonRecord(record.time, height))
     assert any(f"are left out: {lost.sum()}," in words for words in said)
     assert not np.isin(record.time[lost], motion.time).any()

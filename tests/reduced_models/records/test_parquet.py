@@ -43,9 +43,7 @@ def test_a_command_says_the_same_of_both(
     assert said[0] == said[1]
 
 
-def test_profile_intervals_on_the_command_line(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_profile_intervals_on_the_command_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["fit", "lab.parquet", "--law", "linear", "--test-fraction", "0", "--json", "--quiet"]
     found = {}
     for how in ("linear", "profile"):

@@ -33,16 +33,19 @@ def free(since: np.ndarray, height: float = 1.0, velocity: float = 0.0) -> np.nd
 
 
 def record(
-    hold: float, noise: float = 0.0, *, rate: float = 1000.0, kicked: bool = False,
-    count: float = 0.0, seed: int = 0,
-) -> PistonRecord:  # fmt: skip
+    hold: float,
+    noise: float = 0.0,
+    *,
+    rate: float = 1000.0,
+    kicked: bool = False,
+    count: float = 0.0,
+    seed: int = 0,
+) -> PistonRecord:
     """A hold, or where it is kicked a rest, and 4 s of swing of 3 mm from 61 mm on."""
     time = np.arange(0.0, hold + 4.0, 1.0 / rate)
     height = free(time - hold, 0.0, OMEGA) if kicked else free(time - hold)
     height += noise * np.random.default_rng(seed).standard_normal(len(time))
-    return PistonRecord(
-        time, 0.061 + 0.003 * (np.round(height / count) * count if count else height)
-    )
+    return PistonRecord(time, 0.061 + 0.003 * (np.round(height / count) * count if count else height))
 
 
 @pytest.mark.parametrize("kicked", [False, True], ids=["released", "kicked"])
@@ -72,8 +75,13 @@ def driven(push: Callable[[float], float], damping: float = 0.05) -> np.ndarray:
     """The response of a swing that is at rest to a force."""
     found = solve_ivp(
         lambda t, y: [y[1], OMEGA**2 * (push(t) - y[0]) - 2.0 * damping * OMEGA * y[1]],
-        (0.0, 5.0), [0.0, 0.0], t_eval=TIME, rtol=1e-8, atol=1e-10, max_step=0.01,
-    )  # fmt: skip
+        (0.0, 5.0),
+        [0.0, 0.0],
+        t_eval=TIME,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=0.01,
+    )
     return np.asarray(found.y[0])
 
 
@@ -120,10 +128,7 @@ def test_a_motion_from_an_unstable_rest_starts_by_and_by(start: float) -> None:
         random = np.random.default_rng(2)
         for law in (
             lambda t, y: [y[1], -(OMEGA**2) * np.sin(y[0])],
-            lambda t, y: [
-                y[1],
-                OMEGA * (0.4 * (1.0 - (y[0] - 3.14) ** 2) * y[1] - OMEGA * (y[0] - 3.14)),
-            ],
+            lambda t, y: [y[1], OMEGA * (0.4 * (1.0 - (y[0] - 3.14) ** 2) * y[1] - OMEGA * (y[0] - 3.14))],
         ):
             found = solve_ivp(law, (0.0, 5.0), [3.14159265 - start, 0.0], t_eval=TIME, rtol=1e-8)
             height = found.y[0] + noise * random.standard_normal(len(TIME))

@@ -12,31 +12,11 @@ import pytest
 from granular.shared.errors import InputError
 from research.campaign import ROOT
 from research.published.__main__ import CAMPAIGN
-from research.published.both_causes import (
-    summary_of_both,
-    with_both_causes,
-    words_on_both,
-    words_on_creep,
-)
+from research.published.both_causes import summary_of_both, with_both_causes, words_on_both, words_on_creep
 from research.published.causes import comparisons, verdict_on_hysteresis
-from research.published.judging import (
-    Judged,
-    counts,
-    judge,
-    judged,
-    series_behind,
-    strength,
-)
+from research.published.judging import Judged, counts, judge, judged, series_behind, strength
 from research.published.page import page
-from research.published.plan import (
-    LARGE,
-    LISTED,
-    RADII,
-    RATIOS,
-    full_plan,
-    mixture_name,
-    quick_plan,
-)
+from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mixture_name, quick_plan
 from research.published.results import EMPTY, Results, committed, counted, read
 from research.published.runner import summary
 from research.published.velocity_variants import LATE_SEEDS
@@ -49,10 +29,20 @@ def series(
     count = max((len(one) for one in figures.values()), default=0)
     seeds = list(range(1, planned + 1))
     plain = {
-        "name": name, "protocol": protocol, "words": protocol, "step": "auto*1.5", "coarse": False,
-        "seeds": seeds, "done": seeds[:count], "keys": [f"{k}" for k in seeds[:count]],
-        "figures": figures, "errors": [], "versions": [], "reference": {}, "stale": False,
-    }  # fmt: skip
+        "name": name,
+        "protocol": protocol,
+        "words": protocol,
+        "step": "auto*1.5",
+        "coarse": False,
+        "seeds": seeds,
+        "done": seeds[:count],
+        "keys": [f"{k}" for k in seeds[:count]],
+        "figures": figures,
+        "errors": [],
+        "versions": [],
+        "reference": {},
+        "stale": False,
+    }
     return {f"{name} | {protocol}": plain}
 
 
@@ -149,17 +139,16 @@ def test_figures_of_several_beds_are_of_one_protocol() -> None:
 def test_lines_of_the_published_forces_are_the_published_lines() -> None:
     names = {"direct": "piston_force_direct_sum", "list": "piston_force_verlet"}
     some = [
-        series(
-            f"{way} {n}",
-            force=[published_value(f"{section}.mean[{k}]") + d for d in (0, 0.1, -0.1)],
-        )
+        series(f"{way} {n}", force=[published_value(f"{section}.mean[{k}]") + d for d in (0, 0.1, -0.1)])
         for way, section in names.items()
         for k, n in enumerate((*LISTED, *LARGE))
     ]
     wanted = (
-        "linear_fit_direct.slope", "linear_fit_direct.intercept", "linear_fit_verlet.slope",
+        "linear_fit_direct.slope",
+        "linear_fit_direct.intercept",
+        "linear_fit_verlet.slope",
         "linear_fit_verlet.intercept",
-    )  # fmt: skip
+    )
     found = results(*some)
     for name in wanted:
         one = row(found, f"piston_force_verlet.{name}")
@@ -176,17 +165,21 @@ def test_lines_of_the_published_forces_are_the_published_lines() -> None:
 def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
     """Forces on the published curve, and orders that go together."""
     a, slow, b, fast = (
-        published_value(f"biexponential_fmax.{name}[{place}]")
-        for name in ("A", "lambda1", "B", "lambda2")
+        published_value(f"biexponential_fmax.{name}[{place}]") for name in ("A", "lambda1", "B", "lambda2")
     )
     made = []
     for r in RATIOS:
         force = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r))
         order = 1.0 - r * (1.0 - r)
         made.append(
-            series(mixture_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01],
-                   hexagons_full=[order, order + 0.01], psi6_full=[order, order - 0.01])
-        )  # fmt: skip
+            series(
+                mixture_name(aspect, r),
+                planned=2,
+                force=[force - 0.01, force + 0.01],
+                hexagons_full=[order, order + 0.01],
+                psi6_full=[order, order - 0.01],
+            )
+        )
     return made
 
 
@@ -230,11 +223,11 @@ def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
         for n, printed, hit in zip((92, 184, 368), (0.48, 0.70, 0.99), hits, strict=True):
             value = printed if hit else 1.3 * printed
             some += [
-                series(f"direct {n}", "quick",
-                       hysteresis_D=[1.4 * printed + d for d in (0.0, 0.01, -0.01)]),
-                series(f"direct {n}, wider cell", "quick",
-                       hysteresis_D=[value + d for d in (0.0, 0.01, -0.01)]),
-            ]  # fmt: skip
+                series(f"direct {n}", "quick", hysteresis_D=[1.4 * printed + d for d in (0.0, 0.01, -0.01)]),
+                series(
+                    f"direct {n}, wider cell", "quick", hysteresis_D=[value + d for d in (0.0, 0.01, -0.01)]
+                ),
+            ]
         return results(*some)
 
     found = verdict_on_hysteresis(comparisons(beds(True, True, False)))
@@ -320,16 +313,18 @@ def test_distances_with_both_causes_are_counted() -> None:
             start, end, gap = (
                 [value + shift + scatter for scatter in (0.0, 0.02, -0.02)] for value in printed
             )
-            beds.append(series(name, protocol, half_start_D=start, half_end_D=end,
-                               hysteresis_D=gap))  # fmt: skip
+            beds.append(series(name, protocol, half_start_D=start, half_end_D=end, hysteresis_D=gap))
         for seed in LATE_SEEDS:
             late[f"start {n}, {seed}"] = printed[0] if hit else printed[0] - 0.3
             late[f"end {n}, {seed}"] = printed[1]
     found = Results(results(*beds).series, {"late_velocity": late}, {})
     assert summary_of_both(with_both_causes(found)) == {
-        "distances": 6, "within by the exact law": 0, "within with both causes": 3,
-        "run with equation 2.17 late": 6, "within with equation 2.17 late": 4,
-    }  # fmt: skip
+        "distances": 6,
+        "within by the exact law": 0,
+        "within with both causes": 3,
+        "run with equation 2.17 late": 6,
+        "within with equation 2.17 late": 4,
+    }
     words = words_on_both(found)
     assert "start at 736 (19.59 for 19.89 D)" in words
     assert "hysteresis at 736 (0.76 for 1.06 D)" in words
@@ -352,8 +347,9 @@ def test_chance_differences_among_many_are_not_counted() -> None:
 
 
 def test_every_difference_has_a_cause_or_says_what_was_tried() -> None:
-    assert [one.entry.key for one in judged(committed()) if one.verdict.agrees is False
-            and not one.note] == []  # fmt: skip
+    assert [
+        one.entry.key for one in judged(committed()) if one.verdict.agrees is False and not one.note
+    ] == []
 
 
 def test_committed_file_holds_what_was_run() -> None:

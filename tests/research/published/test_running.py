@@ -82,9 +82,7 @@ def test_what_was_run_is_found_again(groups: list[Group], kept: Path) -> None:
     assert not list((kept / "runs").iterdir())
 
 
-def test_the_file_alone_is_gone_on_from(
-    groups: list[Group], found: Results, tmp_path: Path
-) -> None:
+def test_the_file_alone_is_gone_on_from(groups: list[Group], found: Results, tmp_path: Path) -> None:
     """A start that the file holds is not run again; one that it lacks is."""
     good = groups[0].series[0]
     through_file = Results.from_plain(json.loads(json.dumps(found.to_plain())))
@@ -232,17 +230,14 @@ def test_an_entry_run_anew_is_compared_to_the_last_digit(
         rerun.rerun("piston_force_direct_sum.maen[0]")
 
 
-def test_an_entry_without_a_series_is_compared_by_its_value(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_entry_without_a_series_is_compared_by_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """Calculations have no figures of starts; a time is compared with nothing."""
     now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
     monkeypatch.setattr(rerun, "calculated", lambda *_, **__: None)
     monkeypatch.setattr("research.published.collecting.kept", lambda _: now)
     for factor, same in ((1.0, True), (2.0, False)):
         before = {
-            name: {one: factor * value for one, value in numbers.items()}
-            for name, numbers in now.items()
+            name: {one: factor * value for one, value in numbers.items()} for name, numbers in now.items()
         }
         monkeypatch.setattr(rerun, "committed", lambda before=before: Results({}, before, {}))
         found = rerun.rerun("default_grain.mass_kg", progress=False)

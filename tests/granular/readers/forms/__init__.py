@@ -5,14 +5,4 @@ from .form import FORCE, FORMS, HEIGHT, TIME
 from .objects import in_memory
 from .refused import REFUSED
 
-__all__ = [
-    "FORCE",
-    "FORMS",
-    "HEIGHT",
-    "REFUSED",
-    "TIME",
-    "formats",
-    "in_memory",
-    "instruments",
-    "texts",
-]
+__all__ = ["FORCE", "FORMS", "HEIGHT", "REFUSED", "TIME", "formats", "in_memory", "instruments", "texts"]

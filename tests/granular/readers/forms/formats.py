@@ -14,8 +14,13 @@ from .form import HEIGHT, TIME, form, rows
 )
 def labview(path: Path) -> None:
     head = LABVIEW.format(x_columns="One", mark=".")
-    path.write_bytes(("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment",
-                                   *map("\t".join, rows(9, scale=1.0)), ""])).encode())  # fmt: skip
+    path.write_bytes(
+        (
+            "\r\n".join(
+                [*head.split("\n"), "X_Value\tHeight\tComment", *map("\t".join, rows(9, scale=1.0)), ""]
+            )
+        ).encode()
+    )
 
 
 @form(
@@ -26,9 +31,7 @@ def labview(path: Path) -> None:
 def labview_without_times(path: Path) -> None:
     head = LABVIEW.format(x_columns="No", mark=",").replace("0.01", "0,01").replace("0.0", "0,0")
     body = ["\t" + z for _, z in rows(9, mark=",", scale=1.0)]
-    path.write_bytes(
-        ("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment", *body, ""])).encode()
-    )
+    path.write_bytes(("\r\n".join([*head.split("\n"), "X_Value\tHeight\tComment", *body, ""])).encode())
 
 
 LABVIEW = """LabVIEW Measurement\t
@@ -77,11 +80,7 @@ def matlab_structure(path: Path) -> None:
     scipy.io.savemat(path, {"run7": {"time": TIME, "height_mm": 1e3 * HEIGHT}})
 
 
-@form(
-    "frame.parquet",
-    after="pandas, to_parquet",
-    source="https://parquet.apache.org/docs/file-format/",
-)
+@form("frame.parquet", after="pandas, to_parquet", source="https://parquet.apache.org/docs/file-format/")
 def parquet(path: Path) -> None:
     import pandas
 

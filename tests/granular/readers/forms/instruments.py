@@ -150,9 +150,7 @@ def logger_pro(path: Path) -> None:
 )
 def tracker_two(path: Path) -> None:
     body = [f"{t}\t{float(z) / 7:.6E}\t{float(z):.9E}\t1.0\t2.0\t" for t, z in rows()]
-    path.write_bytes(
-        "\r\n".join(["#multi:", "\tcm A\t\tcm B\t\t", "t\tx\ty\tx\ty\t", *body, ""]).encode()
-    )
+    path.write_bytes("\r\n".join(["#multi:", "\tcm A\t\tcm B\t\t", "t\tx\ty\tx\ty\t", *body, ""]).encode())
 
 
 @form(

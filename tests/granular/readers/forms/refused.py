@@ -40,17 +40,22 @@ def phone() -> str:
 REFUSED = {
     "an acceleration": Refused("logger.csv", accelerations().encode(), "only the acceleration"),
     "accelerations of a phone": Refused(
-        "phone.csv", phone().encode(), "only the acceleration 'Linear Acceleration x'",
+        "phone.csv",
+        phone().encode(),
+        "only the acceleration 'Linear Acceleration x'",
         "https://github.com/emmermarcell/phyphox_measurements/blob/HEAD/meresek/2_3sarok2.csv",
     ),
     "an old workbook": Refused(
-        "phyphox.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504),
+        "phyphox.xls",
+        b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504),
         r"Excel 97 to 2003 .* save it as \.xlsx or CSV",
         "https://learn.microsoft.com/en-us/openspecs/windows_protocols/ms-cfb/",
     ),
     "volts": Refused(
-        "scope.csv", b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n",
-        r"unit 'V'; .*units: height=", "https://www.easymanua.ls/rands/rtc1000/manual?p=101",
+        "scope.csv",
+        b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n",
+        r"unit 'V'; .*units: height=",
+        "https://www.easymanua.ls/rands/rtc1000/manual?p=101",
     ),
     "two of a name": Refused(
         "tracks.txt",
@@ -59,21 +64,23 @@ REFUSED = {
         "http://www.physics.brocku.ca/Courses/2P20/Tracker/index.php?page=21",
     ),
     "a start in words": Refused(
-        "rigol.csv", b"X,CH1,Start,Increment,\nSequence,Volt,soon,1e-6,\n0,1.0,\n1,2.0,\n",
+        "rigol.csv",
+        b"X,CH1,Start,Increment,\nSequence,Volt,soon,1e-6,\n0,1.0,\n1,2.0,\n",
         "line 2 ends with 'soon'",
         "https://github.com/scottprahl/RigolWFM/blob/HEAD/tests/files/wfm/DS2072A-6.csv",
     ),
-    "words": Refused(
-        "notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"
-    ),
+    "words": Refused("notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"),
     "one column": Refused("one.txt", b"1.0\n2.0\n3.0\n", "is not separated by commas"),
     "a picture": Refused(
-        "plot.png", b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "cannot be read as text",
+        "plot.png",
+        b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR",
+        "cannot be read as text",
         "https://www.w3.org/TR/png/",
     ),
     "MATLAB 7.3": Refused(
-        "new.mat", b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM" + b"\x89HDF",
+        "new.mat",
+        b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM" + b"\x89HDF",
         r"cannot be read as a MATLAB file|version 7\.3",
         "https://www.mathworks.com/help/matlab/import_export/mat-file-versions.html",
     ),
-}  # fmt: skip
+}

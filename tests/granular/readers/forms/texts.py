@@ -11,11 +11,7 @@ import numpy as np
 from .form import FORCE, HEIGHT, TIME, form, lines, rows
 
 
-@form(
-    "plain.csv",
-    after="RFC 4180",
-    source="https://www.rfc-editor.org/rfc/rfc4180",
-)
+@form("plain.csv", after="RFC 4180", source="https://www.rfc-editor.org/rfc/rfc4180")
 def plain(path: Path) -> None:
     path.write_bytes(lines("time [s],height [mm]", ",", "\r\n").encode())
 
@@ -114,8 +110,13 @@ def pandas_index(path: Path) -> None:
     said={"columns": {"height": 5}, "units": {"height": "mm"}},
 )
 def tektronix(path: Path) -> None:
-    head = ["Record Length,2.500000e+03", "Sample Interval,1.0e-02", "Trigger Point,0.0",
-            "Source,CH1", "Vertical Units,V"]  # fmt: skip
+    head = [
+        "Record Length,2.500000e+03",
+        "Sample Interval,1.0e-02",
+        "Trigger Point,0.0",
+        "Source,CH1",
+        "Vertical Units,V",
+    ]
     body = [f"{head[k] if k < len(head) else ','},,{t},{z}," for k, (t, z) in enumerate(rows())]
     path.write_bytes(("\r\n".join(body) + "\r\n").encode())
 
@@ -184,9 +185,13 @@ def gaps(path: Path) -> None:
 
 @form("cut.csv", after="a transfer that was cut off in the last line")
 def cut(path: Path) -> None:
-    path.write_text(lines("time,height [mm],temperature", ",20.5,").replace(
-        ",20.5,", ",")[:-1].replace("\n", ",20.5\n").replace("temperature,20.5", "temperature")
-        + ",20.5\n0.80")  # fmt: skip
+    path.write_text(
+        lines("time,height [mm],temperature", ",20.5,")
+        .replace(",20.5,", ",")[:-1]
+        .replace("\n", ",20.5\n")
+        .replace("temperature,20.5", "temperature")
+        + ",20.5\n0.80"
+    )
 
 
 @form(
@@ -198,11 +203,7 @@ def footer(path: Path) -> None:
     path.write_text(lines("time;height [mm]", ";") + "EOF\n")
 
 
-@form(
-    "iso.csv",
-    after="ISO 8601 time stamps",
-    source="https://www.rfc-editor.org/rfc/rfc3339",
-)
+@form("iso.csv", after="ISO 8601 time stamps", source="https://www.rfc-editor.org/rfc/rfc3339")
 def iso_stamps(path: Path) -> None:
     start = datetime.datetime(2024, 5, 1, 23, 59, 59, 500000, tzinfo=datetime.UTC)
     body = [
@@ -212,11 +213,7 @@ def iso_stamps(path: Path) -> None:
     path.write_text("\n".join(["timestamp,height_mm", *body, ""]))
 
 
-@form(
-    "clock.csv",
-    after="times of day, past midnight",
-    source="https://www.rfc-editor.org/rfc/rfc3339",
-)
+@form("clock.csv", after="times of day, past midnight", source="https://www.rfc-editor.org/rfc/rfc3339")
 def clock(path: Path) -> None:
     start = datetime.datetime(2024, 5, 1, 23, 59, 59, 500000, tzinfo=datetime.UTC)
     body = [
@@ -302,8 +299,7 @@ def tracker(path: Path) -> None:
     source="http://www.physics.brocku.ca/Courses/2P20/Tracker/index.php?page=21",
 )
 def tracker_with_commas(path: Path) -> None:
-    path.write_text(lines("#multi:\nt\ty\n", "\t", scale=1.0, decimals=9, mark=",").replace(
-        "y\n\n", "y\n"))  # fmt: skip
+    path.write_text(lines("#multi:\nt\ty\n", "\t", scale=1.0, decimals=9, mark=",").replace("y\n\n", "y\n"))
 
 
 @form("vernier.csv", after="Vernier Logger Pro: names of runs before the columns")
