@@ -1,20 +1,35 @@
-"""The toolkit next to LAMMPS: what the page of the comparison says, measured."""
+"""The toolkit next to LAMMPS and PySINDy: what the page of the comparison says, measured."""
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular import evaluate, load_scene, simulate
+from granular import PistonRecord, evaluate, load_scene, simulate
 from granular.export import to_lammps
+from reduced_models import HeightMap, discover, fit, read_record
+from reduced_models.discovery.terms import state_symbols
+from reduced_models.records.examples import write_examples
+from research.discovery.cases import equation_text
+from research.discovery.peers import pysindy_law
+from research.discovery.systems import System, law_of, made_record, solved, system_named
 
+if TYPE_CHECKING:
+    import sympy
+
+PENDULUM = System("pendulum", {"sin(z)": -30.0, "z'": -0.1}, "trigonometric", 1.2, (-0.7, 2.0))
+"""Law of the packaged record ``encoder.csv``."""
+NOISE, SEED = 0.01, 0
+"""Of the made decay."""
 STEP, RUNS = 5e-5, 3
 """Step of both engines [s]; runs of LAMMPS and here of which the fastest counts."""
 SCENE = load_scene("bed").replace(
@@ -78,3 +93,90 @@ def together(dt: float) -> Both:
         dump = np.array(frames(Path(folder) / "frames.dump"))
     apart = np.abs(dump[:, :, :2] - run.dataset["position"].values).max()
     return Both(dump[0, :, 4:6], apart / SCENE.grains.species[0].diameter, theirs, ours)
+
+
+def beside_pysindy() -> str:
+    """A made decay with noise and a packaged record, by PySINDy and here."""
+    duffing = system_named("hard Duffing")
+    with tempfile.TemporaryDirectory() as folder:
+        write_examples(folder)
+        encoder = read_record(Path(folder) / "encoder.toml")
+    law = "z'' + c*z' + k*z + b*z**3 = 0"
+    decay = compared(duffing, made_record(duffing, NOISE, SEED), law, {"z": "k", "z**3": "b", "z'": "c"})
+    swing = compared(PENDULUM, encoder, "z'' + c*z' + k*sin(z) = 0", {"sin(z)": "k", "z'": "c"})
+    return "\n".join(
+        [
+            f"A made decay, `{duffing.law}`, with {100 * NOISE:g} % of noise:",
+            "",
+            *decay,
+            "",
+            f"The packaged record of a pendulum, `{PENDULUM.law}`, as an encoder of 2048 counts a turn",
+            "reads it (`granular-damper example`, `encoder.toml`):",
+            "",
+            *swing,
+            "",
+        ]
+    )
+
+
+class FoundLaw(NamedTuple):
+    """A law z'' = f(z, v), where z is the map of the height."""
+
+    law: sympy.Expr
+    map: HeightMap = HeightMap()
+
+
+def compared(system: System, record: PistonRecord, law: str, parameters: dict[str, str]) -> list[str]:
+    """Rows of a table: the truth, PySINDy as its guide does and with help, and here."""
+
+    def known() -> FoundLaw:
+        values = fit(record, law).parameters
+        terms = {term: -values[name] for term, name in parameters.items()}
+        return FoundLaw(law_of(system._replace(terms=terms)))
+
+    def unknown() -> FoundLaw:
+        result = discover(record)
+        return FoundLaw(result.expression, result.map)
+
+    works: dict[str, Callable[[], FoundLaw]] = {
+        "PySINDy as in its guide": lambda: FoundLaw(pysindy_law(record, system, False, False)),
+        "PySINDy with help": lambda: FoundLaw(pysindy_law(record, system, True, True)),
+        "`discover(record)`": unknown,
+        f'`fit(record, "{law}")`': known,
+    }
+    rows = [
+        "| by | equation | frequency at rest | damping ratio | error from another start | processor time |",
+        "| --- | --- | --- | --- | --- | --- |",
+        table_row("truth", system, FoundLaw(law_of(system))),
+    ]
+    for name, work in works.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is doubtful shows in the errors
+            found, seconds = fastest(work, 1)
+        rows.append(table_row(name, system, found, seconds))
+    return rows
+
+
+def table_row(name: str, system: System, found: FoundLaw, seconds: float | None = None) -> str:
+    """What a law says of small swings, and how it predicts a motion from a start that no fit has seen."""
+    frequency, damping = small_swing(found.law)
+    time = np.linspace(0.0, 20.0, 1000)
+    truth = solved(law_of(system), time, system.unseen, np.zeros_like)
+    start = float(found.map.to_law(system.unseen[0])), system.unseen[1] / found.map.scale
+    motion = found.map.shift + found.map.scale * solved(found.law, time, start, np.zeros_like)
+    error = float(np.sqrt(((motion - truth) ** 2).mean()) / truth.std())
+    equation = f"`{equation_text(found.law, found.map)}`"
+    cells = [name, equation, f"{frequency:.5f} Hz", f"{100 * damping:.3f} %"]
+    last = ["", ""] if seconds is None else [f"{100 * error:.2g} %", f"{seconds:.2g} s"]
+    return f"| {' | '.join([*cells, *last])} |"
+
+
+def small_swing(law: sympy.Expr) -> tuple[float, float]:
+    """Frequency without damping [Hz] and damping ratio about the rest next to 0; NaN where nothing swings."""
+    import sympy
+
+    z, v, _ = state_symbols()
+    rest = {z: float(sympy.nsolve(law.subs(v, 0), z, 0.0)), v: 0.0}
+    stiffness, damping = (-float(law.diff(one).subs(rest)) for one in (z, v))
+    omega = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
+    return omega / (2.0 * math.pi), damping / (2.0 * omega)

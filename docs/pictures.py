@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compared import beside_lammps
+from compared import beside_lammps, beside_pysindy
 from measured import averaging, falls, head_on_steps
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
@@ -898,6 +898,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "falls": lambda: write_block("falls", falls(), DOCS / "results" / "laws.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
     "lammps": lambda: write_block("lammps", beside_lammps(), OTHERS),
+    "pysindy": lambda: write_block("pysindy", beside_pysindy(), OTHERS),
     "guarantees": draw_guarantees,
     "verification": draw_verification,
     "installation": draw_installation,

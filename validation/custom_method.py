@@ -70,7 +70,7 @@ def method_report(
     Returns
     -------
     dict
-        As `validation.report.report`.
+        What the JSON file holds: the sections' results, a verdict each, and the machine.
 
     Raises
     ------

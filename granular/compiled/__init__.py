@@ -97,7 +97,7 @@ def entry(function: Any = None, *, inline: bool = False) -> Any:
     function : function, optional
         Function, or a kernel of `compiled`, for another form of it that Python can call.
     inline : bool
-        As in `compiled`.
+        Put the code into every caller, for what is met at every step and is short.
 
     Returns
     -------

@@ -45,7 +45,8 @@ class EddyTable(NamedTuple):
     Attributes
     ----------
     series : float64 (k, k, 2, ORDER) or None
-        As of `granular.effects.eddy_tensor.series`.
+        Coefficients of the tensor's two polynomials for each pair of kinds; None of dipoles over a
+        thin plate, where both are 1.
     shifts : float64 (s, 2)
         Displacements of the images of the cell, its own first [D].
     """

@@ -24,8 +24,10 @@ class FrictionLaw(NamedTuple):
         N_i = load + factor_i sum_j weight_j / r_ij^3.
     rate : float or None
         Decay rate of the drag that is solved with it [1/tau]; None without drag.
-    kind, rates : float64 (m,) and RateTable, or None
-        As of `granular.effects.drag.DragLaw`.
+    kind : float64 (m,) or None
+        Index of each grain's rate in ``rates``.
+    rates : RateTable or None
+        None where all grains have the same rate.
     entry : int
         Index in the ledger of the loss to friction.
     drag : int or None

@@ -81,8 +81,10 @@ class WallFrictionLaw(NamedTuple):
     left, right : law of the wall, or None
     rate : float or None
         Decay rate of the drag that is solved with it [1/tau].
-    kind, rates : float64 (m,) and RateTable, or None
-        As of `granular.effects.drag.DragLaw`.
+    kind : float64 (m,) or None
+        Index of each grain's rate in ``rates``.
+    rates : RateTable or None
+        None where all grains have the same rate.
     drag : int or None
         Entry of the ledger for what the drag takes.
     """

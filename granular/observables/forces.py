@@ -186,7 +186,8 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
     Raises
     ------
     InputError
-        As of `granular.observables.compressive_forces`.
+        If the shape is not that of the scene's grains, or an effect acts between grains by a law
+        other than dipole and contact.
     """
     virials = np.full((len(positions), 2, 2), np.nan)
     for some in pair_interactions(scene, positions):

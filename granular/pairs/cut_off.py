@@ -244,7 +244,7 @@ stripes : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
 smooth : bool or None
-    As in `CutOff`.
+    None where pairs just end; else the far part of their law is taken off, for a far field.
 threaded : bool or None
     None sweeps the stripes one after another, anything else on Numba's threads.
 grains : int

@@ -271,7 +271,7 @@ def find_far_forces(
     mesh : Mesh
     far : FarForces
     threaded : bool or None
-        As in `granular.pairs.direct.direct_sum`.
+        None runs the parts one after another, anything else on Numba's threads.
     grains : int
     arrays : PairArrays
         Without stiffness and extremes.

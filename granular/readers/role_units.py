@@ -56,12 +56,12 @@ def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
     role : str
         Such as ``acceleration``, in which g is that of gravity.
     unit : str
-        As `granular.readers.headers.normalize_unit` writes it.
+        Such as ``"mm/s^2"``, in the spelling of `granular.schema.units`.
 
     Returns
     -------
     tuple of float and Dimension
-        As of `granular.schema.units.unit_size`.
+        Size in SI, and exponents of the base units.
 
     Raises
     ------

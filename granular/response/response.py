@@ -157,7 +157,8 @@ def frequency_response(
     duration : float
         [s].
     dt : float or str
-        As of `simulate`.
+        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
+        "auto*2" is half or twice as long.
     out : str or Path, optional
         Directory that keeps what is done; the same call goes on from there.
     workers : int, optional

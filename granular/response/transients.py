@@ -56,7 +56,8 @@ def run_sweep(
     points : int
         Frequencies at which the response is given.
     dt : float or str
-        As of `simulate`.
+        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
+        "auto*2" is half or twice as long.
     out : str or Path, optional
         Directory that keeps the run, in ``run``; the same call goes on from there.
     progress : bool
@@ -101,12 +102,12 @@ def run_sweep(
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
-    """As `run_sweep`, of a run under a sweep.
+    """Response of a host, read off a run under a sweep.
 
     Raises
     ------
     InputError
-        As `swept_response`.
+        If the host is not shaken by a sweep, or the run is too short for one point.
     """
     data = swept_response(run, points)
     host = run.scene.effects.host
@@ -242,7 +243,8 @@ def run_impulse(
     duration : float
         Duration of the simulation from the begin of the impulse [s].
     dt : float or str
-        As of `simulate`.
+        Time step [s]; "auto" follows the stiffest mode that the bed can meet, and "auto/2" or
+        "auto*2" is half or twice as long.
     out : str or Path, optional
         Directory that keeps the run, in ``run``; the same call, also with another fraction or a
         longer duration, goes on from there.

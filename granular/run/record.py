@@ -219,7 +219,9 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            As of `from_file`.
+            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
+            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
+            `granular.readers.options.ReadOptions`.
         """
         from granular.readers.formats import TEXT
 
@@ -241,7 +243,9 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            As of `from_file`.
+            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
+            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
+            `granular.readers.options.ReadOptions`.
         """
         from granular.readers.formats import PARQUET
 
@@ -260,7 +264,9 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            As of `from_file`.
+            How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
+            ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
+            `granular.readers.options.ReadOptions`.
 
         Raises
         ------

@@ -74,13 +74,14 @@ def replacing_together(
     """Return a function that gives the path to write each file of a directory to, by its name.
 
     The directory is made if there is none. The files take their real names together, when all went
-    well; names that cannot be written or may not be are refused before anything is, as `replacing`
-    refuses them.
+    well; names that cannot be written or may not be are refused before anything is.
 
     Raises
     ------
-    InputError, StoreError
-        As of `replacing` and `make_directory`.
+    InputError
+        If a name is that of a directory, or of a file that may not be overwritten.
+    StoreError
+        If the directory cannot be made, or a file cannot be written.
     """
     make_directory(directory)
     for name in names:

@@ -28,7 +28,7 @@ class BackgroundCases:
     Parameters
     ----------
     measure : function of Trajectory
-        As of `granular.sweep`.
+        Results of a run to store, by name, as numbers; a function that other processes can have.
     executor : Executor, optional
         Where they are computed; processes on this machine, one fewer than it has processors, if not
         given.
@@ -66,7 +66,7 @@ class BackgroundCases:
         ----------
         scene : Scene
         changes : sequence of mapping
-            As the cases of `granular.sweep`.
+            Dotted keys of the scene and their new values, for each case.
         settings : mapping
             ``dt``, ``t_end`` and ``method`` of cases without their own.
         """

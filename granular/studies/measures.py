@@ -84,7 +84,7 @@ class CustomMeasure:
     name : str
         Name of the function, or of an observable, whose value at the end of a run it is.
     known_as : str
-        As `granular.studies.cases.measure_name` has it.
+        Module and name of the function, and a digest of its code.
     """
 
     file: UserFile

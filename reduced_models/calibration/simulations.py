@@ -68,8 +68,10 @@ def record_features(record: PistonRecord, law: str | Law = LAW, *, force: bool =
     Raises
     ------
     InputError
-        As `fit`; a `RecordError` where a figure is not above 0, the law has no level of rest, or
-        it leaves more than half of the swing unexplained.
+        If no start of the fit leads to a solution that stays finite.
+    RecordError
+        If the record is too short or does not move, a figure is not above 0, the law has no level
+        of rest, or it leaves more than half of the swing unexplained.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -94,7 +94,7 @@ class DamperMaps:
     Parameters
     ----------
     study : DataFrame
-        As `run_study` returns it; rows with an error are left out.
+        A row for each damper that `run_study` simulated; those with an error are left out.
 
     Attributes
     ----------

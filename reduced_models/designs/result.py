@@ -33,12 +33,15 @@ class DesignCheck(NamedTuple):
     ----------
     seed : int
         Of its random start.
-    rest_height, frequency, damping_ratio, lam, k1, k2, k3
-        As in `Prediction`, measured.
+    rest_height, frequency, damping_ratio : float
+        [m]; [Hz], without damping; fraction of the critical damping.
+    lam, k1, k2, k3 : float
+        Of z'' + 2 lam z' + k1 (z - h) + k2 (z - h)^2 + k3 (z - h)^3 = 0, h the rest height (SI).
     misfit : float
         Rms error of the law over the rms swing.
     rest_gap, fall_gap : float
-        As in `damper_figures`.
+        Least distance of two grains at rest over that of their contact, and in the whole run over
+        the large diameter.
     ledger : float
         Error of the energy ledger over the energy turned over.
     times, heights : list of float

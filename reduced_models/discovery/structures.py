@@ -123,8 +123,12 @@ def propose_structures(
         Of the symbolic regression.
     sparse : bool
         Whether sums of terms are candidates.
-    form, ensemble, seed
-        As of `discover`, for the sums.
+    form : "weak" or "strong"
+        Of the sums: on integrals of the record, or on an estimate of z''.
+    ensemble : bool
+        Thresholded least squares on resampled rows.
+    seed : int
+        Of the resampling.
     """
     supports, inclusion = list[np.ndarray](), dict[str, float]()
     if sparse:

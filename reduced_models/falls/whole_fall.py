@@ -107,12 +107,14 @@ def whole_fall(
     Raises
     ------
     InputError
-        As `predict`; or if the height is not above the level of rest.
+        If the scene has no heavy piston over dipoles that drag alone damps, or the height is not
+        above the level of rest.
 
     Warns
     -----
     OutsideRangeWarning
-        As `predict`.
+        With too few grains for what was measured, or more drag over the piston's mass than was
+        compared with falls.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

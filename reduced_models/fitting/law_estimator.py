@@ -31,17 +31,18 @@ class LawEstimator:
     Parameters
     ----------
     law : str or Law
-        As for `fit`.
+        A law of the package by its name, an equation, or a Law.
     starts : int
         Random starts.
     test_fraction : float
-        As for `fit`; 0 in a search, which holds out by itself.
+        Fraction of the motion, at its end, on which a first model is judged; 0 in a search, which
+        holds out by itself.
     bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters, as for `fit`.
+        Least and greatest value of parameters; None for an open end.
     positive : tuple of str
-        Parameters of an equation that are above zero, as for `fit`.
-    loss : str
-        As for `fit`.
+        Parameters of an equation that are above zero.
+    loss : "linear", "soft_l1" or "huber"
+        What residuals cost: their squares, or less where they are far beyond the noise.
 
     Attributes
     ----------

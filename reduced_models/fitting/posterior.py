@@ -53,7 +53,7 @@ def posterior(
     Parameters
     ----------
     model : ReducedModel, or a sequence of them
-        As `fit` gave them for these records; one for each.
+        Result of `fit` for these records; one model for each.
     record : PistonRecord, or a sequence of them
         Records that the model was fitted to.
     own : sequence of str

@@ -91,9 +91,9 @@ def identify(
     changes : mapping, optional
         Dotted keys of the scene and their new values.
     dt, method, threads : optional
-        As for `granular.simulate`; for a scene only. The step, if not given, is the longest whose
-        errors random starts hide by the stored table of prices, and the automatic one of scenes
-        that it does not hold (`granular.run.accuracy.step_hidden_by_scatter`).
+        Time step [s], integration method and number of threads of the simulation; for a scene only.
+        The step, if not given, is the longest whose errors random starts hide by the stored table
+        of prices, and the automatic one of scenes that it does not hold.
     starts : int
         Random starts of each fit.
     checks : bool
@@ -117,8 +117,10 @@ def identify(
 
     Raises
     ------
-    InputError, RunError
-        As `granular.simulate` and `fit`.
+    InputError
+        If an argument, the scene or the record cannot be used, or no law can be fitted.
+    RunError
+        If the simulation cannot be trusted any more.
 
     Warns
     -----

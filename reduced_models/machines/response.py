@@ -267,7 +267,8 @@ def predicted_response(
     Raises
     ------
     InputError
-        As `CoupledSystem.of`, or without a force.
+        If the scene's host is not one body that carries the cell, its bed has no known law, or
+        there is no force.
 
     Warns
     -----

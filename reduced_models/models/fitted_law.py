@@ -335,7 +335,7 @@ class FittedLaw:
         Raises
         ------
         InputError
-            As `simulate`; also if the record lacks an input.
+            If the record lacks an input, or the solution diverges or is too stiff to follow.
         """
         inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)

@@ -163,7 +163,8 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            As `simulate`, and for a model without a covariance.
+            If the model has no covariance, the times do not increase, an input is missing, or the
+            solution diverges.
         """
         from scipy.stats import norm
 
@@ -213,7 +214,8 @@ class ReducedModel(FittedLaw):
         Raises
         ------
         InputError
-            As `follow`, or `free_decay` without a record.
+            If the record lacks an input, or the solution diverges; without a record, if the law is
+            driven or has no level of rest.
         """
         from granular.shared.plotting import axes_or_new, new_axes
 

@@ -123,7 +123,9 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     units : mapping of str to str, optional
         Units of the columns, instead of those in the file.
     **said
-        As of `PistonRecord.from_file`.
+        How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
+        ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
+        `granular.readers.options.ReadOptions`.
 
     Returns
     -------

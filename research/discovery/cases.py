@@ -100,7 +100,7 @@ def measured(case: Case) -> dict[str, Any]:
         "usable": judged.usable,
         "error": judged.error,
         "seconds": seconds,
-        "equation": _text(law, height_map),
+        "equation": equation_text(law, height_map),
     }
 
 
@@ -121,7 +121,7 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
     return result.expression, result.map
 
 
-def _text(law: sympy.Expr, height_map: HeightMap) -> str:
+def equation_text(law: sympy.Expr, height_map: HeightMap) -> str:
     import sympy
 
     from reduced_models.discovery.terms import term_text

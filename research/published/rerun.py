@@ -28,8 +28,10 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     ----------
     key : str
         Of the entry, such as ``"piston_force_direct_sum.mean[0]"``.
-    workers, progress
-        As of `published`.
+    workers : int, optional
+        How many processes; as many as there are processors if not given.
+    progress : bool
+        Show what is run, and the time left, on standard error.
 
     Returns
     -------
