@@ -176,7 +176,12 @@ def small_swing(law: sympy.Expr) -> tuple[float, float]:
     import sympy
 
     z, v, _ = state_symbols()
-    rest = {z: float(sympy.nsolve(law.subs(v, 0), z, 0.0)), v: 0.0}
-    stiffness, damping = (-float(law.diff(one).subs(rest)) for one in (z, v))
+    rest, small = float(sympy.nsolve(law.subs(v, 0), z, 0.0)), 1e-6
+
+    def slope(height: float, velocity: float) -> float:
+        up, down = (float(law.subs({z: rest + side * height, v: side * velocity})) for side in (1.0, -1.0))
+        return (up - down) / (2.0 * small)
+
+    stiffness = -slope(small, 0.0)
     omega = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
-    return omega / (2.0 * math.pi), damping / (2.0 * omega)
+    return omega / (2.0 * math.pi), -slope(0.0, small) / (2.0 * omega)

@@ -139,7 +139,7 @@ def verdict(
     ----------
     published, published_spread : float
         NaN or None for a spread that is not printed.
-    found : Finding or None
+    result : Finding or None
     rule : Rule
     digits : int
         Decimals that are printed: half of the last one is rounding.
