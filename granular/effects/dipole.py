@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from granular.effects.effect import energy_variable
 from granular.effects.force import Force
+from granular.pairs.discs import Disc
+from granular.schema.parts import Grains
 
 
 class Dipole(Force):
@@ -17,3 +19,12 @@ class Dipole(Force):
     key = "dipole"
     periodic = True
     energy_record = energy_variable("pair_energy", "energy of the magnetic pairs")
+
+
+def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
+    """Return the disc of each species, in units of a length [m]; none of dipoles."""
+    if grains.magnets == "dipoles":
+        return ()
+    heights = grains.of_species("thickness") / length
+    radii = [0.5 * species.diameter / length for species in grains.species]
+    return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))

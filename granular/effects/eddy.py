@@ -20,8 +20,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.effects.dipole import grain_discs
 from granular.effects.eddy_mutual import MutualEddyLaw, mutual_law
-from granular.effects.eddy_tensor import Disc, Plate, lattice_factor, lone_factor
+from granular.effects.eddy_tensor import Plate, lattice_factor, lone_factor
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
@@ -137,15 +138,6 @@ class Eddy(Flow):
             return EddyLaw(rate, None)
         factors = np.array([lone_factor(plate, disc) for disc in discs])
         return EddyLaw(rate / plate.factor(), padded_values(factors[setting.species]))
-
-
-def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Return the disc of each species, in units of a length [m]; none of dipoles."""
-    if grains.magnets == "dipoles":
-        return ()
-    heights = grains.of_species("thickness") / length
-    radii = [0.5 * species.diameter / length for species in grains.species]
-    return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))
 
 
 class EddyLaw(NamedTuple):

@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_tensor import FARTHEST, Disc, Plate, lone_factor, series
+from granular.effects.eddy_tensor import FARTHEST, Plate, lone_factor, series
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct import padded_values
+from granular.pairs.discs import Disc
 from granular.pairs.pair_arrays import value_or_one
 
 LEFT_OUT = 0.01

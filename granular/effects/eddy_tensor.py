@@ -22,6 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from granular.pairs.discs import Disc
+
 ORDER = 12
 """Coefficients of each series: hold the tensor of a thick plate to 1e-7 of a lone grain's drag."""
 
@@ -30,19 +32,6 @@ FARTHEST = 30.0
 
 _PANEL = 20.0
 """Phase that 24 nodes of Gauss's rule resolve to the last digit."""
-
-
-class Disc(NamedTuple):
-    """A magnet whose field is that of its faces.
-
-    Attributes
-    ----------
-    radius, height : float
-        [D]
-    """
-
-    radius: float
-    height: float
 
 
 class Plate(NamedTuple):

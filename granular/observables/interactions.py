@@ -1,19 +1,23 @@
 """Forces on each grain, taken apart: those of its pairs, and of the walls.
 
-Dipoles, contacts (without their dashpots) and walls are known here. All pairs count, whatever
+Dipoles, discs, contacts (without their dashpots) and walls are known here. All pairs count, whatever
 method of summing them a run has taken; in a periodic cell each grain meets the nearest image of
 every other one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from granular.effects.dipole import grain_discs
 from granular.observables.frame import check_positions, is_present
+from granular.pairs.disc_tables import contact_slope
+from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, pair_shift
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +25,9 @@ if TYPE_CHECKING:
 
 BLOCK = 512
 """Grains whose pairs are in memory simultaneously."""
+
+FARTHEST = 20.0
+"""Of contact, from where on the series of a disc's field has its first term only."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = ("bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction")
@@ -69,6 +76,7 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
     points = positions[here] / scales.length
     moments = magnetic_moments(scene)[here]
     contact = _natural_law(system, "contact")
+    discs, species = grain_discs(scene.grains, scales.length), scene.grains.assignment()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
         branch = _nearest_image_displacements(points[some, None] - points[None], scene, scales.length)
@@ -77,6 +85,8 @@ def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interacti
         push = np.zeros_like(r)
         if scene.effects.dipole is not None:
             push += _dipole_pair_forces(r, moments[some], moments)
+            if discs:
+                push *= _over_dipoles(discs, r, species[some], species)
         if contact is not None:
             push += _contact_pair_forces(contact, r, here[some], here)
         with np.errstate(invalid="ignore"):
@@ -160,6 +170,39 @@ def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     from granular.pairs.dipole import STRENGTH
 
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
+
+
+def _over_dipoles(
+    discs: tuple[Disc, ...], r: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> np.ndarray:
+    """Force of pairs of discs over that of dipoles; ``first`` and ``second`` are their species."""
+    result = np.ones_like(r)
+    for i, j in itertools.product(range(len(discs)), repeat=2):
+        these = np.ix_(first == i, second == j)
+        result[these] = _disc_factor(discs[i], discs[j])(r[these])
+    return result
+
+
+@cache
+def _disc_factor(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
+    """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
+    from scipy.interpolate import CubicSpline
+
+    contact, shift = contact_distance(first, second), pair_shift(first, second)
+    # Its singular part at contact is smooth in the root of the gap.
+    root = np.linspace(0.0, np.sqrt((FARTHEST - 1.0) * contact), 400)
+    at = contact + root**2
+    spline = CubicSpline(root, disc_energy_and_force(at, first, second)[1] * at**4 / 3.0)
+    slope = contact_slope(first, second) / 3.0
+
+    def factor(r: np.ndarray) -> np.ndarray:
+        gap = r - contact
+        near = spline(np.sqrt(np.clip(gap, 0.0, root[-1] ** 2)))
+        far = 1.0 + 2.5 * shift / r**2
+        pressed = (spline(0.0) / contact**4 + slope * np.minimum(gap, 0.0)) * np.minimum(r, contact) ** 4
+        return np.where(gap < 0.0, pressed, np.where(gap < root[-1] ** 2, near, far))
+
+    return factor
 
 
 def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -45,16 +45,27 @@ class Moduli(NamedTuple):
         return 4.0 * self.bulk * self.shear / (self.bulk + self.shear)
 
 
-def hexagonal_sum() -> float:
-    """Sum of r^-3 over the hexagonal lattice of spacing 1, 11.0342.
+def hexagonal_sum(power: float = 3.0) -> float:
+    """Sum of r^-power over the hexagonal lattice of spacing 1; 11.0342 for r^-3.
 
-    A lattice sum of Dirichlet series, 6 zeta(3/2) L(3/2), with L of the character mod 3 (Borwein et
-    al., Lattice Sums Then and Now, 2013, 1.4).
+    A lattice sum of Dirichlet series, with s half the power 6 zeta(s) L(s), and L of the character
+    mod 3 (Borwein et al., Lattice Sums Then and Now, 2013, 1.4).
+
+    Parameters
+    ----------
+    power : float
+        Above 2.
+
+    Returns
+    -------
+    float
+        Sum over all places but the origin.
     """
     from scipy.special import zeta
 
-    beyond = (zeta(1.5, 1.0 / 3.0) - zeta(1.5, 2.0 / 3.0)) / 3.0**1.5
-    return float(6.0 * zeta(1.5) * beyond)
+    s = 0.5 * power
+    beyond = (zeta(s, 1.0 / 3.0) - zeta(s, 2.0 / 3.0)) / 3.0**s
+    return float(6.0 * zeta(s) * beyond)
 
 
 def dipole_strength(moment: float) -> float:
@@ -248,6 +259,8 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
     if foreign := unsupported_effects(scene):
         raise InputError(f"effects.{foreign[0]}: its stiffness is not known here; leave it out")
+    if scene.grains.magnets != "dipoles":
+        raise InputError("grains.magnets = 'cylinders': moduli are those of dipoles; take 'dipoles'")
     if scene.effects.dipole is None:
         raise InputError("the scene has no dipoles between grains; add [effects] dipole = true")
     if not reach > 1.0:

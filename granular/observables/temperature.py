@@ -147,6 +147,8 @@ def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: floa
 
 def _check(scene: Scene, known: tuple[str, ...]) -> None:
     other = [effect.key for effect in scene.effects.all if effect.key not in known]
+    if scene.grains.magnets != "dipoles":
+        raise InputError("grains.magnets = 'cylinders': only dipoles are known here; take 'dipoles'")
     if other or scene.effects.dipole is None:
         raise InputError(
             f"effects.{other[0] if other else 'dipole'}: only dipoles and walls are known here; "

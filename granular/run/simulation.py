@@ -310,7 +310,7 @@ def _warn_of_doubts(trajectory: Trajectory) -> None:
         )
     closest = settings.get("closest_distance", math.inf)
     least = min(specy.diameter for specy in trajectory.scene.grains.species)
-    if closest < least:
+    if closest < least and trajectory.scene.effects.contact is None:
         warnings.warn(
             f"two grains came as close as {closest:.3g} m, less than a diameter ({least:.3g} m), "
             "and the scene has no contact between grains",

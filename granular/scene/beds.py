@@ -225,6 +225,7 @@ def damper(
     drop: float = 20.0,
     lift: float = 0.2,
     seed: int = 1,
+    magnets: str = "dipoles",
 ) -> Scene:
     """Magnetic granular damper of [D, 5.3]: dropped, at rest, lifted, released.
 
@@ -241,6 +242,8 @@ def damper(
         Height that the piston falls from, for 368 grains, and height that it is lifted by [D].
     seed : int
         Seed of the arrangement.
+    magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
 
     Returns
     -------
@@ -259,7 +262,9 @@ def damper(
     >>> [stage.name for stage in scene.protocol]
     ['drop', 'lift', 'release']
     """
-    base = load_scene("damper")
+    if magnets not in ("dipoles", "cylinders"):
+        raise InputError(f"magnets = {quote(magnets)}; give 'dipoles' or 'cylinders'")
+    base = load_scene("damper" if magnets == "dipoles" else "magnets")
     for name, value, unit in (
         ("mass", mass, "kg"),
         ("count", count, "grains"),
@@ -271,7 +276,7 @@ def damper(
     diameter = base.grains.species[0].diameter
     return base.replace(
         **{
-            "name": "damper" if count == REFERENCE_COUNT else f"damper-{count}",
+            "name": base.name if count == REFERENCE_COUNT else f"{base.name}-{count}",
             "grains.count": count,
             "cell.width": WIDTH * scale * diameter,
             "piston.mass": mass * scale,

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numba.core.errors import NumbaError
 
+from granular.effects.dipole import grain_discs
 from granular.effects.effect import Effect, EffectContext
 from granular.effects.force import Force
 from granular.effects.wall_side import SIDES
@@ -16,7 +17,6 @@ from granular.kernel_data.constants import Constants, EffectLaws, PistonResistan
 from granular.methods import Method
 from granular.pairs.direct import padded_values
 from granular.pairs.disc_tables import FAR, Discs, make_discs
-from granular.pairs.discs import Disc
 from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
 from granular.pairs.section import SPLIT_RADIUS
 from granular.pairs.simd import pad_to_vectors
@@ -144,14 +144,8 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
 
 def _discs(scene: Scene, scales: Scales, species: np.ndarray) -> Discs | None:
     """Law of the grains as discs; None where they are dipoles."""
-    grains = scene.grains
-    if grains.magnets == "dipoles":
-        return None
-    discs = [
-        Disc(0.5 * specy.diameter / scales.length, float(thickness) / scales.length)
-        for specy, thickness in zip(grains.species, grains.of_species("thickness"), strict=True)
-    ]
-    return make_discs(discs, species, pad_to_vectors(len(species)))
+    discs = grain_discs(scene.grains, scales.length)
+    return make_discs(discs, species, pad_to_vectors(len(species))) if discs else None
 
 
 def _check_reach(

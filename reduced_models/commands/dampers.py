@@ -132,6 +132,7 @@ def calibrate(options: Any) -> None:
         metavar="S",
         help="fraction of grains of 0.6 D (0)",
     ),
+    option("--magnets", choices=("dipoles", "cylinders"), default="dipoles", help="what repels (dipoles)"),
     option(
         "--study",
         metavar="FILE",
@@ -159,6 +160,7 @@ def calibrate(options: Any) -> None:
 examples:
   %(prog)s --frequency 3.2 --damping 0.1 -o out
   %(prog)s --frequency 4 --damping 0.05 --mass 5 -o out
+  %(prog)s --frequency 3.2 --damping 0.05 --magnets cylinders -o out
   %(prog)s --maps -o out              # those that come with the package
   %(prog)s --maps --simulate -o out   # the study behind them, anew""",
 )
@@ -189,7 +191,7 @@ def _design_damper(options: Any) -> None:
             maps=maps,
             out=make_directory(options.out),
             progress=not options.quiet,
-            **pick_options(options, "grains", "mass", "small_share", "workers"),
+            **pick_options(options, "grains", "mass", "small_share", "magnets", "workers"),
         )
     show_result(result, options)
 

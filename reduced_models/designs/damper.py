@@ -8,6 +8,7 @@ fraction of small grains.
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +56,8 @@ class Candidate(NamedTuple):
         gamma of a large grain [kg/s].
     small_share : float
         Fraction of grains of 0.6 D.
+    magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs.
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Candidate(NamedTuple):
     grains: int
     drag: float
     small_share: float = 0.0
+    magnets: str = "dipoles"
 
     @property
     def scale(self) -> float:
@@ -91,7 +95,9 @@ class Candidate(NamedTuple):
         Scene
             Scene of the damper.
         """
-        made = damper(self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed)
+        made = damper(
+            self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed, magnets=self.magnets
+        )
         changes: dict[str, Any] = {
             "name": "design",
             "protocol.drop.tolerance": REST_TOLERANCE,
@@ -125,6 +131,26 @@ def damper_at(coordinates: np.ndarray) -> Candidate:
     plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
     plain = plain._replace(mass=mass * plain.scale)
     return plain._replace(drag=ratio / affine_damping_ratio(plain))
+
+
+def disc_factors(candidate: Candidate) -> np.ndarray:
+    """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,).
+
+    All are 1 for dipoles.
+    """
+    from reduced_models.falls.theory import OutsideRangeWarning, predict
+
+    if candidate.magnets == "dipoles":
+        return np.ones(3)
+    figures = []
+    for magnets in (candidate.magnets, "dipoles"):
+        with warnings.catch_warnings():
+            # Fewer grains than were compared with falls: the ratio is that of two lattices.
+            warnings.simplefilter("ignore", OutsideRangeWarning)
+            rest = predict(candidate._replace(magnets=magnets).scene()).at_rest
+        assert rest is not None
+        figures.append([rest.height, 1.0 / rest.period, rest.damping_ratio])
+    return np.array(figures[0]) / np.array(figures[1])
 
 
 def affine_rest_height(candidate: Candidate) -> float:

@@ -64,6 +64,7 @@ def design(
     grains: int | None = None,
     mass: float | None = None,
     small_share: float = 0.0,
+    magnets: str = "dipoles",
     seeds: Sequence[int] = SEEDS,
     maps: DamperMaps | None = None,
     out: str | Path | None = None,
@@ -88,6 +89,9 @@ def design(
     small_share : float
         Fraction of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
         faster.
+    magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``, for which
+        theory turns the maps of dipoles into proposals.
     seeds : sequence of int
         Random starts of the checks, each of which must meet the target.
     maps : DamperMaps, optional
@@ -114,7 +118,7 @@ def design(
     DesignError
         If the proposals missed it, or a simulation failed.
     """
-    target = DesignTarget(frequency, damping, grains, mass, small_share)
+    target = DesignTarget(frequency, damping, grains, mass, small_share, magnets)
     if not seeds:
         raise InputError("seeds is empty; give at least one random start")
     chosen = damper_maps() if maps is None else maps

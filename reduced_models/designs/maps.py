@@ -29,6 +29,7 @@ from reduced_models.designs.damper import (
     REFERENCE_MASS,
     REFERENCE_REST,
     Candidate,
+    disc_factors,
 )
 from reduced_models.designs.study import COMMITTED
 
@@ -138,7 +139,7 @@ class DamperMaps:
         }
 
     def predict(self, damper: Candidate) -> Prediction:
-        """Figures of a damper inside the box.
+        """Figures of a damper inside the box; of discs, by theory from those of dipoles.
 
         Parameters
         ----------
@@ -162,7 +163,8 @@ class DamperMaps:
             )
             raise InputError(f"{damper} lies outside the maps; keep to {limits}")
         values = {name: self.at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
-        height, frequency, ratio = (math.exp(values[name]) for name in LOGARITHMIC)
+        dipoles = np.exp([values[name] for name in LOGARITHMIC])
+        height, frequency, ratio = (dipoles * disc_factors(damper)).tolist()
         k1 = (2.0 * math.pi * frequency) ** 2
         return Prediction(
             rest_height=height,

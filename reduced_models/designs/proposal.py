@@ -12,10 +12,12 @@ import numpy as np
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at
+from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_factors
 from reduced_models.designs.maps import DamperMaps
 
 _MET = 1e-4
+_ROUNDS = 4
+"""Rounds in which the factors between discs and dipoles settle: they hardly change from damper to damper."""
 _GRID = np.linspace(-1.0, 1.0, 33)
 COUNTS = tuple(round(count) for count in np.geomspace(HIGHEST[1], LOWEST[1], 24))
 """Numbers of grains that are tried, in this order, where none is given."""
@@ -34,6 +36,7 @@ class DesignTarget(NamedTuple):
     mass : float or None
         Of the piston [kg].
     small_share : float
+    magnets : str
     """
 
     frequency: float
@@ -41,6 +44,7 @@ class DesignTarget(NamedTuple):
     grains: int | None = None
     mass: float | None = None
     small_share: float = 0.0
+    magnets: str = "dipoles"
 
     def check(self) -> None:
         """Refuse values out of range.
@@ -125,8 +129,16 @@ def damper_for_target(maps: DamperMaps, target: DesignTarget, aim: tuple[float, 
     ``aim`` differs from the target where simulations have shown that the maps are a little off.
     None if there is no such damper in the maps.
     """
-    damper = _solve_for_damper(maps, _coordinates_for(target), aim)
-    return damper if damper is None or target.mass is None else damper._replace(mass=target.mass)
+    positions = _coordinates_for(target)
+    damper = _solve_for_damper(maps, positions, aim)
+    for _ in range(0 if target.magnets == "dipoles" else _ROUNDS):
+        if damper is None:
+            break
+        factors = disc_factors(damper._replace(magnets=target.magnets))
+        damper = _solve_for_damper(maps, positions, (aim[0] / factors[1], aim[1] / factors[2]))
+    if damper is None:
+        return None
+    return damper._replace(magnets=target.magnets, mass=damper.mass if target.mass is None else target.mass)
 
 
 def _coordinates_for(target: DesignTarget) -> Coordinates:

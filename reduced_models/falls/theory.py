@@ -7,6 +7,10 @@ moment in place of that of one grain). The piston's weight M g = p W then gives 
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
+Discs repel more where they are near: the pressure of their lattice (`lattice`) gives their height
+of rest, and grows there with a power n of the density above 5/2. The law's power is greater by
+n - 5/2 then, and its modulus in the ratio of the shear moduli of both lattices, (n/2 - 1)/(1/4).
+
 Walls hold the grains next to them less densely: r is greater by a fraction that falls with
 N^(-1/2). Grains that follow the piston affinely have the velocity z' y/z at the height y; their
 drag is that of a third of them at the piston's speed, so lam = N gamma/(6 M).
@@ -40,6 +44,7 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
+from reduced_models.falls.lattice import POWER, Lattice, lattice_under
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -60,10 +65,6 @@ RUBBING = dataclasses.replace(
     resolution=4,
 )
 """Friction of the piston, over the mass that moves, is full from some mm/s on."""
-POWER = 2.5
-"""Of the lattice's pressure."""
-PRESSURE = 1.6674
-"""Of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
 BULK, WALLS = 0.9567, 0.7838
 """Height of rest over that of the lattice: BULK + WALLS/sqrt(N)."""
 WEIGHT, FALL_POWER, MODULUS, STRENGTH = 1.046, 2.355, 0.3655, 0.04085
@@ -74,7 +75,7 @@ FEWEST = 250
 """Grains from which on modulus and strength are alike from bed to bed."""
 LATEST = 0.9
 """Up to where LATE x/15 was compared with falls: 1 kg/s of drag with 7.5 kg on 368 grains."""
-_SHAPED = {"dipole", "walls", "gravity", "drag"}
+_SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
 class OutsideRangeWarning(UserWarning):
@@ -178,42 +179,54 @@ def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
             "falls; give it piston.mass"
         )
     others = sorted({effect.key for effect in scene.effects.all} - _SHAPED)
-    if others or piston.friction or "dipole" not in present or grains.magnets != "dipoles":
+    if others or piston.friction or "dipole" not in present:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
-            f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles, "
-            "walls, gravity and drag: fit it to a fall instead"
+            f"the scene {quote(scene.name)} has {what}; the law of a fall is known for dipoles or discs, "
+            "walls, gravity, drag and contact: fit it to a fall instead"
         )
     from granular.schema.scales import Scales
 
     scales, width = Scales.of(grains), scene.cell.width
-    moment, mass = _mean_moment_and_mass(scene)
     effects = scene.effects
     gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
     weight = piston.mass * gravity
-    lattice = (grains.count * scales.length**2 / width) * (
-        PRESSURE * scales.force * moment**2 * width / (scales.length * weight)
-    ) ** (1.0 / POWER)
-    rest = (BULK + WALLS / math.sqrt(grains.count)) * lattice
+    lattice = lattice_at_rest(scene)
+    packed = grains.count * scales.length**2 / (width * lattice.density)
+    rest = (BULK + WALLS / math.sqrt(grains.count)) ** (POWER / lattice.power) * packed
     resistance = grains.count * float(np.array(grains.fractions()) @ grains.face_ratios()) * drag
-    inertia = grains.count * mass * scales.mass / 3.0
-    late = _lateness_number(resistance, weight, rest, gravity)
+    inertia = float(grains.masses().sum()) / 3.0
+    modulus = MODULUS * lattice.shear
+    swing = _Swing(weight, rest, gravity, lattice.power, modulus)
+    late = _lateness_number(resistance, swing)
     outside = _outside_text(scene, late)
     if outside and refuse:
         raise InputError(f"{outside}, or fit the law to a fall instead")
     if outside:
         words = f"{outside}; what the law says there was compared with nothing: simulate the scene"
         warnings.warn(words, OutsideRangeWarning, stacklevel=3)
-    moved = piston.mass + inertia - _missing_mass(resistance, weight, rest, gravity)
+    moved = piston.mass + inertia - _missing_mass(resistance, swing)
     return {
         "lam": max((resistance / 3.0 + piston.drag) / (2.0 * moved), 1e-6),  # it has none below
         "weight": WEIGHT * weight / moved,
         "rest": rest,
-        "power": FALL_POWER,
-        "modulus": MODULUS,
+        "power": FALL_POWER + lattice.power - POWER,
+        "modulus": modulus,
         "strength": STRENGTH,
     }
+
+
+def lattice_at_rest(scene: Scene) -> Lattice:
+    """Lattice of a scene's grains under the weight of its piston."""
+    from granular.schema.scales import Scales
+
+    piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.of(scene.grains)
+    assert piston is not None
+    assert piston.mass is not None
+    assert gravity is not None
+    weight = piston.mass * gravity.acceleration
+    return lattice_under(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
 
 
 def _outside_text(scene: Scene, late: float) -> str:
@@ -232,31 +245,39 @@ def _outside_text(scene: Scene, late: float) -> str:
     return ""
 
 
-def _missing_mass(resistance: float, weight: float, rest: float, gravity: float) -> float:
+class _Swing(NamedTuple):
+    """What a small swing hangs on: the piston's weight [N], rest [m], g, and the bed's numbers."""
+
+    weight: float
+    rest: float
+    gravity: float
+    power: float
+    modulus: float
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the lattice [N/m]."""
+        return self.power * self.weight / self.rest
+
+    @property
+    def angular_frequency(self) -> float:
+        """Angular frequency [1/s]."""
+        return math.sqrt((self.power + self.modulus) * self.gravity / self.rest)
+
+
+def _missing_mass(resistance: float, swing: _Swing) -> float:
     """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines.
 
     ``resistance`` is the drag of all grains [kg/s].
     """
-    stiffness = POWER * weight / rest
-    omega = _angular_frequency(rest, gravity)
-    late = 15.0 / LATE * _lateness_number(resistance, weight, rest, gravity)
-    return LATE * stiffness * late**2 / 45.0 / omega**2 / (1.0 + (LATE * late / 15.0) ** 2)
+    late = 15.0 / LATE * _lateness_number(resistance, swing)
+    missing = LATE * swing.stiffness * late**2 / 45.0 / swing.angular_frequency**2
+    return missing / (1.0 + (LATE * late / 15.0) ** 2)
 
 
-def _lateness_number(resistance: float, weight: float, rest: float, gravity: float) -> float:
+def _lateness_number(resistance: float, swing: _Swing) -> float:
     """LATE x/15: where it is not small, the missing mass of a small swing is not that of a fall."""
-    return LATE / 15.0 * _angular_frequency(rest, gravity) * resistance / (POWER * weight / rest)
-
-
-def _angular_frequency(rest: float, gravity: float) -> float:
-    """Angular frequency of the small swing [1/s]."""
-    return math.sqrt((POWER + MODULUS) * gravity / rest)
-
-
-def _mean_moment_and_mass(scene: Scene) -> tuple[float, float]:
-    """Mean moment and mass of the grains, over those of the first species."""
-    fraction = np.array(scene.grains.fractions())
-    return (float(fraction @ scene.grains.moment_ratios()), float(fraction @ scene.grains.mass_ratios()))
+    return LATE / 15.0 * swing.angular_frequency * resistance / swing.stiffness
 
 
 class ShakingRange(NamedTuple):

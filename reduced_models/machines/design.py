@@ -16,6 +16,7 @@ from granular.effects.excitation import Excitation
 from granular.effects.host import Host
 from granular.response.linear_system import hanging_mass_stiffness, linear_response, tuned_mass
 from granular.response.response import DURATION, Response, frequency_response
+from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -157,6 +158,7 @@ def design_for(
     excitation: Excitation,
     *,
     limit: float,
+    magnets: str = "dipoles",
     simulate: bool | None = None,
     out: str | Path | None = None,
     workers: int | None = None,
@@ -177,6 +179,8 @@ def design_for(
         A sine of a force; its frequency may be any.
     limit : float
         Greatest mass of piston and grains [kg].
+    magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     simulate : bool, optional
         Simulate the damper always, or never; only outside of the law's range if not given.
     out : str or Path, optional
@@ -212,7 +216,7 @@ def design_for(
     frequencies = [float(own * ratio) for ratio in _COARSE]
     tried = [
         (solve_response(CoupledSystem.of(scene), frequencies, excitation.force), scene)
-        for scene in _candidate_dampers(host, excitation, limit)
+        for scene in _candidate_dampers(host, excitation, limit, magnets)
     ]
     if not tried:
         raise InputError(
@@ -271,10 +275,13 @@ def _warn_outside(proposal: DamperDesign, wanted: bool) -> None:
     warnings.warn(words, OutsideRangeWarning, stacklevel=3)
 
 
-def _candidate_dampers(host: Host, excitation: Excitation, limit: float) -> Iterator[Scene]:
+def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets: str) -> Iterator[Scene]:
     start = load_scene("machine").replace(
         **{"effects.host": Host(bodies=host.bodies, excitation=excitation).to_plain()}
     )
+    if magnets != "dipoles":
+        discs = damper(magnets=magnets).to_plain()
+        start = start.replace(**{"grains": discs["grains"], "effects.contact": discs["effects"]["contact"]})
     for count in _COUNTS:
         bed = float(start.replace(**{"grains.count": 1}).grains.masses().sum()) * count
         for fraction, drag in itertools.product(_FRACTIONS, _DRAGS):

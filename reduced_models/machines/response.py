@@ -9,9 +9,9 @@ and that along z give
 
 with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
 strength are those that falls and swings of the packaged damper told. Affine grains add m/3 to the
-mass M_z that moves against the cell; those that follow late take nearly as much away again. It and
-the height of rest are what the scene tells (`reduced_models.falls.theory`). Nothing is fitted to a
-machine.
+mass M_z that moves against the cell; those that follow late take nearly as much away again. It,
+the power and the height of rest are what the scene tells (`reduced_models.falls.theory`). Nothing is
+fitted to a machine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.theory import POWER, OutsideRangeWarning, accelerated_mass, bed_parameters
+from reduced_models.falls.lattice import POWER
+from reduced_models.falls.theory import OutsideRangeWarning, accelerated_mass, bed_parameters, lattice_at_rest
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
@@ -67,7 +68,7 @@ class CoupledSystem(NamedTuple):
     drag : float
         N gamma/3 and the piston's own.
     gravity, rest : float
-    modulus, strength : float
+    modulus, strength, power : float
     """
 
     host: float
@@ -81,6 +82,7 @@ class CoupledSystem(NamedTuple):
     rest: float
     modulus: float = MODULUS
     strength: float = STRENGTH
+    power: float = POWER
 
     @classmethod
     def of(cls, scene: Scene) -> CoupledSystem:
@@ -115,6 +117,7 @@ class CoupledSystem(NamedTuple):
         assert piston.mass is not None
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
         grains, faces = scene.grains, scene.grains.face_ratios()[scene.grains.assignment()]
+        lattice = lattice_at_rest(still)
         return cls(
             host=math.inf,
             stiffness=0.0,
@@ -125,12 +128,14 @@ class CoupledSystem(NamedTuple):
             drag=drag * float(faces.sum()) / 3.0 + piston.drag,
             gravity=0.0 if gravity is None else gravity.acceleration,
             rest=parameters["rest"],
+            modulus=MODULUS * lattice.shear,
+            power=lattice.power,
         )
 
     @property
     def small_swing(self) -> SmallSwing:
         """The small swing of the piston on an ordered bed over a cell at rest, by the law."""
-        stiffness = POWER + self.modulus * (1.0 + STIFFENING)
+        stiffness = self.power + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
         return SmallSwing(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
@@ -163,8 +168,7 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     total, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
-    ratio = law.rest / z
-    lift = ratio * ratio * math.sqrt(ratio) * (1.0 + w) - 1.0
+    lift = (law.rest / z) ** law.power * (1.0 + w) - 1.0
     second = law.piston * law.gravity * lift - law.drag * v
     determinant = total * law.moving - swing * swing
     rates[0], rates[2] = speed, v

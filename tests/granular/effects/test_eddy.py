@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_tensor import Disc, Plate, lattice_factor, series, tensor
+from granular.effects.eddy_tensor import Plate, lattice_factor, series, tensor
+from granular.pairs.discs import Disc
 from granular.scene.system import natural_system
 from granular.schema.scales import Scales
 from granular.shared.errors import SceneError

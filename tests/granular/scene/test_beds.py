@@ -132,11 +132,13 @@ def test_damper_is_the_packaged_one() -> None:
     assert damper() == load_scene("damper")
     source = load_scene("damper-source")
     assert damper(6.24, drag=1.0).replace(name="damper-source") == source
+    assert damper(magnets="cylinders") == load_scene("magnets")
 
 
 @pytest.mark.parametrize(
     "make",
     [
+        lambda: damper(magnets="discs"),
         lambda: mono_bed(0),
         lambda: mono_bed(speed=0.0),
         lambda: mono_bed(relaxation=-1.0),

@@ -66,6 +66,18 @@ def test_published_damper_is_in_the_maps():
     assert said.k1 == pytest.approx((2.0 * math.pi * said.frequency) ** 2)
 
 
+def test_discs_are_proposed_by_theory_from_the_maps_of_dipoles():
+    """The packaged damper of discs as simulated: 63.5 mm, 0.2845 s; and what is asked for is promised."""
+    maps = damper_maps()
+    said = maps.predict(Candidate(7.5, 368, 0.1, magnets="cylinders"))
+    assert said.rest_height == pytest.approx(0.0635, rel=0.01)
+    assert said.frequency == pytest.approx(1.0 / 0.2845, rel=0.015)
+    found = propose_design(maps, DesignTarget(3.5, 0.05, magnets="cylinders"))
+    assert found.scene().grains.magnets == "cylinders"
+    promise = maps.predict(found)
+    assert (promise.frequency, promise.damping_ratio) == pytest.approx((3.5, 0.05), rel=1e-3)
+
+
 def test_the_sliders_hold_the_maps():
     """The page's terms, summed as its script does, give what the maps say."""
     maps = damper_maps()

@@ -92,6 +92,21 @@ def test_a_design_beats_the_packaged_damper_and_says_no() -> None:
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")
 
 
+def test_discs_are_stiffer_and_a_design_is_made_of_them() -> None:
+    host = load_scene("machine").effects.host
+    assert host is not None
+    assert host.excitation is not None
+    found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
+    assert found.scene.grains.magnets == "cylinders"
+    assert found.helps
+    of_dipoles = found.scene.replace(**{"grains.magnets": "dipoles"})
+    discs, dipoles = (CoupledSystem.of(scene) for scene in (found.scene, of_dipoles))
+    assert discs.power > dipoles.power == 2.5
+    assert discs.rest > dipoles.rest
+    # Stiffer by more than the higher bed is softer.
+    assert discs.small_swing.omega > dipoles.small_swing.omega
+
+
 @pytest.mark.parametrize(
     ("peak", "stroke", "words"),
     [

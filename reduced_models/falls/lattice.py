@@ -1,0 +1,166 @@
+"""The hexagonal lattice of a scene's grains under pressure, dipoles or discs, by closed sums.
+
+N grains of a lattice of the density rho that repel with F(r) have, by the virial, the pressure
+p = (rho/4) sum r F(r) over the places of the lattice. For dipoles r F ~ r^-3 and the sum is
+`hexagonal_sum` of 3: p = 1.6674 rho^2.5. Discs have b r^-5 more far away (`granular.pairs.discs`),
+again a closed sum, and what is left falls with r^-7: it is added over the places within `SHELLS`
+spacings. A mixture is taken at random: each place holds each species by its fraction.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from granular.shared.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+    from granular.pairs.discs import Disc
+    from granular.schema.parts import Grains
+
+POWER = 2.5
+"""Of the lattice's pressure, by the density, for dipoles."""
+PRESSURE = 1.6674
+"""Of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
+SHELLS = 8.0
+"""What is left beyond is 1e-6 of the pressure."""
+_LEAST = 1e-9
+"""Pressure below which discs are so far apart that they are dipoles [F*/D]."""
+_THINNEST = 3.5
+"""Root of the greatest logarithm of the density of discs that touch over that of a lattice."""
+
+
+class Lattice(NamedTuple):
+    """A lattice under a pressure.
+
+    Attributes
+    ----------
+    density : float
+        Grains an area [1/D^2].
+    power : float
+        Of the pressure by the density there, d ln p/d ln rho.
+    """
+
+    density: float
+    power: float
+
+    @property
+    def shear(self) -> float:
+        """Shear modulus over that of dipoles, both over the pressure.
+
+        Pairs that repel along their line have B = 2 mu + 2 p in an isotropic lattice, whatever
+        their law, so that mu/p = power/2 - 1: 1/4 for dipoles.
+        """
+        return (self.power - 2.0) / (POWER - 2.0)
+
+
+def lattice_under(grains: Grains, pressure: float) -> Lattice:
+    """Return the lattice of grains under a pressure [F*/D].
+
+    Raises
+    ------
+    InputError
+        If discs touch under that pressure.
+    """
+    if grains.magnets == "dipoles" or pressure < _LEAST:
+        moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
+        return Lattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
+    from scipy.optimize import brentq
+
+    shares = np.array(grains.fractions())
+    touching = 1.0 / (math.sqrt(0.75) * float(shares @ np.sqrt(grains.face_ratios())) ** 2)
+    logarithm = _tabulated_pressure(_with_shares(grains), touching)
+    greatest = math.exp(logarithm(0.0))
+    if not pressure < greatest:
+        raise InputError(
+            f"the piston presses with {pressure / greatest:.3g} times what lets these discs touch; the "
+            "law of a fall is known for magnets that repel: give less piston.mass, or stronger ones"
+        )
+    root = brentq(lambda x: logarithm(x) - math.log(pressure), 0.0, _THINNEST, xtol=1e-9)
+    return Lattice(touching * math.exp(-(root**2)), -0.5 * float(logarithm(root, 1)) / root)
+
+
+def lattice_pressure(grains: Grains, density: float) -> float:
+    """Pressure of the hexagonal lattice of grains [F*/D], at a density [1/D^2].
+
+    Parameters
+    ----------
+    grains : Grains
+        Dipoles or discs; a mixture at random.
+    density : float
+        Grains an area, over that of D^2.
+
+    Returns
+    -------
+    float
+        Pressure over F*/D.
+    """
+    if grains.magnets == "dipoles":
+        moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
+        return PRESSURE * moment**2 * density**POWER
+    return _disc_pressure(_with_shares(grains), density)
+
+
+def _with_shares(grains: Grains) -> tuple[tuple[Disc, float], ...]:
+    """Discs of each species, and what its moments have of a grain's mean moment."""
+    from granular.effects.dipole import grain_discs
+
+    weights = np.array(grains.fractions()) * grains.moment_ratios()
+    return tuple(zip(grain_discs(grains, grains.species[0].diameter), weights.tolist(), strict=True))
+
+
+def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> float:
+    from granular.observables.moduli import hexagonal_sum
+
+    spacing = math.sqrt(2.0 / (math.sqrt(3.0) * density))
+    third, fifth = hexagonal_sum(3.0) / spacing**3, hexagonal_sum(5.0) / spacing**5
+    total = 0.0
+    for (first, one), (second, other) in itertools.product(discs, repeat=2):
+        shift, rest = _rest(first, second, spacing)
+        total += one * other * (3.0 * third + 7.5 * shift * fifth + rest)
+    return density / 16.0 * total
+
+
+@functools.cache
+def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
+    """Logarithm of the pressure at the density touching exp(-x^2), by x.
+
+    Its singular part where discs touch is smooth in x.
+    """
+    from scipy.interpolate import CubicSpline
+
+    x = np.linspace(0.0, _THINNEST, 80)
+    pressures = [_disc_pressure(discs, touching * math.exp(-one * one)) for one in x]
+    return CubicSpline(x, np.log(pressures))
+
+
+def _rest(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
+    """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles.
+
+    Below contact the force goes on with its slope, as in a run.
+    """
+    from granular.pairs.disc_tables import contact_slope
+    from granular.pairs.discs import contact_distance, disc_energy_and_force, pair_shift
+
+    r, places = _places()
+    r = spacing * r
+    shift, contact = pair_shift(first, second), contact_distance(first, second)
+    force = disc_energy_and_force(np.maximum(r, contact), first, second)[1]
+    if r[0] < contact:
+        force += np.minimum(r - contact, 0.0) * contact_slope(first, second)
+    return shift, float(places @ (r * force - 3.0 * r**-3 - 7.5 * shift * r**-5))
+
+
+@functools.cache
+def _places() -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the places of a lattice of spacing 1 from one of them, and how many there are."""
+    i, j = np.mgrid[-10:11, -10:11]
+    squares = i * i + i * j + j * j
+    found, places = np.unique(squares[(squares > 0) & (squares <= SHELLS**2)], return_counts=True)
+    return np.sqrt(found), places.astype(float)
