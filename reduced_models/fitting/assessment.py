@@ -128,6 +128,7 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
             known[k],
             problem.confidence,
             (float(height.min()), float(height.max())),
+            shifts[:, here],
         )
         intervals = linear
         if again is not None:

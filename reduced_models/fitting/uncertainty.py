@@ -33,12 +33,17 @@ _MOST_VARIANCE = 1e99  # of what the data leave open
 
 
 def interval_analysis(
-    unknowns: Unknowns, theta: np.ndarray, known: Information, confidence: float, seen: tuple[float, float]
+    unknowns: Unknowns,
+    theta: np.ndarray,
+    known: Information,
+    confidence: float,
+    seen: tuple[float, float],
+    shifts: np.ndarray,
 ) -> tuple[dict[str, Interval], AtRest | NoSwing, tuple[Direction, ...]]:
     """Intervals of a fit, its small swing at rest, and the directions that the data leave open.
 
     All are of the linearisation at the minimum; ``seen`` are the least and the greatest height [m]
-    of the record.
+    of the record, and ``shifts`` (m, p) those of a calibration, which the covariance holds.
     """
     quantile = known.quantile(confidence)
     names, values, logs = named_entries(unknowns, theta)
@@ -48,7 +53,7 @@ def interval_analysis(
         intervals[name] = _confidence_interval(values[k], spread, unknowns, k, logarithmic=logs[k])
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
-    at_rest = _rest_figures(unknowns, theta, known.covariance, quantile, seen)
+    at_rest = _rest_figures(unknowns, theta, known.covariance, quantile, seen, shifts)
     return intervals, at_rest, open_directions(open_names, information)
 
 
@@ -180,7 +185,12 @@ def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Dire
 
 
 def _rest_figures(
-    unknowns: Unknowns, theta: np.ndarray, covariance: np.ndarray, quantile: float, edges: tuple[float, float]
+    unknowns: Unknowns,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    quantile: float,
+    edges: tuple[float, float],
+    shifts: np.ndarray,
 ) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
     figures = _small_motion(unknowns, theta)
@@ -220,7 +230,15 @@ def _rest_figures(
         )
     height, period, ratio = map(float, figures[:3])
     names = ("height", "period", "damping_ratio")
-    return AtRest(height, period, ratio, dict(zip(names, intervals[:3], strict=True)), others)
+    moved_by = quantile * np.linalg.norm(slope[:3] @ shifts.T, axis=1)
+    return AtRest(
+        height,
+        period,
+        ratio,
+        dict(zip(names, intervals[:3], strict=True)),
+        others,
+        calibration=dict(zip(names, map(float, moved_by), strict=True)) if len(shifts) else {},
+    )
 
 
 def _unseen_damping_note(small: float, at_tenth: float) -> bool:

@@ -2,50 +2,63 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Sequence
 
 from granular.shared.tables import align_columns
 from reduced_models.falls.scores import DropScores, percent_of_drop
 from reduced_models.identification.comparison_table import Comparison, as_percent, root_mean_square
-from reduced_models.identification.engineering import (
-    DAMPING_RATIO,
-    Quantity,
-    format_fixed,
-    small_swing_sentence,
-    widen,
-)
+from reduced_models.identification.engineering import DAMPING_RATIO, PARTS, small_swing_sentence
 from reduced_models.identification.result import Identification
 from reduced_models.models.model import ReducedModel
 
 COLUMNS = 100
 """Width of a line."""
-MOST_LAWS = 4
-"""Rows of the table of laws; the report has all."""
+LINES = 19
+"""Before that of the report."""
+_FEWEST_LAWS = 2  # of the table of laws; the report has all
 _LEAST_DIGITS = 4  # of a parameter
-_SHOWN = ("level of rest", "natural frequency", DAMPING_RATIO, "stiffness", "damping")
 
 
 def first_words(result: Identification) -> str:
-    """Equation and figures of an identification whose checks are not done yet."""
-    lines = [*_equation_lines(result), *_figure_lines(result)]
+    """Own swing, equation and figures of an identification whose checks are not done yet."""
+    lines = [*_own_lines(result), *_equation_lines(result), *_figure_lines(result)]
     return "\n".join([*lines, "checks go on: step, random starts, another lift, other falls"])
 
 
 def brief(result: Identification) -> str:
-    """Answer, equation, laws, falls, and what to doubt, of an identification."""
-    lines = [*_equation_lines(result), *_figure_lines(result), *_law_lines(result.comparison)]
+    """Own swing, equation, figures, laws, falls, and what to doubt, of an identification."""
+    lines = [*_own_lines(result), *_equation_lines(result), *_figure_lines(result)]
+    end = []
     if result.falls is not None:
-        lines.append(_fit_line(_falls_text(result.falls)))
+        end.append(_fit_line(_falls_text(result.falls)))
     if doubts := _doubts(result):
-        lines.append(_fit_line(f"to doubt: {doubts[0]}", f" ({len(doubts)} in all: --verbose)"))
-    return "\n".join(lines)
+        end.append(_fit_line(f"to doubt: {doubts[0]}", f" ({len(doubts)} in all: --verbose)"))
+    laws = _law_lines(result.comparison)
+    room = max(LINES - len(lines) - len(end), _FEWEST_LAWS + 2)
+    return "\n".join([*lines, *laws[:room], *end])
+
+
+def _own_lines(result: Identification) -> list[str]:
+    """Frequency and damping of the record itself, and whether the law agrees."""
+    own = result.own
+    if own is None:
+        return []
+    by = "extremes" if own.record.method == "envelope" else "restoring force"
+    rows = [
+        (f"  at {own.amplitude_text(k)}", *(figure.text_with_error for figure in own.pair(k)))
+        for k in own.named
+    ]
+    header = f"frequency and damping ratio at an amplitude, by the record's own {by}, without a law:"
+    told = _fit_line(f"  {own.agreement}")
+    lines = [_fit_line(header), *align_columns(rows).splitlines()]
+    return [*lines, told] if own.agrees else [_fit_line(own.agreement), *lines]
 
 
 def _fit_line(words: str, end: str = "") -> str:
     """Return words in one line, cut where they are long, and an end that is never cut."""
-    return textwrap.shorten(words, COLUMNS - len(end), placeholder=" ...") + end
+    indent = words[: len(words) - len(words.lstrip())]
+    return indent + textwrap.shorten(words, COLUMNS - len(indent) - len(end), placeholder=" ...") + end
 
 
 def _equation_lines(result: Identification) -> list[str]:
@@ -73,35 +86,33 @@ def _wrap(words: str) -> list[str]:
 
 
 def _figure_lines(result: Identification) -> list[str]:
-    """Rest, frequency, damping and stiffness with what they may be off by."""
-    known = [widen(quantity, result.figures) for quantity in result.engineering]
-    shown = [quantity for quantity in known if quantity.name.startswith(_SHOWN)]
-    if not shown:
+    """Rest, frequency, damping and stiffness with their total errors."""
+    known = {figure.name: figure for figure in result.figures}
+    if not known:
         return ["it has no level of rest near the record, so no small swing can be told"]
-    of = f"fit's {100 * result.shown.confidence:g} % interval"
-    if any(figure.checked for figure in result.figures.values()):
-        of = f"widest of: {of}, step's error, scatter of starts"
-    mass = "1 kg" if result.mass is None else f"{result.mass:.4g} kg"
     meanings = {
         "natural frequency": "without damping",
         DAMPING_RATIO: "of the damping at which nothing swings",
-        "stiffness": f"of a spring on which {mass} swings alike",
-        "damping": "of a dashpot next to that spring",
     }
+    shown = [name for name in known if name.startswith(("level", "natural", DAMPING_RATIO, "friction"))]
+    rows = [(f"  {name}", known[name].text_with_error, meanings.get(name, "")) for name in shown]
+    parts = [part for part in PARTS if any(part in figure.parts for figure in result.figures)]
+    of = f"total error: {', '.join(parts)}" if len(parts) > 1 else "error of the fit"
+    header = f"{small_swing_sentence(result.shown)} about rest by {result.figures_law} (± {of}):"
+    return [_fit_line(header), *align_columns(rows).splitlines(), *_spring_line(result)]
+
+
+def _spring_line(result: Identification) -> list[str]:
+    """Stiffness and damping, told as what they are of."""
+    spring, dashpot = result.figure("stiffness"), result.figure("damping")
+    if spring is None:
+        return []
     if result.record.angle:
-        meanings |= {"stiffness": "per moment of inertia", "damping": "per moment of inertia"}
-    rows = [
-        (f"  {quantity.name}", _with_error(quantity), meanings.get(quantity.name, "")) for quantity in shown
-    ]
-    header = f"{small_swing_sentence(result.shown)} about rest (+- {of}):"
-    return [_fit_line(header), *align_columns(rows).splitlines()]
-
-
-def _with_error(quantity: Quantity) -> str:
-    half = 0.5 * (quantity.high - quantity.low)
-    value = format_fixed(quantity.value, quantity.digits)
-    error = f" +- {format_fixed(half, quantity.digits)}" if math.isfinite(half) else ", open"
-    return f"{value}{error} {quantity.unit}"
+        words = f"  stiffness over moment of inertia {spring.text_with_error}"
+        return [words if dashpot is None else f"{words}, damping over it {dashpot.text_with_error}"]
+    mass = "a mass" if result.mass is None else f"{result.mass:.4g} kg"
+    words = f"  as {mass} on a spring of {spring.text_with_error}"
+    return [_fit_line(words if dashpot is None else f"{words} with a dashpot of {dashpot.text_with_error}")]
 
 
 def _law_lines(table: Comparison) -> list[str]:
@@ -109,7 +120,7 @@ def _law_lines(table: Comparison) -> list[str]:
     sound = [row for row in table.rows if not row.failure]
     lifted = bool(sound[0].records)
     rows = [("  law", "parameters", "later motion", *(["higher lift"] if lifted else []))]
-    for row in sound[:MOST_LAWS]:
+    for row in sound:
         later = as_percent(root_mean_square(row.stretches)) if row.stretches else "-"
         lifts = [as_percent(record.relative) for record in row.records]
         rows.append((f"  {row.name}", str(row.parameters), later, *lifts))

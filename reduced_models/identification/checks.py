@@ -9,13 +9,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.scores import FALL_LAWS, DropScores, fit_drops, judge_fits
 from reduced_models.fitting.fit import fit
-from reduced_models.identification.engineering import Figure
+from reduced_models.identification.engineering import Quantity, add_checks, engineering_quantities
+from reduced_models.identification.own_swing import OwnSwing, figures_at
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.first_guesses import first_guesses
 
@@ -218,41 +217,53 @@ def _same_fall(fall: PistonRecord, motion: dict[str, PistonRecord] | Failure) ->
 
 
 def check_figures(
-    figures: Mapping[str, Figure], model: ReducedModel, record: PistonRecord, runs: FurtherRuns
-) -> tuple[dict[str, Figure], list[Failure]]:
-    """Return figures with step error and scatter, as far as there are runs, and what failed.
+    figures: Sequence[Quantity],
+    own: OwnSwing | None,
+    model: ReducedModel,
+    mass: float | None,
+    duration: float,
+    runs: FurtherRuns,
+) -> tuple[tuple[Quantity, ...], OwnSwing | None, list[Failure]]:
+    """Return figures and own swing with errors of step and start, as far as there are runs.
 
     The records of the runs are fitted by the law and map of the figures' model, over the duration
-    of its record.
+    of its record [s]. What failed comes last.
     """
-    duration = float(record.time[-1] - record.time[0])
-    swings = [(runs.step_check.check.what, runs.step), *runs.starts]
-    results = [_refit_check(what, swing, duration, model) for what, swing in swings]
-    other, *scattered = [None if isinstance(result, Failure) else result for result in results]
-    checked = {}
-    for name, figure in figures.items():
-        values = [figure.value, *(values[name] for values in scattered if values is not None)]
-        values = [value for value in values if math.isfinite(value)]
-        checked[name] = dataclasses.replace(
-            figure,
-            step_error=(None if other is None else runs.step_check.factor * abs(figure.value - other[name])),
-            seed_spread=float(np.std(values, ddof=1)) if len(values) > 1 else None,
-        )
-    return checked, [result for result in results if isinstance(result, Failure)]
+    runs_by_name = [(runs.step_check.check.what, runs.step), *runs.starts]
+    fits = [_figures_of_fit(what, swing, duration, model, mass, figures) for what, swing in runs_by_name]
+    refitted = [None if isinstance(found, Failure) else found for found in fits]
+    factor = runs.step_check.factor
+    if own is not None:
+        read = [
+            None if isinstance(swing, Failure) else figures_at(_first_seconds(swing, duration), own)
+            for _, swing in runs_by_name
+        ]
+        own = dataclasses.replace(own, figures=add_checks(own.figures, factor, *read))
+    failed = [found for found in fits if isinstance(found, Failure)]
+    return add_checks(figures, factor, *refitted), own, failed
 
 
-def _refit_check(
-    what: str, record: PistonRecord | Failure, duration: float, model: ReducedModel
-) -> dict[str, float] | Failure:
+def _first_seconds(record: PistonRecord, duration: float) -> PistonRecord:
+    start = float(record.time[0])
+    return record.between(start, start + duration * (1.0 + 1e-9))
+
+
+def _figures_of_fit(
+    what: str,
+    record: PistonRecord | Failure,
+    duration: float,
+    model: ReducedModel,
+    mass: float | None,
+    like: Sequence[Quantity],
+) -> Sequence[Quantity] | Failure:
+    """Figures of a further run's record, by the law of a model."""
     if isinstance(record, Failure):
         return record
-    start = float(record.time[0])
     try:
-        part = record.between(start, start + duration * (1.0 + 1e-9))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             again = fit(
-                part,
+                _first_seconds(record, duration),
                 model.law,
                 map="fitted" if model.map.fitted else model.map,
                 starts=model.quality.starts,
@@ -260,10 +271,10 @@ def _refit_check(
             )
     except GranularError as error:
         return Failure(what, str(error))
-    if again.at_rest is None:
-        return Failure(what, "its fit has no level of rest")
-    values = dataclasses.asdict(again.at_rest)
-    return {name: values[name] for name in model.at_rest.intervals} if model.at_rest else {}
+    figures = engineering_quantities(again, model.angle, mass)
+    if [figure.symbol for figure in figures] != [figure.symbol for figure in like]:
+        return Failure(what, "its fit has no such figures")
+    return figures
 
 
 def scene_with_other_step(run: Trajectory) -> StepCheck:

@@ -2,7 +2,7 @@
 
 All is of the small swing about rest but for what names an amplitude. Stiffness and damping are
 those of a mass on a spring with a dashpot that swings alike, m z'' + c z' + k z = 0; where no mass
-is known they are per kilogram, and of an angle per unit of the moment of inertia.
+is known they are per kilogram, and of an angle over its moment of inertia.
 """
 
 from __future__ import annotations
@@ -10,46 +10,49 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.shared.errors import GranularError
-from granular.shared.html import format_number
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.response import HarmonicCycle
 
-FRACTIONS = (1.0, 0.5, 0.25, 0.1)
-"""Amplitudes that are looked at, over the greatest one of the record."""
+PARTS = ("fit", "step", "start", "calibration")
+"""Parts of an error: half of the fit's interval; what another time step changes; the standard deviation
+over random starts of the bed; what the sensor's calibration leaves open."""
 DAMPING_RATIO = "damping ratio"
 _MOST_DIGITS = 8
 _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
-_NO_CHANGE = 5e-3  # per cent of a change that is none
-_BY_RATIO = ("ζ", "δ", "Q", "F")  # symbols of what is as uncertain as the damping ratio
+_STEP = 1e-4  # of a number, by which it is changed to see what follows from it
 
 
 class Quantity(NamedTuple):
-    """A number with its interval.
+    """A number with its total error.
 
     Attributes
     ----------
     name, symbol, unit : str
-    value, low, high : float
+    value : float
         In that unit.
+    parts : mapping of str to float
+        Parts of its error that are known, of `PARTS`, in that unit.
     """
 
     name: str
     symbol: str
     unit: str
     value: float
-    low: float
-    high: float
+    parts: Mapping[str, float]
+
+    @property
+    def total_error(self) -> float:
+        """Root of the sum of the squared parts; infinite where the record leaves it open."""
+        return math.hypot(*self.parts.values())
 
     @property
     def digits(self) -> int:
-        """Decimals that the interval is worth: its half-width has two of them."""
-        return decimal_places(self.value, self.low, self.high)
+        """Decimals that the error is worth: it has two of them."""
+        return decimal_places(self.value, self.value - self.total_error, self.value + self.total_error)
 
     @property
     def text(self) -> str:
@@ -57,11 +60,22 @@ class Quantity(NamedTuple):
         return f"{format_fixed(self.value, self.digits)} {self.unit}".rstrip()
 
     @property
-    def interval(self) -> str:
-        """The interval, without the unit."""
-        if not (math.isfinite(self.low) and math.isfinite(self.high)):
-            return "open"
-        return format_interval(self.low, self.high, self.digits)
+    def text_with_error(self) -> str:
+        """Number, total error and unit."""
+        value, error = format_fixed(self.value, self.digits), self.total_error
+        if not math.isfinite(error):
+            return f"{value}, open {self.unit}".rstrip()
+        width = f"{error:.2g}" if "e" in value else f"{round(error, self.digits):.{max(0, self.digits)}f}"
+        return f"{value} ± {width} {self.unit}".rstrip()
+
+    def to_plain(self) -> dict[str, Any]:
+        """Value, unit, total error and its parts as plain data; null for what is not known."""
+        return {
+            "value": self.value,
+            "unit": self.unit,
+            "total_error": self.total_error if math.isfinite(self.total_error) else None,
+            "parts": {name: self.parts.get(name) for name in PARTS},
+        }
 
 
 def decimal_places(value: float, low: float, high: float) -> int:
@@ -73,7 +87,7 @@ def decimal_places(value: float, low: float, high: float) -> int:
         return 3 - math.floor(math.log10(size))
     if half <= 0.0:
         return finest
-    return min(1 - math.floor(math.log10(half)), finest)
+    return min(1 - math.floor(math.log10(half) + 1e-9), finest)
 
 
 def format_fixed(value: float, digits: int) -> str:
@@ -121,7 +135,7 @@ class Units:
 def engineering_units(angle: bool, mass: float | None) -> Units:
     """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
     if angle:
-        return Units("°", 180.0 / math.pi, "N m/rad per kg m²", "N m s/rad per kg m²", "rad/s²", 1.0)
+        return Units("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
         return Units("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
     return Units("mm", 1e3, "N/m", "N s/m", "N", mass)
@@ -130,75 +144,122 @@ def engineering_units(angle: bool, mass: float | None) -> Units:
 def engineering_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
     """Figures of the swing about rest; none where the law has no level of rest.
 
-    A damping ratio that the record's own peaks contradict gives way to theirs, and what follows
-    from it is left out.
+    A damping ratio that the record's own peaks contradict is left out, and what follows from it.
     """
     rest = model.at_rest
     if rest is None:
         return ()
     units = engineering_units(angle, mass)
-    shortest, longest = rest.intervals["period"]
-    fraction = 0.5 * (longest - shortest) / rest.period  # of the frequency, half its interval
-    stiffness = units.inertia * (2.0 * math.pi / rest.period) ** 2
-    if (seen := rest.peaks) is not None:
-        damping = [_ratio(" by the record's peaks", seen.mean, (seen.low, seen.high))]
-    elif rest.equivalent is not None:
-        damping = _two_amplitude_figures(rest, rest.equivalent, units)
-    else:
-        damping = _small_swing_figures(rest, fraction)
-    quantities = [
-        Quantity(
-            "level of rest",
-            "z",
-            units.length,
-            *(units.scale * value for value in (rest.height, *rest.intervals["height"])),
-        ),
-        Quantity("natural frequency", "f", "Hz", *_inverse(rest.period, shortest, longest)),
-        *damping,
-        _symmetric(stiffness, 2.0 * fraction, "stiffness", "k", units.stiffness),
+    inertia = units.inertia
+    figures = [
+        _rest_quantity("level of rest", "z", units.length, rest, lambda height, *_: units.scale * height),
+        _rest_quantity("natural frequency", "f", "Hz", rest, lambda _, period, __: 1.0 / period),
     ]
-    if damping[0].name == DAMPING_RATIO:
-        ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
-        wide = 0.5 * (most - least) / abs(ratio) if ratio else math.inf
-        value = units.inertia * 4.0 * math.pi * ratio / rest.period
-        quantities.append(_symmetric(value, math.hypot(fraction, wide), "damping", "c", units.damping))
-    return tuple(quantities)
+    if rest.peaks is None and rest.equivalent is not None:
+        figures += _two_amplitude_figures(rest, rest.equivalent, units)
+    elif rest.peaks is None:
+        figures += _small_swing_figures(rest)
+    figures.append(
+        _rest_quantity(
+            "stiffness", "k", units.stiffness, rest, lambda _, period, __: inertia * (math.tau / period) ** 2
+        )
+    )
+    if any(figure.name == DAMPING_RATIO for figure in figures):
+        figures.append(
+            _rest_quantity(
+                "damping",
+                "c",
+                units.damping,
+                rest,
+                lambda _, period, ratio: inertia * 2.0 * math.tau * ratio / period,
+            )
+        )
+    return tuple(figures)
 
 
-def _small_swing_figures(rest: AtRest, fraction: float) -> list[Quantity]:
-    ratio, (least, most) = rest.damping_ratio, rest.intervals["damping_ratio"]
-    quantities = [_ratio("", ratio, (least, most))]
+def _small_swing_figures(rest: AtRest) -> list[Quantity]:
+    ratio = rest.damping_ratio
+    quantities = [_rest_quantity(DAMPING_RATIO, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
     if 0.0 < ratio < _UNDERDAMPED:
         quantities += [
-            _symmetric(damped_frequency(rest.period, ratio), fraction, "damped frequency", "f_d", "Hz"),
-            _by_ratio(_decrement, ratio, least, most, "logarithmic decrement", "δ", ""),
-            _by_ratio(lambda ratio_: 0.5 / ratio_, ratio, most, least, "quality factor", "Q", ""),
+            _rest_quantity("damped frequency", "f_d", "Hz", rest, lambda _, *at: damped_frequency(*at)),
+            _rest_quantity("logarithmic decrement", "δ", "", rest, lambda *at: _decrement(at[2])),
+            _rest_quantity("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
         ]
     return quantities
 
 
-def _two_amplitude_figures(
-    rest: AtRest, equivalent_damping: EquivalentDamping, units: Units
-) -> list[Quantity]:
+def _two_amplitude_figures(rest: AtRest, equivalent: EquivalentDamping, units: Units) -> list[Quantity]:
+    """Damping ratios at two amplitudes, as far as it swings with them, and friction."""
     wide, narrow = (
-        f" at {units.scale * size:.3g} {units.length}"
-        for size in (equivalent_damping.amplitude, equivalent_damping.tenth)
+        f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
+        for size in (equivalent.amplitude, equivalent.tenth)
     )
-    quantities = [
-        _ratio(wide, rest.damping_ratio, rest.intervals["damping_ratio"]),
-        _ratio(narrow, equivalent_damping.tenth_ratio, equivalent_damping.intervals["tenth_ratio"]),
-    ]
-    if equivalent_damping.friction > 0.0:
-        friction = (
-            units.inertia * value
-            for value in (equivalent_damping.friction, *equivalent_damping.intervals["friction"])
+
+    def quantity(name: str, symbol: str, unit: str, scale: float, value: float, key: str) -> Quantity:
+        low, high = equivalent.intervals[key]
+        return Quantity(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
+
+    quantities = [_rest_quantity(wide, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities.append(quantity(narrow, "ζ", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
+    quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
+    if equivalent.friction > 0.0:
+        quantities.append(
+            quantity("friction", "F", units.friction, units.inertia, equivalent.friction, "friction")
         )
-        quantities.append(Quantity("friction", "F", units.friction, *friction))
     return quantities
 
 
-def _ratio(where: str, value: float, ends: tuple[float, float]) -> Quantity:
-    return Quantity(f"{DAMPING_RATIO}{where}", "ζ", "%", *(100.0 * entry for entry in (value, *ends)))
+def _rest_quantity(
+    name: str, symbol: str, unit: str, rest: AtRest, function: Callable[[float, float, float], float]
+) -> Quantity:
+    """Quantity that follows from height, period and damping ratio, with the errors of these."""
+    names = ("height", "period", "damping_ratio")
+    at = [float(getattr(rest, key)) for key in names]
+    parts: dict[str, float] = {}
+    for k, key in enumerate(names):
+        low, high = rest.intervals[key]
+        step = _STEP * max(abs(at[k]), _STEP)
+        ends = ([*at[:k], at[k] + side * step, *at[k + 1 :]] for side in (1.0, -1.0))
+        above, below = (function(*end) for end in ends)
+        if slope := abs(above - below) / (2.0 * step):
+            calibration = rest.calibration.get(key, 0.0)
+            of_fit = math.sqrt(max((0.5 * (high - low)) ** 2 - calibration**2, 0.0))
+            parts["fit"] = math.hypot(parts.get("fit", 0.0), slope * of_fit)
+            if calibration:
+                parts["calibration"] = math.hypot(parts.get("calibration", 0.0), slope * calibration)
+    return Quantity(name, symbol, unit, function(*at), parts)
+
+
+def add_checks(
+    figures: Sequence[Quantity],
+    factor: float,
+    step: Sequence[Quantity] | None,
+    *starts: Sequence[Quantity] | None,
+) -> tuple[Quantity, ...]:
+    """Figures with what another step and other random starts say of them.
+
+    Parameters
+    ----------
+    figures : sequence of Quantity
+    factor : float
+        Error of the step over what the other one changes.
+    step : sequence of Quantity or None
+        The same of a run with another time step.
+    *starts : sequence of Quantity or None
+        The same of runs from other random starts.
+    """
+    scattered = [other for other in starts if other is not None]
+    checked = []
+    for k, figure in enumerate(figures):
+        parts = dict(figure.parts)
+        if step is not None:
+            parts["step"] = factor * abs(step[k].value - figure.value)
+        if scattered:
+            values = [figure.value, *(other[k].value for other in scattered)]
+            parts["start"] = float(np.std(values, ddof=1))
+        checked.append(figure._replace(parts=parts))
+    return tuple(checked)
 
 
 def small_swing_sentence(model: ReducedModel) -> str:
@@ -217,161 +278,24 @@ def _decrement(ratio: float) -> float:
     return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
 
 
-def _inverse(value: float, low: float, high: float) -> tuple[float, float, float]:
-    return 1.0 / value, 1.0 / high if high else math.inf, 1.0 / low if low > 0.0 else math.inf
-
-
-def _symmetric(value: float, fraction: float, name: str, symbol: str, unit: str) -> Quantity:
-    half = abs(value) * fraction if math.isfinite(fraction) else math.inf
-    return Quantity(name, symbol, unit, value, value - half, value + half)
-
-
-def _by_ratio(
-    function: Callable[[float], float],
-    ratio: float,
-    low: float,
-    high: float,
-    name: str,
-    symbol: str,
-    unit: str,
-) -> Quantity:
-    """Quantity that grows with the damping ratio; or falls, where its ends change places."""
-    ends = [function(value) if 0.0 < value < _UNDERDAMPED else math.inf for value in (low, high)]
-    return Quantity(name, symbol, unit, function(ratio), *ends)
-
-
-def cycles_at_amplitudes(model: ReducedModel, heights: np.ndarray) -> list[HarmonicCycle]:
-    """Cycles about rest, from the greatest amplitude of some heights down to a tenth of it."""
-    if model.at_rest is None or model.law.inputs:
-        return []
-    farthest = float(np.abs(heights - model.at_rest.height).max())
-    cycles = []
-    for fraction in FRACTIONS:
-        try:
-            cycle = model.cycle(fraction * farthest)
-        except GranularError:
-            continue
-        if cycle.stiffness > 0.0:
-            cycles.append(cycle)
-    return cycles
-
-
-@dataclasses.dataclass(frozen=True)
-class Figure:
-    """A number with all its uncertainties.
-
-    Attributes
-    ----------
-    value : float
-    interval : (float, float)
-        Confidence interval of the fit.
-    step_error : float or None
-        Estimated error of the simulation's time step, from a run with another step and the same fit
-        of the same law; see `reduced_models.identification.checks.scene_with_other_step`.
-    seed_spread : float or None
-        Standard deviation over random starts of the bed.
-    """
-
-    value: float
-    interval: tuple[float, float]
-    step_error: float | None = None
-    seed_spread: float | None = None
-
-    @property
-    def checked(self) -> bool:
-        """True where a further run says something of it."""
-        return self.step_error is not None or self.seed_spread is not None
-
-
-def rest_figures(model: ReducedModel) -> dict[str, Figure]:
-    """Return rest height, period and damping ratio of a model; none where it has no rest."""
-    if model.at_rest is None:
-        return {}
-    values = dataclasses.asdict(model.at_rest)
-    return {name: Figure(values[name], pair) for name, pair in model.at_rest.intervals.items()}
-
-
-def propagate_error(quantity: Quantity, figures: Mapping[str, Figure], which: str) -> str:
-    """Error of a quantity that follows from rest, period and damping ratio, by a check.
-
-    ``which`` is ``"step_error"`` or ``"seed_spread"``; empty where that is not known.
-    """
-    known = {name: getattr(figure, which) for name, figure in figures.items()}
-    if any(known.get(name) is None for name in ("height", "period", "damping_ratio")):
-        return ""
-    if quantity.name == "level of rest":
-        rest = figures["height"]
-        return format_number(abs(quantity.value * known["height"] / rest.value), 2) if rest.value else ""
-    period = known["period"] / figures["period"].value
-    ratio = known["damping_ratio"] / abs(figures["damping_ratio"].value or math.inf)
-    if quantity.symbol in _BY_RATIO:
-        relative = ratio
-    elif quantity.name == "stiffness":
-        relative = 2.0 * period
-    else:
-        relative = math.hypot(period, ratio) if quantity.name == "damping" else period
-    return format_number(abs(quantity.value) * relative, 2)
-
-
-def swing_text(
-    quantities: Sequence[Quantity], figures: Mapping[str, Figure], angle: bool, mass: float | None
-) -> str:
+def swing_text(quantities: Sequence[Quantity], subject: str, mass: float | None) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
-    known = {quantity.name: widen(quantity, figures) for quantity in quantities}
-    rest, frequency = (known[name].text for name in ("level of rest", "natural frequency"))
+    known = {quantity.name: quantity.text_with_error for quantity in quantities}
     words = (
-        f"{'The angle' if angle else 'The piston'} comes to rest at {rest}, and small swings about "
-        f"that have {frequency}{_damping_text(known)}."
+        f"{subject} comes to rest at {known['level of rest']}, and swings about that with a natural "
+        f"frequency of {known['natural frequency']}"
     )
+    ratios = [
+        f"{known[name]}{name.removeprefix(DAMPING_RATIO)}" for name in known if name.startswith(DAMPING_RATIO)
+    ]
+    if ratios:
+        words += f" and a damping ratio of {' and '.join(ratios)}"
+    if "friction" in known:
+        words += f"; dry friction is {known['friction']}"
+    words += "."
     if mass is not None and "damping" in known:
         words += (
-            f" A mass of {mass:.4g} kg on a spring of {known['stiffness'].text} with a dashpot of "
-            f"{known['damping'].text} does the same."
+            f" A mass of {mass:.4g} kg on a spring of {known['stiffness']} with a dashpot of "
+            f"{known['damping']} does the same."
         )
     return words
-
-
-def widen(quantity: Quantity, figures: Mapping[str, Figure]) -> Quantity:
-    """Quantity whose interval is no narrower than its step error and scatter."""
-    errors = [propagate_error(quantity, figures, name) for name in ("step_error", "seed_spread")]
-    wide = max([0.5 * (quantity.high - quantity.low), *(float(error) for error in errors if error)])
-    return quantity._replace(low=quantity.value - wide, high=quantity.value + wide)
-
-
-def _damping_text(known: Mapping[str, Quantity]) -> str:
-    """Damping, behind the frequency of small swings."""
-    if DAMPING_RATIO in known:
-        words = f" and a damping ratio of {known[DAMPING_RATIO].text}"
-        if "logarithmic decrement" in known:
-            left = math.exp(-known["logarithmic decrement"].value)
-            words += f": each swing is {100 * left:.3g} % as wide as the one before"
-        return words
-    ratios = [
-        f"{figure.text}{name.removeprefix(DAMPING_RATIO)}"
-        for name, figure in known.items()
-        if name.startswith(DAMPING_RATIO)
-    ]
-    words = f". The damping ratio is {' and '.join(ratios)}"
-    return words + (f"; friction is {known['friction'].text}" if "friction" in known else "")
-
-
-def amplitude_text(cycles: Sequence[HarmonicCycle], units: Units) -> str:
-    """Change of frequency and damping from the narrowest cycle to the widest; empty without two."""
-    if len(cycles) < 2:
-        return ""
-    wide, narrow = cycles[0], cycles[-1]
-    frequency = 100.0 * (wide.frequency / narrow.frequency - 1.0)
-    damping = 100.0 * (wide.damping / narrow.damping - 1.0) if narrow.damping else math.inf
-    return (
-        f" At an amplitude of {units.scale * wide.amplitude:.3g} {units.length} the frequency is "
-        f"{_change_text(frequency)} and the damping {_change_text(damping)} than at "
-        f"{units.scale * narrow.amplitude:.3g} {units.length}."
-    )
-
-
-def _change_text(per_cent: float) -> str:
-    if not math.isfinite(per_cent):
-        return "other"
-    if abs(per_cent) < _NO_CHANGE:
-        return "no other"
-    return f"{abs(per_cent):.2g} % {'higher' if per_cent > 0.0 else 'lower'}"

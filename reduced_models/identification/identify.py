@@ -21,7 +21,8 @@ from reduced_models.identification.candidates import candidates, driven_law, unu
 from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.engineering import rest_figures
+from reduced_models.identification.engineering import engineering_quantities
+from reduced_models.identification.own_swing import own_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -241,8 +242,9 @@ def _fit_laws(
         models=models,
         comparison=comparison,
         run=run,
-        figures=rest_figures(shown),
+        figures=engineering_quantities(shown, record.angle, mass),
         figures_law=shown.law.name,
+        own=own_swing(record, best),
         notes=_notes(record, run, comparison, models),
         seconds=dict(clock.seconds),
         mass=mass,
@@ -301,14 +303,17 @@ def _check_by_runs(
     and other falls, if asked for, where the scene begins with one.
     """
     checks = further.finish(run, falls, progress)
-    comparison, model, figures = result.comparison, result.shown, result.figures
+    comparison, model, figures, own = result.comparison, result.shown, result.figures, result.own
+    record, mass = result.record, result.mass
     if checks.lift is not None and len(result.models) > 1:
         # The laws are ranked anew, and the best one now gives the figures.
         comparison = compare_on_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
-        figures = rest_figures(model)
-    figures, failed = check_figures(figures, model, result.record, checks)
+        figures = engineering_quantities(model, record.angle, mass)
+        own = own_swing(record, order[0])
+    duration = float(record.time[-1] - record.time[0])
+    figures, own, failed = check_figures(figures, own, model, mass, duration, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
     notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)
     for note in notes:
@@ -323,6 +328,7 @@ def _check_by_runs(
         comparison=comparison,
         figures=figures,
         figures_law=model.law.name,
+        own=own,
         notes=result.notes + notes,
         lift=None if comparison is result.comparison else checks.lift,
         falls=checks.falls,

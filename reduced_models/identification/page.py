@@ -17,14 +17,11 @@ from reduced_models.falls.scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import (
     DAMPING_RATIO,
-    Figure,
+    PARTS,
     Quantity,
-    cycles_at_amplitudes,
     decimal_places,
-    engineering_units,
     format_fixed,
     format_interval,
-    propagate_error,
     small_swing_sentence,
 )
 from reduced_models.identification.pictures import downsample
@@ -72,91 +69,79 @@ def capitalise(words: str) -> str:
 
 
 def add_engineering(
-    page: Page,
-    quantities: Sequence[Quantity],
-    figures: Mapping[str, Figure],
-    model: ReducedModel,
-    heights: np.ndarray,
-    mass: float | None,
-    averaging: str,
+    page: Page, figures: Sequence[Quantity], model: ReducedModel, mass: float | None, averaging: str
 ) -> None:
-    """Add frequency, damping and stiffness of the swing, and how they change with amplitude.
+    """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors.
 
-    ``heights`` are those of the record, and ``averaging`` is what elliptic averaging says of the
-    law; empty where it says nothing.
+    ``averaging`` is what elliptic averaging says of the law; empty where it says nothing.
     """
-    if not quantities:
+    if not figures:
         page.note("The law has no level of rest near the record, so no small swing can be told.")
         return
-    page.section("Frequency, damping, stiffness")
-    checks = ("step_error", "seed_spread") if any(figure.checked for figure in figures.values()) else ()
-    header = ["figure", "sign", "value", f"{100 * model.confidence:g} % interval"]
+    page.section("Level, frequency, damping, stiffness by the law")
     page.table(
-        [*header, "step error", "scatter"] if checks else header,
+        ("figure", "sign", "value", "unit"),
         [
-            (
-                figure.name,
-                figure.symbol,
-                figure.text,
-                figure.interval,
-                *(propagate_error(figure, figures, name) for name in checks),
-            )
-            for figure in quantities
+            (figure.name, figure.symbol, figure.text_with_error.removesuffix(f" {figure.unit}"), figure.unit)
+            for figure in figures
         ],
     )
-    page.text(_explanation(quantities, model, mass))
-    if checks:
-        page.text(
-            "The step error is what twice the time step changes in the same fit (half of it, and "
-            "the order of the method, where twice is too coarse), which is more than the error of "
-            "the step itself; the scatter is the standard deviation over random starts of the bed. "
-            "Where the step error is not smaller than the scatter, it is the scatter that it "
-            "shows: another step lets the bed pack differently. Behind +- on the terminal stands "
-            "the greatest of half the interval, the step error and the scatter."
+    page.text(_explanation(figures, model, mass))
+    known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
+    if len(known) > 1:
+        page.text("The total error behind ± is the root of the sum of the squares of its parts:")
+        page.table(
+            ("figure", *known, "unit"),
+            [
+                (figure.name, *(_error_text(figure.parts.get(name)) for name in known), figure.unit)
+                for figure in figures
+            ],
         )
+    page.text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
     if averaging:
         page.text(f"{capitalise(averaging)}.")
-    cycles = cycles_at_amplitudes(model, heights)
-    if len(cycles) < 2:
-        return
-    units = engineering_units(model.angle, mass)
-    page.text("How they change with amplitude, in harmonic cycles about rest:")
-    page.table(
-        (
-            f"amplitude [{units.length}]",
-            "frequency [Hz]",
-            "damping ratio [%]",
-            f"stiffness [{units.stiffness}]",
-            f"damping [{units.damping}]",
-        ),
-        [
-            (
-                format_number(units.scale * figure.amplitude, 3),
-                format_number(figure.frequency / (2.0 * math.pi), 5),
-                format_number(100.0 * figure.damping_ratio, 4),
-                format_number(units.inertia * figure.stiffness, 5),
-                format_number(units.inertia * figure.damping, 4),
-            )
-            for figure in cycles
-        ],
-    )
 
 
-def _explanation(quantities: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
+_MEANING_OF_PARTS = {
+    "fit": "Fit: half of the {:g} % interval that the record's noise leaves.",
+    "step": "Step: what twice the time step changes in the same fit (half of it, and the order of the "
+    "method, where twice is too coarse); where it is not below the part of the starts, it shows how the "
+    "bed packs, not the error of the step.",
+    "start": "Start: the standard deviation over random starts of the bed.",
+    "calibration": "Calibration: what the uncertainty of the sensor's scale and zero leaves open.",
+}
+
+
+def _error_text(value: float | None) -> str:
+    return "" if value is None else format_number(value, 2)
+
+
+def _explanation(figures: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
     words = f"Of the {small_swing_sentence(model)} about rest, from the fit of {model.law.name}. "
-    if any(quantity.name.startswith(f"{DAMPING_RATIO} at ") for quantity in quantities):
+    names = {figure.name for figure in figures}
+    words += "The natural frequency is that without damping. "
+    if DAMPING_RATIO in names:
+        words += (
+            "The damping ratio is the damping over that at which nothing swings; the logarithmic decrement "
+            "is the logarithm of two amplitudes a period apart, and the quality factor the inverse of twice "
+            "the damping ratio. "
+        )
+    elif any(name.startswith(DAMPING_RATIO) for name in names):
         words += (
             "A damping ratio at an amplitude is the energy that a harmonic cycle of it loses, over "
             "4π times that of its swing; friction is the constant force that, next to a dashpot, "
             "loses as much at both. "
         )
     if model.angle:
-        return words + "Stiffness and damping are per unit of the moment of inertia."
+        return words + "Stiffness and damping are over the moment of inertia."
     if mass is None:
         return words + (
             "Stiffness and damping are per kilogram of what moves; --mass gives them in N/m and N s/m."
         )
-    return words + f"Stiffness and damping are those of the mass, {mass:.6g} kg."
+    return words + (
+        f"Stiffness and damping are those of a spring and a dashpot on which a mass of {mass:.6g} kg "
+        "swings alike."
+    )
 
 
 def add_comparison(page: Page, table: Comparison) -> None:

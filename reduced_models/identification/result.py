@@ -23,16 +23,8 @@ from reduced_models.identification.elliptic import (
     elliptic_text,
     solve_elliptic_motion,
 )
-from reduced_models.identification.engineering import (
-    Figure,
-    Quantity,
-    amplitude_text,
-    cycles_at_amplitudes,
-    engineering_quantities,
-    engineering_units,
-    small_swing_sentence,
-    swing_text,
-)
+from reduced_models.identification.engineering import Quantity, small_swing_sentence, swing_text
+from reduced_models.identification.own_swing import OwnSwing
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
@@ -57,8 +49,8 @@ class Identification:
         Table of the laws, and the verdict.
     run : Trajectory or None
         Where the record comes from a simulation.
-    figures : mapping of str to Figure
-        ``height`` [m], ``period`` [s] and ``damping_ratio`` of the small swing about rest.
+    figures : tuple of Quantity
+        Rest, frequency, damping, stiffness of the swing about rest, with their errors.
     figures_law : str
         The law whose fit they come from.
     notes : tuple of str
@@ -77,13 +69,15 @@ class Identification:
         A lift that no law has seen.
     falls : DropScores or None
         Laws of the whole fall, judged on falls that no law has seen.
+    own : OwnSwing or None
+        Frequency and damping against amplitude of the record itself, without a law.
     """
 
     record: PistonRecord
     models: tuple[ReducedModel, ...]
     comparison: Comparison
     run: Trajectory | None
-    figures: Mapping[str, Figure]
+    figures: tuple[Quantity, ...]
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
@@ -93,6 +87,7 @@ class Identification:
     advice: tuple[str, ...] = ()
     lift: PistonRecord | None = None
     falls: DropScores | None = None
+    own: OwnSwing | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -121,10 +116,16 @@ class Identification:
         """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
         return average_elliptically(self.best, self.record.time)
 
+    def figure(self, name: str) -> Quantity | None:
+        """Figure of a name, such as ``natural frequency``; None where the law has none."""
+        return next((figure for figure in self.figures if figure.name == name), None)
+
     @property
-    def engineering(self) -> tuple[Quantity, ...]:
-        """Rest, frequency, damping, stiffness of the swing about rest, with intervals."""
-        return engineering_quantities(self.shown, self.record.angle, self.mass)
+    def subject(self) -> str:
+        """Noun for what moves, with its article."""
+        if self.run is not None and self.run.scene.piston is not None:
+            return "The piston"
+        return "The angle" if self.record.angle else "The motion"
 
     @property
     def verdict(self) -> str:
@@ -147,14 +148,13 @@ class Identification:
     @property
     def summary(self) -> str:
         """The answer in one paragraph, in an engineer's words."""
-        if not self.engineering:
-            return self.verdict
-        best, angle = self.comparison.rows[0], self.record.angle
-        swing = swing_text(self.engineering, self.figures, angle, self.mass)
-        cycles = cycles_at_amplitudes(self.shown, self.record.height)
-        units = engineering_units(angle, self.mass)
-        words = f"{swing} {best_error_text(best)}{amplitude_text(cycles, units)}"
-        return words if self.falls is None else f"{self.falls.verdict} {words}"
+        words = [] if self.falls is None else [self.falls.verdict]
+        if self.own is not None:
+            words.insert(0, self.own.text)
+        if not self.figures:
+            return " ".join([*words, self.comparison.verdict])
+        words.append(swing_text(self.figures, self.subject, self.mass))
+        return " ".join([*words, best_error_text(self.comparison.rows[0])])
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""
@@ -165,12 +165,12 @@ class Identification:
             "averaging": None if self.averaging is None else self.averaging._asdict(),
             "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
-            "figures": {name: dataclasses.asdict(figure) for name, figure in self.figures.items()},
+            "own": None if self.own is None else self.own.to_plain(),
+            "figures": {figure.name: figure.to_plain() for figure in self.figures},
             "figures_law": self.figures_law,
             "notes": list(self.notes),
             "time_step": None if self.run is None else step_text(self.run),
             "seconds": dict(self.seconds),
-            "engineering": [figure._asdict() for figure in self.engineering],
             "mass": self.mass,
             "left_out": list(self.left_out),
             "residuals": {name: figure.to_plain() for name, figure in self.residuals.items()},
@@ -185,20 +185,19 @@ class Identification:
             if self.falls.best.model is not None:
                 lines += ["", str(self.falls.best.model)]
         lines += ["", self.verdict]
+        if self.own is not None:
+            lines.append(self.own.text)
         if self.figures:
             lines.append(f"{small_swing_sentence(self.shown)} about rest, by {self.figures_law}:")
-        lines += [f"  {figure.name}: {figure.text}  [{figure.interval}]" for figure in self.engineering]
         lines += [
-            f"  {_checks_text(name, figure, self.shown.unit)}"
-            for name, figure in self.figures.items()
-            if figure.checked
+            f"  {figure.name}: {figure.text_with_error}{_parts_text(figure)}" for figure in self.figures
         ]
         if self.averaging is not None:
             lines.append(self.averaging.text)
         if self.run is not None:
             method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")
-            lines.append(checked_price_text(self.run, self.figures.get("height")))
+            lines.append(checked_price_text(self.run, self.figure("level of rest")))
         lines += [f"left out: {words}" for words in self.left_out]
         lines += [f"to try: {words}" for words in self.advice]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
@@ -207,10 +206,10 @@ class Identification:
         """Report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
         page = Page(f"The equation of {name}", self.summary)
+        if self.own is not None:
+            self.own.add_to(page)
         averaging = "" if self.averaging is None else self.averaging.text
-        blocks.add_engineering(
-            page, self.engineering, self.figures, self.shown, self.record.height, self.mass, averaging
-        )
+        blocks.add_engineering(page, self.figures, self.shown, self.mass, averaging)
         pictures.add_record(page, self.record, self.best)
         if self.falls is not None:
             blocks.add_falls(page, self.falls)
@@ -256,14 +255,11 @@ class Identification:
         self.page().save(out / "report.html")
 
 
-def _checks_text(name: str, figure: Figure, unit: str) -> str:
-    unit = {"height": unit, "period": "s"}.get(name, "")
-    words = [f"{name.replace('_', ' ')} {figure.value:.5g} {unit}".rstrip()]
-    if figure.step_error is not None:
-        words.append(f"step error {figure.step_error:.2g}")
-    if figure.seed_spread is not None:
-        words.append(f"scatter over random starts {figure.seed_spread:.2g}")
-    return ", ".join(words)
+def _parts_text(figure: Quantity) -> str:
+    """Parts of a total error, where there are several."""
+    if len(figure.parts) < 2:
+        return ""
+    return f"  ({', '.join(f'{name} {value:.2g}' for name, value in figure.parts.items())})"
 
 
 def lift_verdict(table: Comparison) -> str:
@@ -286,19 +282,18 @@ def lift_verdict(table: Comparison) -> str:
     return words + "."
 
 
-def checked_price_text(run: Trajectory, height: Figure | None) -> str:
-    """Price of a run whose rest height [m] was checked; without a check, `price_text`."""
-    if height is None or height.step_error is None or not height.value > 0.0:
+def checked_price_text(run: Trajectory, rest: Quantity | None) -> str:
+    """Price of a run whose level of rest was checked; without a check, `price_text`."""
+    if rest is None or "step" not in rest.parts or not rest.value > 0.0:
         from granular.run.price_table import price_text  # fits alone need nothing of the simulation
 
         return price_text(run)
     seconds = run.settings()["seconds"]
-    spread, step = height.seed_spread, height.step_error
-    scatter = f"; starts scatter it by {spread / height.value:.1g}" if spread else ""
+    spread, step = rest.parts.get("start"), rest.parts["step"]
+    scatter = f"; starts scatter it by {spread / rest.value:.1g}" if spread else ""
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
     if spread is not None and step <= 2.0 * spread:
         finer += ", and no better where the starts decide"
     return (
-        f"price: {seconds:.3g} s; rest height to {step / height.value:.1g} by the step check"
-        f"{scatter}; {finer}"
+        f"price: {seconds:.3g} s; rest height to {step / rest.value:.1g} by the step check{scatter}; {finer}"
     )

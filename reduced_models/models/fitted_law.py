@@ -86,6 +86,8 @@ class AtRest:
     peaks : PeakDamping or None
         Damping ratios by how the record's own peaks fall, where they contradict the law's: they are
         what is printed then.
+    calibration : mapping of str to float
+        Part of half the intervals that a sensor's calibration makes, where there is one.
     """
 
     height: float
@@ -94,6 +96,7 @@ class AtRest:
     intervals: Mapping[str, tuple[float, float]]
     equivalent: EquivalentDamping | None = None
     peaks: PeakDamping | None = None
+    calibration: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
         item, known = self.equivalent, dict(self.intervals)

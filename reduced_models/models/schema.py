@@ -186,6 +186,7 @@ _MODEL = _shape(
                         )
                     ),
                     "peaks": _null_or(_shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))),
+                    "calibration": _table(_number(0.0, math.inf)),
                 }
             )
         ),
@@ -249,8 +250,10 @@ def check_plain_model(data: object) -> dict[str, Any]:
     InputError
         If they are not; the message says which entry, what it is, and what is wanted.
     """
-    if isinstance(data, Mapping):  # models of earlier versions were all fitted to heights
+    if isinstance(data, Mapping):  # models of earlier versions
         data = {"sensor": None, "untold": [], **data}
+        if isinstance(data.get("at_rest"), Mapping):
+            data["at_rest"] = {"calibration": {}, **data["at_rest"]}
     result: dict[str, Any] = _MODEL("model", data)
     parameters = result["parameters"]
     for name in result["positive"]:

@@ -47,7 +47,8 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.startswith("<!doctype html>")
     assert "width=device-width" in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 5
+    assert "Frequency and damping of the record itself" in page
     assert "95 % interval" in page
     assert "quality factor" in page
     assert "scipy " in page[page.index("<footer>") :]
@@ -89,10 +90,10 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     page = (tmp_path / "out" / "report.html").read_text()
     for words in ("The bed before and after", "Energy ledger", "Settings", "What it took"):
         assert words in page
-    for figure in found.figures.values():
+    for figure in (*found.figures, *found.own.figures):
         assert np.isfinite(figure.value)
-        assert figure.step_error is not None
-        assert figure.seed_spread > 0.0
+        assert figure.parts["step"] < figure.total_error
+        assert figure.parts["start"] > 0.0
     assert found.run.complete
     assert "linear" in {model.law.name for model in found.models}
     assert found.lift is not None
@@ -107,7 +108,7 @@ def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch
     assert "Falls that no law has seen are predicted best by" in found.verdict
     assert (tmp_path / "out" / "fall.json").is_file()
     assert found.mass == scene.piston.mass
-    assert any(one.unit == "N/m" for one in found.engineering)
+    assert any(one.unit == "N/m" for one in found.figures)
     again = identify(scene, tmp_path / "out", laws=["linear"], checks=False, progress=False)
     assert again.seconds["simulation"] < 0.5 * found.seconds["simulation"] + 1.0
     assert json.dumps(again.to_plain())
@@ -224,11 +225,11 @@ def test_checks_take_the_step_of_the_run_and_the_law_of_the_figures(
     assert {case.settings["method"] for case in made_up.asked} == {"stormer-verlet"}
     seeds = [case.scene.arrangement.seed for case in made_up.asked]
     assert seeds == [run.scene.arrangement.seed + more for more in (1, 2, 0)]
-    period = found.figures["period"]
     assert found.figures_law == law
-    # All of what twice the step changes.
-    assert period.step_error == pytest.approx(period.value * (1 - 1 / 1.03), rel=1e-3)
-    assert period.seed_spread == pytest.approx(0.01 * period.value, rel=0.02)
+    for figure in (found.figure("natural frequency"), found.own.figures[0]):
+        # All of what twice the step changes.
+        assert figure.parts["step"] == pytest.approx(0.03 * figure.value, rel=1e-3)
+        assert figure.parts["start"] == pytest.approx(0.01 * figure.value, rel=0.02)
 
 
 def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -> None:
@@ -239,9 +240,9 @@ def test_a_failed_check_takes_nothing_with_it(run: Trajectory, tmp_path: Path) -
     made_up = MadeUp(run.piston(), run.piston(), "EnergyError: step 3", before=saved)
     with pytest.warns(UserWarning, match="check with twice the time step failed: EnergyError"):
         found = identify(run.path, tmp_path, laws=["linear"], executor=made_up, progress=False)
-    period = found.figures["period"]
-    assert period.step_error is None
-    assert period.seed_spread < 1e-6 * period.value
+    frequency = found.figure("natural frequency")
+    assert "step" not in frequency.parts
+    assert frequency.parts["start"] < 1e-6 * frequency.value
     words = "the check with twice the time step failed: EnergyError: step 3"
     assert words in str(found)
     assert words in load_model(tmp_path / "model.json").notes
@@ -287,7 +288,7 @@ def test_a_cut_run_is_said_to_be_cut(run: Trajectory) -> None:
     with pytest.warns(UserWarning, match=r"the run was cut at t = 1\.3 s, in stage 'release'"):
         found = identify(cut, laws=["linear"], progress=False)
     assert "was cut" in found.notes[0]
-    assert found.figures["period"].step_error is None
+    assert "step" not in found.figure("natural frequency").parts
 
 
 def test_verdict_calls_equals_equal(lab: Path) -> None:
@@ -300,7 +301,7 @@ def test_verdict_calls_equals_equal(lab: Path) -> None:
     assert any("quadratic-drag was not fitted" in words for words in found.left_out)
     assert found.residuals["linear"].verdict == "noise"
     assert found.advice == ()
-    fits_a_screen(found, "of a spring on which 1 kg swings alike")
+    fits_a_screen(found, "as a mass on a spring of")
 
 
 CODE = """

@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord
 from reduced_models import load_model
 from reduced_models.identification.comparison_table import Comparison, Row
-from reduced_models.identification.engineering import Figure
+from reduced_models.identification.engineering import engineering_quantities
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS
@@ -54,7 +54,7 @@ def found(names: tuple[str, ...]) -> Identification:
         for place, one in enumerate(models)
     )
     table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
-    figures = {"height": Figure(0.05, (0.049, 0.051))}
+    figures = engineering_quantities(model, angle=False, mass=None)
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 

@@ -1,0 +1,265 @@
+"""The record's own swing: frequency and damping against amplitude without a law, and the law's next to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import GranularError
+from granular.shared.html import Page, format_number
+from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
+from reduced_models.identification.engineering import Quantity, Units, engineering_units
+from reduced_models.laws.equation import compile_rates
+from reduced_models.models.model import ReducedModel
+from reduced_models.records.backbone import Backbone, driven_backbone, free_backbone
+from reduced_models.records.inputs import input_column
+
+_NAMED = (0.5, 0.1)  # amplitudes of the headline, over the greatest one
+_FREQUENCY, _DAMPING = 0.01, 0.1  # relative differences, up to which law and record agree
+_HOW = {
+    "envelope": (
+        "Frequency and damping ratio are read off the record's own extremes, without a law: the frequency "
+        "by the time between them, the damping ratio (the fraction of the damping at which nothing swings) "
+        "by how the amplitude falls from one to the next."
+    ),
+    "restoring force": (
+        "Frequency and damping ratio are read off the record's own restoring force (what the acceleration "
+        "leaves of the drive), whose stiffness and damping are fitted cycle by cycle; only how the drive "
+        "enters is taken from the law."
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OwnSwing:
+    """Frequency and damping against amplitude.
+
+    Attributes
+    ----------
+    record : Backbone
+        Of the record itself.
+    law : Backbone or None
+        Of the law's motion in the place of the record, by the same reading; None where it does not swing.
+    law_name : str
+    amplitudes : tuple of float
+        That are shown [m], the greatest first.
+    figures : tuple of Quantity
+        Frequency and damping ratio of the record at each of them.
+    units : Units
+    """
+
+    record: Backbone
+    law: Backbone | None
+    law_name: str
+    amplitudes: tuple[float, ...]
+    figures: tuple[Quantity, ...]
+    units: Units
+
+    @property
+    def named(self) -> tuple[int, ...]:
+        """Places of the amplitudes that the headline names: about half of the greatest, and a tenth."""
+        wanted = [fraction * self.amplitudes[0] for fraction in _NAMED]
+        nearest = [int(np.argmin(np.abs(np.log(np.array(self.amplitudes) / size)))) for size in wanted]
+        return tuple(dict.fromkeys(nearest))
+
+    @property
+    def differences(self) -> tuple[float, float]:
+        """Greatest relative differences of the law's frequency and damping ratio from the record's."""
+        frequency, damping = (max(row[k][0] for row in self._compared) for k in (0, 1))
+        return frequency, damping
+
+    @property
+    def agrees(self) -> bool:
+        """True where the law swings as the record does, at all amplitudes that are shown."""
+        return self.law is not None and all(
+            difference <= max(limit, error)
+            for row in self._compared
+            for (difference, error), limit in zip(row, (_FREQUENCY, _DAMPING), strict=True)
+        )
+
+    @property
+    def _compared(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """Relative differences and errors of frequency and damping ratio, at each amplitude."""
+        assert self.law is not None
+        rows = []
+        for size in self.amplitudes:
+            own, law = self.record.at(size), self.law.at(size)
+            scale = abs(own.damping_ratio) or math.inf
+            rows.append(
+                (
+                    (abs(law.frequency / own.frequency - 1.0), own.frequency_error / own.frequency),
+                    (abs(law.damping_ratio - own.damping_ratio) / scale, own.damping_error / scale),
+                )
+            )
+        return rows
+
+    @property
+    def agreement(self) -> str:
+        """Agreement or contradiction in a sentence."""
+        if self.law is None:
+            return f"{self.law_name} contradicts the record: by the law nothing swings"
+        frequency, damping = (f"{100.0 * value:.2g} %" for value in self.differences)
+        if self.agrees:
+            return f"{self.law_name} agrees (frequency to {frequency}, damping to {damping})"
+        k = int(np.argmax([row[1][0] + row[0][0] for row in self._compared]))
+        law = self.law.at(self.amplitudes[k])
+        return (
+            f"{self.law_name} contradicts the record: at {self.amplitude_text(k)} the law has "
+            f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
+            f"{' and '.join(one.text for one in self.pair(k))}"
+        )
+
+    def amplitude_text(self, k: int) -> str:
+        """Return an amplitude with its unit."""
+        return amplitude_text(self.amplitudes[k], self.units)
+
+    def pair(self, k: int) -> tuple[Quantity, Quantity]:
+        """Frequency and damping ratio of the record at an amplitude."""
+        return self.figures[2 * k], self.figures[2 * k + 1]
+
+    @property
+    def text(self) -> str:
+        """The record's own figures in a sentence, and whether the law agrees."""
+        parts = [
+            f"at {self.amplitude_text(k)} it swings with {frequency.text_with_error} and a damping ratio of "
+            f"{damping.text_with_error}"
+            for k in self.named
+            for frequency, damping in (self.pair(k),)
+        ]
+        own = f"By the record itself, without a law: {', '.join(parts)}. "
+        words = f"{self.agreement[:1].upper()}{self.agreement[1:]}."
+        return own + words if self.agrees else f"{words} {own}"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return method, agreement, and figures by amplitude as plain data."""
+        return {
+            "method": self.record.method,
+            "agreement": self.agreement,
+            "agrees": self.agrees,
+            "figures": {one.name: one.to_plain() for one in self.figures},
+        }
+
+    def add_to(self, page: Page) -> None:
+        """Add picture and table to a report."""
+        page.section("Frequency and damping of the record itself")
+        words = _HOW[self.record.method]
+        page.text(f"{words} {self.agreement[:1].upper()}{self.agreement[1:]}.")
+        unit = self.units.length
+        header = [f"amplitude [{unit}]", "frequency [Hz]", "damping ratio [%]"]
+        if self.law is not None:
+            header += ["frequency by the law", "damping ratio by the law"]
+        page.table(header, [self._row(k) for k in range(len(self.amplitudes))])
+        with figure(2, 1, height=5.4, size=READABLE, sharex=True) as (drawing, axes):
+            for ax, name, scale in zip(
+                axes, ("frequency", "damping_ratio"), (1.0 / math.tau, 100.0), strict=True
+            ):
+                own = scale * getattr(self.record, name)
+                size = self.units.scale * self.record.amplitude
+                ax.plot(size, own, "o", color=GREY, markersize=4, label="record")
+                if self.law is not None:
+                    law = self.units.scale * self.law.amplitude, scale * getattr(self.law, name)
+                    ax.plot(*law, color=COLOURS[0], linewidth=1.4, label=plain_label(self.law_name))
+                middle, reach = float(np.median(own)), float(np.ptp(own))
+                if reach < _FLAT * abs(middle):  # noise alone is not blown up
+                    ax.set_ylim(middle - _FLAT * abs(middle), middle + _FLAT * abs(middle))
+            axes[0].set_ylabel("frequency [Hz]")
+            axes[1].set_ylabel("damping ratio [%]")
+            axes[1].set_xlabel(f"amplitude [{unit}]")
+            axes[1].set_xscale("log")
+            axes[0].legend(loc="best")
+            page.figure(
+                drawing, "Each point is a cycle of the record; the line is the law's motion, read likewise."
+            )
+
+    def _row(self, k: int) -> list[str]:
+        size = self.amplitudes[k]
+        row = [format_number(self.units.scale * size, 2)]
+        row += [one.text_with_error.removesuffix(f" {one.unit}") for one in self.pair(k)]
+        if self.law is not None:
+            law = self.law.at(size)
+            row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]
+        return row
+
+
+_FLAT = 0.02  # of a value, that a picture shows at least
+
+
+def amplitude_text(size: float, units: Units) -> str:
+    """Amplitude [m] with its unit."""
+    return f"{units.scale * size:.2g} {units.length}"
+
+
+def own_swing(record: PistonRecord, model: ReducedModel) -> OwnSwing | None:
+    """Frequency and damping of a record against amplitude, next to those of a law's motion there.
+
+    None where too few cycles of the record stand out of its noise.
+    """
+    units = engineering_units(record.angle, None)
+    own = _backbone(record, record, model)
+    if own is None:
+        return None
+    amplitudes = own.amplitudes(units.scale)
+    try:
+        law = _backbone(model.follow(record), record, model)
+    except GranularError:
+        law = None
+    return OwnSwing(own, law, model.law.name, amplitudes, _figures(own, amplitudes, units), units)
+
+
+def figures_at(record: PistonRecord, like: OwnSwing) -> tuple[Quantity, ...] | None:
+    """Figures of another free record at the amplitudes of one; None where they cannot be read."""
+    try:
+        return _figures(free_backbone(record), like.amplitudes, like.units)
+    except GranularError:
+        return None
+
+
+def _backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone | None:
+    """Curves of a motion; ``record`` has the inputs of the model."""
+    law = model.law
+    try:
+        if not law.inputs:
+            return free_backbone(motion)
+        rates = compile_rates(law.equation, law.inputs, "numpy")
+        values = [model.parameters[name] for name in law.parameters]
+        inputs = [input_column(record, name) for name in law.inputs]
+
+        def drive(height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+            z, v, *still = model.map.to_law(height), velocity / model.map.scale, *(0.0,) * len(law.hidden)
+            with_drive, without = (
+                np.asarray(rates(z, v, *still, *given, *values)[0], dtype=float)
+                for given in (inputs, [0.0] * len(inputs))
+            )
+            return model.map.scale * (with_drive - without)
+
+        return driven_backbone(motion, drive)
+    except GranularError:
+        return None
+
+
+def _figures(own: Backbone, amplitudes: Sequence[float], units: Units) -> tuple[Quantity, ...]:
+    figures = []
+    for size in amplitudes:
+        swing, where = own.at(size), f" at {amplitude_text(size, units)}"
+        figures += [
+            Quantity(
+                f"frequency{where}",
+                "f",
+                "Hz",
+                swing.frequency / math.tau,
+                {"fit": swing.frequency_error / math.tau},
+            ),
+            Quantity(
+                f"damping ratio{where}",
+                "ζ",
+                "%",
+                100.0 * swing.damping_ratio,
+                {"fit": 100.0 * swing.damping_error},
+            ),
+        ]
+    return tuple(figures)

@@ -1,0 +1,224 @@
+"""Frequency and damping against amplitude, told by a record alone, without a law.
+
+Of a free swing by its envelope: its frequency as it is seen, and the fall of its amplitude. Of a
+driven one by its restoring force, what the acceleration leaves of the drive (Masri & Caughey 1979,
+doi:10.1115/1.3424568): stiffness and damping that fit it best in each cycle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import RecordError
+from reduced_models.records.derivatives import derivatives
+from reduced_models.records.envelope import LEAST_EXTREMES, alternating_extremes, envelope
+
+FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""Amplitudes that are looked at, over the greatest one of the record."""
+_NEAR = 1.6  # a cycle's neighbours have its amplitude to this factor
+_FEWEST = 5  # neighbours of a driven cycle, nearer or not
+_WIDTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either side of a free one
+_TOLD = 0.03  # error of a fall that is known well enough
+_SLOW = 0.6  # of the usual frequency: a cycle that is slower is none
+_CUT = 1.9  # times the least amplitude: below it a cycle may be cut short
+_SURE = 2.0  # standard deviations
+
+
+class Swing(NamedTuple):
+    """Swing of one amplitude.
+
+    Attributes
+    ----------
+    amplitude, frequency, damping_ratio : float
+        [m]; angular [rad/s], as it swings freely or, of a driven one, by its stiffness; fraction of
+        critical damping.
+    frequency_error, damping_error : float
+        Two standard deviations of what the record leaves open.
+    """
+
+    amplitude: float
+    frequency: float
+    damping_ratio: float
+    frequency_error: float
+    damping_error: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Backbone:
+    """Backbone and damping curves of a record, one row a cycle, by rising amplitude.
+
+    Attributes
+    ----------
+    method : str
+        ``"envelope"`` or ``"restoring force"``.
+    amplitude, frequency, damping_ratio, frequency_error, damping_error : float64 (n,)
+        As of `Swing`, each row with the help of those of about its amplitude.
+    drive : float or None
+        Angular frequency of a driven swing [rad/s].
+    """
+
+    method: str
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    damping_ratio: np.ndarray
+    frequency_error: np.ndarray
+    damping_error: np.ndarray
+    drive: float | None = None
+
+    def at(self, amplitude: float) -> Swing:
+        """Swing of an amplitude [m], between the nearest rows."""
+
+        def between(row: np.ndarray) -> float:
+            return float(np.interp(amplitude, self.amplitude, row))
+
+        # Damping times amplitude: that of dry friction does not change.
+        ratio, error = (
+            between(self.amplitude * row) / between(self.amplitude)
+            for row in (self.damping_ratio, self.damping_error)
+        )
+        return Swing(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
+
+    def amplitudes(self, scale: float) -> tuple[float, ...]:
+        """Amplitudes to show [m], the greatest first; times ``scale`` they have two digits.
+
+        The last cycles before a motion stops are left out: they are cut short.
+        """
+        least, greatest = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
+        rounded = [float(f"{fraction * greatest:.2g}") for fraction in FRACTIONS]
+        return tuple(size / scale for size in dict.fromkeys(rounded) if size >= min(_CUT * least, rounded[0]))
+
+
+def free_backbone(record: PistonRecord) -> Backbone:
+    """Curves of a free swing, by how its amplitude falls from extreme to extreme.
+
+    Raises
+    ------
+    RecordError
+        If fewer than five extremes stand out of the noise.
+    """
+    cycles = envelope(record)
+    count = _swinging(cycles.frequency)
+    size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
+    rows = []
+    for k in range(count):
+        near, (fall, error) = _fall(turn, size, cycles.amplitude_noise, k)
+        away = turn[near] - turn[k]
+        value, _, spread, _ = _local_fit(away, cycles.frequency[near], cycles.frequency_noise[near], 1)
+        per_radian = fall / size[k]
+        rows.append((value, per_radian / math.hypot(1.0, per_radian), spread, error / size[k]))
+    return _sorted_backbone("envelope", size, rows, None)
+
+
+def _swinging(frequency: np.ndarray) -> int:
+    """Count the cycles before the first that takes much longer: by then the motion stands still."""
+    slow = np.flatnonzero(frequency < _SLOW * np.median(frequency))
+    return int(slow[0]) if len(slow) and slow[0] >= LEAST_EXTREMES - 2 else len(frequency)
+
+
+def _fall(turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int) -> tuple[slice, tuple[float, float]]:
+    """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad].
+
+    As few neighbours as tell it, and none of a very different amplitude.
+    """
+    result = None
+    for width in _WIDTHS:
+        first = min(max(0, k - width), max(0, len(size) - 2 * width - 1))
+        near = slice(first, first + 2 * width + 1)
+        spread = size[near].max() / size[near].min()
+        if result is not None and (spread > _NEAR**2 or len(size) <= result[0].stop - result[0].start):
+            break
+        _, slope, _, error = _local_fit(turn[near] - turn[k], size[near], noise[near], 2 if width < 4 else 3)
+        result = near, (-slope, error)
+        if error < _TOLD * abs(slope):
+            break
+    assert result is not None
+    return result
+
+
+def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Backbone:
+    """Curves of a driven swing, by its restoring force cycle by cycle.
+
+    Parameters
+    ----------
+    record : PistonRecord
+    drive : callable
+        From heights (n,) [m] and velocities (n,) [m/s] to the part of the acceleration that the
+        drive makes [m/s^2].
+
+    Raises
+    ------
+    RecordError
+        If the record has too few extremes, or its cycles tell no stiffness.
+    """
+    smooth = derivatives(record)
+    time, height, velocity = smooth.time, smooth.height, smooth.velocity
+    force = drive(height, velocity) - smooth.acceleration
+    times, heights, _ = alternating_extremes(smooth)
+    sizes, rows = [], []
+    for k in range(len(times) - 2):
+        here = slice(*np.searchsorted(time, times[[k, k + 2]]))
+        parts = np.stack(
+            [height[here] - height[here].mean(), velocity[here], np.ones_like(time[here])], axis=1
+        )
+        if len(parts) <= 2 * parts.shape[1]:
+            continue
+        (stiffness, damping, _), *_ = np.linalg.lstsq(parts, force[here], rcond=None)
+        if stiffness > 0.0:
+            omega = math.sqrt(stiffness)
+            sizes.append(abs(heights[k] - 2.0 * heights[k + 1] + heights[k + 2]) / 4.0)
+            rows.append((omega, damping / (2.0 * omega)))
+    if len(rows) < LEAST_EXTREMES - 2:
+        raise RecordError(f"{len(rows)} cycles tell a stiffness; record longer, or with less noise")
+    size, values = np.log(sizes), np.array(rows)
+    fitted = []
+    for k in range(len(size)):
+        near = _neighbours(size, k)
+        (omega, _, spread, _), (ratio, _, error, _) = (
+            _local_fit(size[near] - size[k], values[near, column], None, 1) for column in (0, 1)
+        )
+        fitted.append((omega, ratio, spread, error))
+    tone = math.pi * (len(times) - 1) / float(times[-1] - times[0])
+    return _sorted_backbone("restoring force", np.exp(size), fitted, tone)
+
+
+def _sorted_backbone(
+    method: str, amplitude: np.ndarray, rows: list[tuple[float, float, float, float]], drive: float | None
+) -> Backbone:
+    order = np.argsort(amplitude)
+    frequency, ratio, frequency_error, error = np.array(rows)[order].T
+    return Backbone(method, amplitude[order], frequency, ratio, frequency_error, error, drive)
+
+
+def _neighbours(size: np.ndarray, k: int) -> np.ndarray:
+    """Rows of about the amplitude of row k, by the logarithms of all."""
+    away = np.abs(size - size[k])
+    near = np.flatnonzero(away <= math.log(_NEAR))
+    return near if len(near) >= _FEWEST else np.sort(np.argsort(away, kind="stable")[:_FEWEST])
+
+
+def _local_fit(
+    x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
+) -> tuple[float, float, float, float]:
+    """Value and slope at 0 of a low polynomial through points, and two standard deviations of each.
+
+    The points' scatter counts where it is more than their noise, if that is known.
+    """
+    degree = min(degree, len(x) - 1)
+    reach = float(np.abs(x).max()) or 1.0
+    weight = np.ones(len(x))
+    if noise is not None:
+        weight = 1.0 / np.maximum(noise, 1e-9 * float(np.abs(y).max()))
+    basis = np.vander(x / reach, degree + 1, increasing=True) * weight[:, None]
+    found, *_ = np.linalg.lstsq(basis, y * weight, rcond=None)
+    left = basis @ found - y * weight
+    scatter = float(left @ left) / max(1, len(x) - degree - 1)
+    if noise is not None:
+        scatter = max(1.0, scatter)
+    errors = _SURE * np.sqrt(scatter * np.diag(np.linalg.pinv(basis.T @ basis)))
+    return float(found[0]), float(found[1]) / reach, float(errors[0]), float(errors[1]) / reach
