@@ -103,9 +103,9 @@ class OwnSwing:
         """Agreement or contradiction in a sentence."""
         if self.law is None:
             return f"{self.law_name} contradicts the record: by the law nothing swings"
-        frequency, damping = (f"{100.0 * value:.2g} %" for value in self.differences)
         if self.agrees:
-            return f"{self.law_name} agrees (frequency to {frequency}, damping to {damping})"
+            frequency, damping = (f"{_next_power_of_ten(100.0 * value):g} %" for value in self.differences)
+            return f"{self.law_name} agrees (frequency within {frequency}, damping within {damping})"
         k = int(np.argmax([row[1][0] + row[0][0] for row in self._compared]))
         law = self.law.at(self.amplitudes[k])
         return (
@@ -187,6 +187,11 @@ class OwnSwing:
 
 
 _FLAT = 0.02  # of a value, that a picture shows at least
+
+
+def _next_power_of_ten(value: float) -> float:
+    """Power of ten from a hundredth on that is no less."""
+    return max(0.01, float(10.0 ** math.ceil(math.log10(max(value, 1e-9)))))
 
 
 def amplitude_text(size: float, units: Units) -> str:
