@@ -1,5 +1,6 @@
 from .effects.custom import effect, wall_law
 from .methods import Method
+from .protocol.custom import stage
 from .run.evaluation import Evaluation, evaluate
 from .run.record import PistonRecord
 from .run.simulation import simulate
@@ -37,6 +38,7 @@ __all__ = [
     "scene_names",
     "scene_text",
     "simulate",
+    "stage",
     "sweep",
     "wall_law",
 ]

@@ -101,6 +101,7 @@ study.toml:
 )
 def sweep(options: Any) -> None:
     """Run a study."""
+    from granular.studies.page import study_page
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
     from granular.studies.workers import cluster_executor
@@ -117,18 +118,20 @@ def sweep(options: Any) -> None:
             **pick_options(options, "out", "keep_runs", "workers"),
             **study,
         )
-    path = Path(options.out) / "table.csv"
-    write_text(path, done.table.to_csv(index=False))
+    path, page = Path(options.out) / "table.csv", Path(options.out) / "report.html"
+    write_text(path, done.to_csv())
+    study_page(done).save(page)
     figures = {
         "cases": len(done.cases),
         "reused": done.reused,
         "failed": len(done.failed),
         "unfinished": len(done.unfinished),
         "table": str(path),
+        "report": str(page),
     }
     text = (
         f"{len(done.cases)} cases, {done.reused} of them done before, {len(done.failed)} "
-        f"failed; table in {path}"
+        f"failed; table in {path}, pictures in {page}"
     )
     print_result(figures, text, options.json)
     if done.unfinished:

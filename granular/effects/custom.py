@@ -349,7 +349,7 @@ def make_section_class(
         del content[name]
     made = type(written.__name__, (base,), content | {"definition": definition, "written": written} | more)
     for field in dataclasses.fields(made):
-        if not isinstance(field.metadata.get("kind"), Quantity | Integer):
+        if field.name in fields and not isinstance(field.metadata.get("kind"), Quantity | Integer):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
     return made
 

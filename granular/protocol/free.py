@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from granular.formulas.dimensions import TIME, Dimension
-from granular.protocol.motion import SPLINE, Motion
+from granular.protocol.motion import Motion
 from granular.protocol.stage import FormulaStage, Timed
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, quantity, text
@@ -77,23 +77,3 @@ class Force(FormulaStage):
     unit: ClassVar[str] = "N"
 
     force: str = text()
-    duration: float = quantity("s", above=0.0)
-
-    @property
-    def needs_mass(self) -> bool:
-        return True
-
-    def total_duration(self, height: float) -> float | None:
-        return self.duration
-
-    def motion(self, height: float, scales: Scales) -> Motion:
-        times, values = self.trajectory(self.duration, None)
-        values[0] /= scales.force
-        values[1] *= scales.time / scales.force
-        return Motion(
-            free=True,
-            kind=SPLINE,
-            start=height / scales.length,
-            times=times / scales.time,
-            heights=values.ravel(),
-        )

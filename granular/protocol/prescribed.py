@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from granular.formulas.dimensions import LENGTH, TIME, Dimension
-from granular.protocol.motion import DESCENT, SINE, SPLINE, TABLE, Motion
+from granular.protocol.motion import DESCENT, SINE, TABLE, Motion
 from granular.protocol.stage import FormulaStage, Stage, Timed
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, numbers, quantity, text
@@ -226,21 +226,3 @@ class Path(FormulaStage):
     unit: ClassVar[str] = "m"
 
     height: str = text()
-    duration: float = quantity("s", above=0.0)
-
-    def total_duration(self, height: float) -> float | None:
-        return self.duration
-
-    def motion(self, height: float, scales: Scales) -> Motion:
-        times, values = self.trajectory(self.duration, height)
-        if abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
-            raise FieldError(
-                f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let the "
-                "formula begin at h0",
-                "height",
-            )
-        values[0] /= scales.length
-        values[1] /= scales.velocity
-        return Motion(
-            kind=SPLINE, start=height / scales.length, times=times / scales.time, heights=values.ravel()
-        )

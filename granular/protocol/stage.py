@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import Motion, tabulated_motion
+from granular.protocol.motion import SPLINE, Motion, tabulated_motion
 from granular.schema.parameters import Parametric
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, quantity, text
@@ -42,6 +42,11 @@ class Stage(Section):
     @property
     def needs_mass(self) -> bool:
         return False
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Digests of a user's own functions in it."""
+        return ()
 
     @property
     def limits_force(self) -> bool:
@@ -111,39 +116,88 @@ CLOSE = 1e-11
 LEAST_KNOTS, MOST_KNOTS = 64, 2**17
 
 
-class FormulaStage(Parametric, Stage):
-    """A stage with a formula of time."""
+class SampledStage(Stage):
+    """A stage whose height, or whose force on the free piston, is a spline through a function of time.
+
+    Attributes
+    ----------
+    duration : float
+        [s]
+    """
+
+    duration: float = quantity("s", above=0.0)
+
+    @property
+    def function_name(self) -> str:
+        """Name of the function, ``"height"`` or ``"force"``."""
+        raise NotImplementedError
+
+    @property
+    def needs_mass(self) -> bool:
+        return self.function_name == "force"
 
     @property
     def is_tabulated(self) -> bool:
         return True
 
-    def trajectory(self, duration: float, height: float | None) -> tuple[np.ndarray, np.ndarray]:
-        """Knots (k,) [s], and the values and slopes there (2, k) in SI, from t = 0 to the end."""
-        given = [self.parameter(name)[0] for name, _ in self.values]
-        names_given = tuple(name for name, _ in self.values)
-        value, slope = _functions(self.formula, tuple(self.variables), names_given)
-        start = [] if height is None else [height]
+    def total_duration(self, height: float) -> float | None:
+        return self.duration
 
-        def at(times: np.ndarray) -> np.ndarray:
-            with np.errstate(all="ignore"):
-                result = [np.broadcast_to(of(times, *start, *given), times.shape) for of in (value, slope)]
-            return np.array(result, dtype=np.float64)
+    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
+        """Values and slopes (2, k) in SI, at equidistant times (k,) [s] since the stage's start."""
+        raise NotImplementedError
 
+    def motion(self, height: float, scales: Scales) -> Motion:
+        times, values = self._knots(height)
+        if not self.needs_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
+            raise FieldError(
+                f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let it begin "
+                "at the height of the stage's start, h0",
+                self.function_name,
+            )
+        unit = scales.force if self.needs_mass else scales.length
+        values = values * np.array([[1.0 / unit], [scales.time / unit]])
+        return Motion(
+            free=self.needs_mass,
+            kind=SPLINE,
+            start=height / scales.length,
+            times=times / scales.time,
+            heights=values.ravel(),
+        )
+
+    def _knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+        """Equidistant times (k,) [s] so close that the spline through the samples (2, k) fits between."""
         count = LEAST_KNOTS
         while True:
-            times = np.linspace(0.0, duration, count + 1)
-            knots = at(times)
+            times = np.linspace(0.0, self.duration, count + 1)
+            knots = self.samples(times, height)
             if not np.isfinite(knots).all():
-                raise FieldError("is not finite everywhere in the stage", self.written)
-            h = duration / count
+                raise FieldError("is not finite everywhere in the stage", self.function_name)
+            h = self.duration / count
             middle = (knots[0, 1:] + knots[0, :-1]) / 2 + h * (knots[1, :-1] - knots[1, 1:]) / 8
-            off = np.abs(middle - at((times[1:] + times[:-1]) / 2)[0]).max()
+            off = np.abs(middle - self.samples((times[1:] + times[:-1]) / 2, height)[0]).max()
             if off <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
                 return times, knots
             count *= 2
             if count > MOST_KNOTS:
-                raise FieldError("changes too fast, or is not smooth; write it smoother", self.written)
+                raise FieldError("changes too fast, or is not smooth; write it smoother", self.function_name)
+
+
+class FormulaStage(Parametric, SampledStage):
+    """A stage with a formula of time."""
+
+    @property
+    def function_name(self) -> str:
+        return self.written
+
+    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
+        given = [self.parameter(name)[0] for name, _ in self.values]
+        names_given = tuple(name for name, _ in self.values)
+        functions = _functions(self.formula, tuple(self.variables), names_given)
+        start = [height] if "h0" in self.variables else []
+        with np.errstate(all="ignore"):
+            values = [np.broadcast_to(of(times, *start, *given), times.shape) for of in functions]
+        return np.array(values, dtype=np.float64)
 
 
 @functools.cache

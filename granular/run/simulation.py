@@ -257,7 +257,8 @@ def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> 
 
 def custom_sources(scene: Scene) -> list[str]:
     """Digests of a user's own functions in a scene, and of what is derived from formulas."""
-    return sorted(digest for effect in scene.effects.laws for digest in effect.sources)
+    own = [part.sources for part in scene.effects.laws] + [stage.sources for stage in scene.protocol]
+    return sorted(digest for sources in own for digest in sources)
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:

@@ -269,7 +269,7 @@ class Many(Kind):
         if self.kinds is None:
             return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}
-        return [{"kind": names[type(item)], **item.to_plain()} for item in value]
+        return [{"kind": names.get(type(item)), **item.to_plain()} for item in value]
 
 
 def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
@@ -442,3 +442,26 @@ class Section:
             else:
                 out[field.name] = field.metadata["kind"].to_plain(value)
         return out
+
+
+def find_field(section: Any, key: str) -> tuple[Any, Kind] | None:
+    """Value and kind of the field that a dotted key leads to; None where it leads to none.
+
+    An item of a list is named by its index or its ``name``.
+    """
+    *path, name = key.split(".")
+    for part in path:
+        section = _find_part(section, part)
+    if not isinstance(section, Section):
+        return None
+    field = section.__dataclass_fields__.get(name)
+    return None if field is None else (getattr(section, name), field.metadata["kind"])
+
+
+def _find_part(section: Any, part: str) -> Any:
+    if isinstance(section, tuple):
+        named = {str(getattr(item, "name", "")): item for item in section}
+        if part.isdecimal() and int(part) < len(section):
+            return named.get(part, section[int(part)])
+        return named.get(part)
+    return getattr(section, part, None) if isinstance(section, Section) else None

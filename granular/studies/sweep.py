@@ -29,11 +29,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import Method
+from granular.run.variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.sections import unknown
+from granular.schema.sections import Quantity, find_field, unknown
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
+from granular.shared.messages import sanitize
 from granular.studies.cases import Case, Measure, make_cases
 from granular.studies.measures import last_values, measure_named
 from granular.studies.workers import (
@@ -64,8 +66,9 @@ class Study:
     ----------
     cases : tuple of Case
     outcomes : tuple of dict
-        ``figures`` and ``error`` of each case, in the order of the cases; ``cause`` too where the
-        failure is not one of the physics, such as a full disk, and so is not kept.
+        ``figures`` and ``error`` of each case, in the order of the cases; ``warning`` where it
+        raised one; ``cause`` where the failure is not one of the physics, such as a full disk, and
+        so is not kept.
     reused : int
         Number of cases that had been computed before.
     """
@@ -76,16 +79,35 @@ class Study:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """One row a case: its changes, its figures [SI], its error, its key."""
+        """One row a case: its changes and figures [SI], its warning and error, its key.
+
+        ``table.attrs["units"]`` holds the units of the columns that have one.
+        """
         import pandas
 
         rows = [
-            {**case.changes, **outcome["figures"], "error": outcome["error"], "key": case.key}
+            {**_si_changes(case), **outcome["figures"], **_doubts(outcome), "key": case.key}
             for case, outcome in zip(self.cases, self.outcomes, strict=True)
         ]
         table = pandas.DataFrame(rows)
-        last = ["error", "key"]
-        return table[[name for name in table.columns if name not in last] + last]
+        last = [name for name in ("warning", "error", "key") if name in table]
+        table = table[[name for name in table.columns if name not in last] + last]
+        table.attrs["units"] = {name: self.units[name] for name in table.columns if name in self.units}
+        return table
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units of changes, and of figures that are records of a run or belong to its stages."""
+        scene = self.cases[0].scene
+        units = {variable.name: variable.unit for variable in scalar_variables(scene)}
+        for stage in scene.protocol:
+            units |= {f"{stage.name}.end": "s", f"{stage.name}.height": "m"}
+        for case in self.cases:
+            for key in case.changes:
+                found = find_field(case.scene, key)
+                if found is not None and isinstance(found[1], Quantity):
+                    units[key] = found[1].unit
+        return {name: unit for name, unit in units.items() if unit != "1"}
 
     @property
     def failed(self) -> tuple[Case, ...]:
@@ -97,6 +119,27 @@ class Study:
         """Cases that failed by no error of the physics: the next sweep tries them again."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if "cause" in outcome)
+
+    def to_csv(self) -> str:
+        """Return the table as text, with the units in its header: ``piston.mass [kg]``."""
+        table = self.table
+        units = table.attrs["units"]
+        names = {name: f"{name} [{unit}]" for name, unit in units.items()}
+        return str(table.rename(columns=names).to_csv(index=False))
+
+
+def _si_changes(case: Case) -> dict[str, Any]:
+    """Return the changes of a case, quantities as numbers in SI."""
+    result = dict(case.changes)
+    for key in result:
+        found = find_field(case.scene, key)
+        if found is not None and isinstance(found[1], Quantity):
+            result[key] = found[0]
+    return result
+
+
+def _doubts(outcome: Outcome) -> dict[str, Any]:
+    return {name: outcome[name] for name in ("warning", "error") if name in outcome}
 
 
 def sweep(
@@ -167,6 +210,11 @@ def sweep(
         If the scheduler of a cluster is gone; ``out`` keeps what was done.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was done.
+
+    Warns
+    -----
+    UserWarning
+        Once, where cases raised warnings: how many, and the first. The table has all of them.
     """
     if keep_runs and out is None:
         raise InputError("keep_runs = True needs out, the directory to keep them in")
@@ -183,7 +231,25 @@ def sweep(
         for case, outcome in iterate_outcomes(waiting, measure, directory, keep_runs, pool):
             done[case.key] = outcome
             bar.advance(outcome["error"] is not None)
-    return Study(tuple(every), tuple(done[case.key] for case in every), reused)
+    study = Study(tuple(every), tuple(done[case.key] for case in every), reused)
+    _warn_once(study)
+    return study
+
+
+def _warn_once(study: Study) -> None:
+    doubtful = [
+        (case, outcome["warning"])
+        for case, outcome in zip(study.cases, study.outcomes, strict=True)
+        if "warning" in outcome
+    ]
+    if doubtful:
+        case, words = doubtful[0]
+        changes = ", ".join(f"{key} = {value}" for key, value in case.changes.items())
+        warnings.warn(
+            f"{len(doubtful)} of {len(study.cases)} cases are in doubt (see the table), the first "
+            f"({sanitize(changes)}): {words}",
+            stacklevel=3,
+        )
 
 
 def _directory(path: Path) -> Path:

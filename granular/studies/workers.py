@@ -102,7 +102,8 @@ def case_executor(executor: Executor | None, count: int | None = None) -> Iterat
 
 
 Outcome = dict[str, Any]
-"""``figures`` of a case that succeeded, ``error`` of one that did not.
+"""``figures`` of a case that succeeded, with the ``warning`` of one that did so in doubt; ``error`` of
+one that did not.
 
 Only what the physics says stands. An outcome that is not kept has a ``cause`` besides: one of those
 below.
@@ -166,16 +167,19 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> Outcome:
     from granular.run.simulation import simulate
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("always")
             run = simulate(
                 case.scene, **case.settings, out=out, resume=out is not None, threads=1, progress=False
             )
-        figures = {name: _to_python_number(value) for name, value in measure(run).items()}
+            figures = {name: _to_python_number(value) for name, value in measure(run).items()}
     except (*OF_THE_MACHINE, MissingError):
         raise
     except GranularError as error:
         return {"figures": {}, "error": f"{type(error).__name__}: {error}"}
+    doubts = [str(warning.message) for warning in raised if issubclass(warning.category, UserWarning)]
+    if doubts:
+        return {"figures": figures, "error": None, "warning": "; ".join(dict.fromkeys(doubts))}
     return {"figures": figures, "error": None}
 
 

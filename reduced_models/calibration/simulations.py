@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
-from granular.schema.sections import Quantity, Section
+from granular.schema.sections import Quantity, find_field
 from granular.shared.errors import InputError, RecordError
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
@@ -143,15 +143,11 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
     InputError
         If there is no such key, it holds no quantity, or its value is not above 0.
     """
-    *path, name = key.split(".")
-    section: Any = scene
-    for part in path:
-        section = _section_value(section, part)
-    if not isinstance(section, Section) or name not in section.key_names():
+    found = find_field(scene, key)
+    if found is None:
         scene.replace(**{key: 1.0})  # says which key there is instead
         raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
-    kind = section.__dataclass_fields__[name].metadata["kind"]
-    value = getattr(section, name)
+    value, kind = found
     if not isinstance(kind, Quantity):
         raise InputError(f"{key} is no quantity; calibrate a number such as piston.mass")
     if value is None or not value > 0.0:
@@ -160,15 +156,6 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
             "above 0: set one in the scene"
         )
     return Parameter(key, float(value), "" if kind.unit == "1" else kind.unit)
-
-
-def _section_value(section: Any, part: str) -> Any:
-    if isinstance(section, tuple):
-        named = {str(getattr(item, "name", "")): item for item in section}
-        if part.isdecimal() and int(part) < len(section):
-            return named.get(part, section[int(part)])
-        return named.get(part)
-    return getattr(section, part, None) if isinstance(section, Section) else None
 
 
 class SimulatedPoint(NamedTuple):

@@ -1,0 +1,94 @@
+"""Stages of a user's own: classes with one static function of time, and a decorator.
+
+    import math
+
+    from granular import quantity, stage
+
+    @stage
+    class Tap:
+        \"\"\"The piston goes down and up again, softly.\"\"\"
+
+        depth: float = quantity("m", above=0.0)
+
+        @staticmethod
+        def height(p, time, start):
+            return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
+
+From then on a scene may have ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }`` in
+its protocol. ``height(p, time, start)`` [m] drives the piston from the height ``start`` that it has at
+the stage's start; ``force(p, time)`` [N], in its place, pushes a free piston upwards. ``time`` [s] counts
+from the stage's start, and ``p`` has the parameters in SI and the ``duration``, which every such stage
+has. The function is plain Python; it is called before the run alone, must be smooth, and becomes a
+spline.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from granular.effects.custom import CustomSection, make_section_class, scene_name, static_methods_of
+from granular.effects.custom_functions import user_code_error
+from granular.protocol import KINDS
+from granular.protocol.stage import SampledStage
+from granular.shared.errors import InputError
+
+_FUNCTIONS = ("height", "force")
+
+
+class CustomStage(CustomSection, SampledStage):
+    """Base of the stages that `stage` makes."""
+
+    @property
+    def function_name(self) -> str:
+        (name,) = self.definition.functions
+        return name
+
+    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
+        from scipy.interpolate import CubicSpline
+
+        ((name, function),) = self.definition.functions.items()
+        start = () if self.needs_mass else (height,)
+        try:
+            values = np.array([float(function(self, float(time), *start)) for time in times])
+        except Exception as error:
+            raise user_code_error(self.definition, f"{name} fails", error) from None
+        if not np.isfinite(values).all():
+            return np.array([values, values])
+        return np.array([values, CubicSpline(times, values)(times, 1)])
+
+    def to_plain(self) -> dict[str, Any]:
+        return {"kind": self.definition.key, **super().to_plain()}  # also of a class that was edited
+
+
+def stage(written: type) -> Any:
+    """Make a class a stage that protocols can name; see the head of this file.
+
+    Parameters
+    ----------
+    written : type
+        A class with parameters (`quantity`) and the static function ``height`` or ``force``. Its
+        name in small letters is the ``kind`` that a protocol gives.
+
+    Returns
+    -------
+    type
+        The class, known to protocols by its name.
+
+    Raises
+    ------
+    InputError
+        If the class is no such, or its name is that of a built-in stage.
+    """
+    key, functions = scene_name(written), static_methods_of(dict(vars(written)))
+    if len(set(functions) & set(_FUNCTIONS)) != 1:
+        raise InputError(f"stage {key!r} needs one static method, 'height' or 'force'")
+    if not issubclass(KINDS.get(key, CustomStage), CustomStage):
+        raise InputError(f"stage {key!r} is a built-in one; give the class another name")
+    made: type[CustomStage] = make_section_class(written, CustomStage, _FUNCTIONS, (), "stage")
+    KINDS[key] = made
+    return made
+
+
+CustomStage.made_by = staticmethod(stage)

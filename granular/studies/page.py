@@ -1,0 +1,127 @@
+"""The page of a study: its figures over what is varied, as pictures and as a table."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from granular.shared.html import Page, format_number
+from granular.shared.plotting import figure, line_look, plain_label
+from granular.shared.version import versions
+from granular.studies.sweep import Study
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_PANELS, MOST_LINES, MOST_ROWS = 6, 8, 200
+"""Figures that are drawn, lines in a panel, and rows of the table: a page is read by people."""
+_LAST = ("warning", "error", "key")
+_SEED = "arrangement.seed"
+"""Random starts are repetitions, not an axis."""
+
+
+def study_page(study: Study) -> Page:
+    """Page of a study: what is varied, its figures over that, and the table.
+
+    Parameters
+    ----------
+    study : Study
+
+    Returns
+    -------
+    Page
+        Pictures and the table [SI], with warnings and errors of the cases.
+    """
+    table, scene = study.table, study.cases[0].scene
+    varied, figures = _columns(study, table)
+    failed, doubtful = len(study.failed), int(table["warning"].notna().sum()) if "warning" in table else 0
+    page = Page(
+        f"Study of {scene.name}",
+        f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
+    )
+    if failed:
+        page.note(f"{failed} cases failed: see the column error.")
+    if doubtful:
+        page.note(f"{doubtful} cases are in doubt: see the column warning.")
+    axis = _horizontal_axis(varied, table)
+    if axis and figures:
+        others = [name for name in varied if name not in (axis, _SEED)]
+        shown = figures[:MOST_PANELS]
+        left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
+        page.figure(
+            _draw(study, table, axis, others, shown),
+            f"Figures of the cases over {axis}, lines through the means of repeated cases.{left}",
+        )
+    page.section("Cases")
+    columns = [name for name in table.columns if name != "key"]
+    page.table(
+        [_label(study, name) for name in columns],
+        [[_cell(value) for value in row] for row in table[columns].head(MOST_ROWS).to_numpy()],
+    )
+    if len(table) > MOST_ROWS:
+        page.text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
+    page.footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
+    return page
+
+
+def _columns(study: Study, table: pandas.DataFrame) -> tuple[list[str], list[str]]:
+    """Columns of what is varied, and of the figures that are numbers and not all alike."""
+    varied = list(dict.fromkeys(name for case in study.cases for name in case.changes))
+    figures = [
+        name
+        for name in table.columns
+        if name not in varied and name not in _LAST and _is_number(table[name]) and table[name].nunique() > 1
+    ]
+    return varied, figures
+
+
+def _is_number(column: pandas.Series[Any]) -> bool:
+    return column.dtype.kind in "iuf"
+
+
+def _horizontal_axis(varied: list[str], table: pandas.DataFrame) -> str | None:
+    """Varied number with most values."""
+    numbers = [name for name in varied if name != _SEED and _is_number(table[name])]
+    return max(numbers, key=lambda name: table[name].nunique(), default=None)
+
+
+def _draw(study: Study, table: pandas.DataFrame, axis: str, others: list[str], shown: list[str]) -> Figure:
+    labels = [
+        ", ".join(f"{name} = {_cell(value)}" for name, value in zip(others, row, strict=True))
+        for row in table[others].to_numpy()
+    ]
+    groups = list(table.groupby(labels, sort=False))
+    lines = len(groups) <= MOST_LINES
+    rows = (len(shown) + 1) // 2
+    with figure(rows, 2, height=2.8 * rows, squeeze=False) as (drawing, panels):
+        for panel, name in zip(panels.flat, shown, strict=False):
+            for index, (label, group) in enumerate(groups):
+                _draw_line(panel, group[[axis, name]].dropna(), index if lines else 0, label, lines)
+            panel.set(xlabel=plain_label(_label(study, axis)), ylabel=plain_label(_label(study, name)))
+        for panel in panels.flat[len(shown) :]:
+            panel.axis("off")
+        if len(groups) > 1 and lines:
+            drawing.legend(*panels.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        return drawing
+
+
+def _draw_line(panel: Axes, points: pandas.DataFrame, index: int, label: str, lines: bool) -> None:
+    axis, name = points.columns
+    look = line_look(index)
+    panel.plot(points[axis], points[name], "o", markersize=3.5, color=look["color"])
+    if lines:
+        mean = points.groupby(axis)[name].mean()
+        panel.plot(mean.index, mean.to_numpy(), linewidth=1.2, label=plain_label(label), **look)
+
+
+def _label(study: Study, name: str) -> str:
+    unit = study.units.get(name)
+    return name if unit is None else f"{name} [{unit}]"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else format_number(value)
+    return "" if value is None else str(value)

@@ -1,0 +1,125 @@
+"""Stages of a user's own: the same motion as by a formula, in any process, and known by their code."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular import Scene, load_scene, quantity, simulate, stage
+from granular.run.simulation import custom_sources
+from granular.shared.errors import InputError, SceneError
+from granular.user_code import import_user_code
+
+TAPS = """
+import math
+from granular import quantity, stage
+
+@stage
+class FileTap:
+    depth: float = quantity("m", above=0.0)
+
+    @staticmethod
+    def height(p, time, start):
+        return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
+"""
+FORMULA = {
+    "kind": "path",
+    "name": "tap",
+    "height": "h0 - a*sin(w*t)**2",
+    "a": "1 mm",
+    "w": "31.415926535897931 1/s",
+}
+
+
+@stage
+class Tap:
+    """The piston goes down and up again, softly."""
+
+    depth: float = quantity("m", above=0.0)
+
+    @staticmethod
+    def height(p, time, start):  # type: ignore[no-untyped-def]  # as users write it
+        return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
+
+
+@stage
+class Kick:
+    """A force that dies out."""
+
+    size: float = quantity("N")
+
+    @staticmethod
+    def force(p, time):  # type: ignore[no-untyped-def]
+        return p.size * math.exp(-time / 0.05)
+
+
+def bed(*protocol: dict[str, object]) -> Scene:
+    changes = {"grains.count": 20, "cell.width": "10 D", "protocol": list(protocol), "output.record": None}
+    return load_scene("damper").replace(**changes)
+
+
+def test_a_class_moves_the_piston_as_its_formula_does() -> None:
+    own = {"kind": "tap", "name": "tap", "depth": "1 mm", "duration": "100 ms"}
+    first, second = (
+        simulate(bed(one), dt=1e-4, progress=False).piston() for one in (own, FORMULA | {"duration": 0.1})
+    )
+    np.testing.assert_allclose(first.height, second.height, rtol=1e-9)
+    assert first.height.min() == pytest.approx(first.height[0] - 1e-3, rel=1e-6)
+
+
+def test_a_force_pushes_as_its_formula_does() -> None:
+    own = {"kind": "kick", "name": "kick", "size": "30 N", "duration": 0.05}
+    formula = {
+        "kind": "force",
+        "name": "kick",
+        "force": "f*exp(-t/s)",
+        "f": "30 N",
+        "s": "50 ms",
+        "duration": 0.05,
+    }
+    first, second = (simulate(bed(one), dt=1e-4, progress=False).piston() for one in (own, formula))
+    np.testing.assert_allclose(first.height, second.height, rtol=1e-9)
+
+
+def test_a_scene_with_one_round_trips_and_is_known_by_its_code(tmp_path: Path) -> None:
+    scene = bed({"kind": "tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
+    scene.save(tmp_path / "tap.toml")
+    assert load_scene(tmp_path / "tap.toml") == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert custom_sources(scene) == [Tap.definition.digest]
+
+
+def test_a_file_brings_one_to_other_processes(tmp_path: Path) -> None:
+    (tmp_path / "taps.py").write_text(TAPS)
+    import_user_code([tmp_path / "taps.py"])
+    scene = bed({"kind": "file_tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
+    assert b"math.sin(math.pi" in pickle.dumps(scene)  # by the file's text
+    assert pickle.loads(pickle.dumps(scene)) == scene
+
+
+def test_what_a_class_cannot_be() -> None:
+    with pytest.raises(InputError, match="needs one static method, 'height' or 'force'"):
+        stage(type("Idle", (), {}))
+    with pytest.raises(InputError, match="'hold' is a built-in one"):
+        stage(type("Hold", (), {"height": staticmethod(lambda p, time, start: start)}))
+    with pytest.raises(SceneError, match="depth: must be given"):
+        bed({"kind": "tap", "name": "tap", "duration": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (lambda p, time, start: start + 1e-3, "begins at .* let it begin at the height"),
+        (lambda p, time, start: start + 1e-3 * (time > 0.031), "changes too fast, or is not smooth"),
+        (lambda p, time, start: math.sqrt(-time - 1.0), "height fails: ValueError"),
+    ],
+)
+def test_functions_that_are_no_motion(function: object, words: str) -> None:
+    stage(type("Faulty", (), {"height": staticmethod(function)}))
+    scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
+    with pytest.raises((InputError, SceneError), match=words):
+        simulate(scene, dt=1e-4, progress=False)
