@@ -72,6 +72,18 @@ def test_the_parts_add_up_to_the_force_of_the_engine(
     np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-13 * np.abs(integer).max())
 
 
+def test_the_parts_add_up_for_discs(random: np.random.Generator) -> None:
+    """Unlike discs, two of them pressed together; within the tables' error of the force at contact."""
+    scene, positions = bed(**{"grains.magnets": "cylinders"}), places(random)
+    positions[1] = positions[0] + [0.00398, 0.0]
+    integer = evaluate(scene, positions).force.copy()
+    integer[:, 1] += 9.8 * scene.grains.masses()
+    total = wall_interactions(scene, positions).forces.sum(axis=1)
+    for one in pair_interactions(scene, positions):
+        total[one.grains] += one.forces.sum(axis=1)
+    np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-5 * np.abs(integer).max())
+
+
 def test_compression_is_the_sum_of_the_magnitudes(random: np.random.Generator) -> None:
     """By the formulas of the source, pair by pair."""
     scene, positions = bed(), places(random)
