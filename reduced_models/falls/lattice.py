@@ -73,8 +73,7 @@ def lattice_under(grains: Grains, pressure: float) -> Lattice:
         return Lattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
     from scipy.optimize import brentq
 
-    shares = np.array(grains.fractions())
-    touching = 1.0 / (math.sqrt(0.75) * float(shares @ np.sqrt(grains.face_ratios())) ** 2)
+    touching = touching_density(grains)
     logarithm = _tabulated_pressure(_with_shares(grains), touching)
     greatest = math.exp(logarithm(0.0))
     if not pressure < greatest:
@@ -84,6 +83,12 @@ def lattice_under(grains: Grains, pressure: float) -> Lattice:
         )
     root = brentq(lambda x: logarithm(x) - math.log(pressure), 0.0, _THINNEST, xtol=1e-9)
     return Lattice(touching * math.exp(-(root**2)), -0.5 * float(logarithm(root, 1)) / root)
+
+
+def touching_density(grains: Grains) -> float:
+    """Density of the lattice in which grains of the mean diameter touch [1/D^2]."""
+    diameter = float(np.array(grains.fractions()) @ np.sqrt(grains.face_ratios()))
+    return 1.0 / (math.sqrt(0.75) * diameter**2)
 
 
 def lattice_pressure(grains: Grains, density: float) -> float:

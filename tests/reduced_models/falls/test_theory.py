@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import odeint
 
-from granular import damper, load_scene
+from granular import damper, load_scene, simulate
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
@@ -78,6 +78,22 @@ def test_discs_rest_higher_and_are_stiffer() -> None:
     assert discs.height / dipoles.height == pytest.approx(1.074, abs=0.012)
     assert discs.period / dipoles.period == pytest.approx(0.988, abs=0.012)
     assert predict(bed).parameters == pytest.approx(predict(damper()).parameters)
+
+
+@pytest.mark.parametrize(
+    ("mass", "height"),
+    [(7.5, 20), *(pytest.param(m, h, marks=pytest.mark.long) for m in (5.0, 7.5) for h in (16, 20, 24))],
+)
+def test_falls_of_discs_are_as_predicted(mass: float, height: int) -> None:
+    """Nothing fitted: the root mean square over the whole fall is within 3 % of the drop."""
+    stage = {"kind": "free", "name": "drop", "duration": 3.0}
+    scene = damper(mass, drop=height, magnets="cylinders").replace(
+        **{"output.record": None}, protocol=[stage]
+    )
+    fall, law = simulate(scene, dt="auto*2", progress=False).piston(), predict(scene)
+    level = float(fall.height[-len(fall.height) // 10 :].mean())
+    assert law.parameters["rest"] == pytest.approx(level, rel=0.02)
+    assert fall_error(law, fall, level) < 0.03
 
 
 def test_small_swing_and_motion_follow() -> None:
