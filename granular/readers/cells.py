@@ -29,7 +29,13 @@ LOST = (
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.ASCII | re.I)
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
-_CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)", re.ASCII)
+_CLOCK = re.compile(
+    r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[ ])?"  # a day in any order, which tells no more than midnights
+    r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)(?: ?([AP])M)?",
+    re.ASCII | re.I,
+)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+", re.ASCII)
+"""A number with decimal comma and points between its thousands."""
 _DAY = 86400.0
 
 
@@ -42,9 +48,14 @@ def is_number(cell: str, decimal: str) -> bool:
     """Return True for a number, a date or a time of day."""
     if decimal == ",":
         if "." in cell:
-            return is_timestamp(cell)
+            return _GROUPED.fullmatch(cell) is not None or is_timestamp(cell)
         cell = cell.replace(",", ".", 1)
     return _NUMBER.fullmatch(cell) is not None or is_timestamp(cell)
+
+
+def parse_number(cell: str, decimal: str) -> float:
+    """Value of a cell that `is_number` with that decimal sign."""
+    return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
 
 
 def parse_timestamps(cells: Sequence[str], lost: Collection[str]) -> tuple[np.ndarray, str] | None:
@@ -82,8 +93,11 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
     for cell in cells:
         match = _CLOCK.fullmatch(cell)
         assert match is not None
-        hours, minutes, seconds = match.groups()
-        values.append(3600.0 * float(hours or 0.0) + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
+        hours, minutes, seconds, half = match.groups()
+        hour = float(hours or 0.0)
+        if half:  # 12 AM is midnight
+            hour = hour % 12.0 + (12.0 if half in "Pp" else 0.0)
+        values.append(3600.0 * hour + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
     times = np.array(values)
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
     return np.asarray(times + _DAY * midnights - times[0])

@@ -178,6 +178,8 @@ def _moving_first(candidates: list[Column]) -> list[Column]:
     if not candidates or normalize_name(candidates[0].name) in PREFERRED:
         return candidates
     moving = [item for item in candidates if _value_range(item) > 0.0]
+    if not moving:  # another column may be it
+        return []
     kinds = {(item.unit, normalize_name(item.name) in ANGLES) for item in moving}
     if len(kinds) == 1:
         largest = max(map(_value_range, moving))
@@ -199,7 +201,7 @@ def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:
     return f"{role} may be {columns}; say which: {options}"
 
 
-def _is_sample_counter(column: Column) -> int:
+def _count_known(column: Column) -> int:
     return 0 if column.values is None else int(np.isfinite(column.values).sum())
 
 
@@ -230,7 +232,7 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
     timed = [item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)]
     nameless = [item for item in free if not item.name and _increases(item)]
     even = [item for item in nameless if not _is_uneven(item)]
-    if not stamps and not timed and len(even) > 1 and _is_sample_counter(even[0]) >= _LEAST_STEPS:
+    if not stamps and not timed and len(even) > 1 and _count_known(even[0]) >= _LEAST_STEPS:
         raise RecordError(_ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even]))
     result = (stamps or timed or even or nameless)[:1]
     if not result:
@@ -302,7 +304,11 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions
     ]
     _check_channels(free)
     lengths = [
-        item for item in free if _unit_fits_role(item, HEIGHT) and guess_role(item.name) in (None, HEIGHT)
+        item
+        for item in free
+        if _unit_fits_role(item, HEIGHT)
+        and guess_role(item.name) in (None, HEIGHT)
+        and normalize_name(item.name) not in COUNTERS
     ]
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, is_number, is_timestamp, parse_timestamps
+from granular.readers.cells import LOST, is_number, is_timestamp, parse_number, parse_timestamps
 from granular.readers.dialect import (
     SEPARATORS,
     Dialect,
@@ -32,6 +32,9 @@ COMMENTS = "#%!"
 JSON = re.compile(r'\s*(?:\{\s*"|\[\s*[\[{"\d-])')
 """Beginning of a file of JSON."""
 _MOST_COLUMNS = 50_000
+_BEGINS_WITH_NUMBER = re.compile(r"\s*[+-]?\d")
+_MOST_NUMBERS = 50
+"""Lines above the rows that begin with a number: as many as a preamble may have."""
 _HEADER = 4
 """Lines above the rows among which names and units are looked for."""
 
@@ -72,6 +75,11 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
         raise RecordError("is empty; a header and samples are wanted")
     form = detect_dialect(plain, decimal, least)
     if form is None:
+        if detect_dialect(plain, decimal, 1) is not None:
+            raise RecordError(
+                "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
+                "give how many samples there are in a second (rate: '100 Hz'), or a time and a coordinate"
+            )
         raise RecordError(_no_table_error(plain or lines))
     start, head = _find_first_row(plain, form)
     _check_above(head, form)
@@ -156,7 +164,14 @@ def _is_header(fields: Sequence[str], form: Dialect) -> bool:
 
 
 def _check_above(head: Sequence[Line], form: Dialect) -> None:
-    """Refuse rows whose number of fields differs from that of the header above them."""
+    """Refuse rows whose number of fields differs from that of the header, or of rows, above them."""
+    numbers = [line.number for line in head if _BEGINS_WITH_NUMBER.match(line.text)]
+    if len(numbers) > _MOST_NUMBERS:
+        raise RecordError(
+            f"{len(numbers)} lines from line {numbers[0]} on hold numbers too, but not {form.width} between "
+            f"{SEPARATORS[form.separator]}, as those below do; write all lines alike, or say how many at "
+            "the head are no rows (skip: 12)"
+        )
     for index in range(len(head) - 1, -1, -1):
         fields = split_fields(head[index].text, form.separator)
         names = len(fields) > 1 and any(guess_role(parse_header(field)[0]) for field in fields)
@@ -318,7 +333,7 @@ def _make_column(name: str, unit: str | None, cells: Any, decimal: str) -> Colum
         if text in LOST:
             values[row] = np.nan
         elif is_number(text, decimal) and not is_timestamp(text):
-            values[row] = float(text.replace(",", ".", 1) if decimal == "," else text)
+            values[row] = parse_number(text, decimal)
         else:
             wrong = (row, text)
             break

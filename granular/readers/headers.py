@@ -79,7 +79,8 @@ UNITS = {
     "μm": "um", "µm": "um", "micron": "um", "microns": "um", "micrometer": "um",
     "micrometers": "um", "micrometre": "um", "micrometres": "um",
     "count": "counts", "cnt": "counts", "cts": "counts", "ticks": "counts",
-    "pixel": "px", "pixels": "px", "volt": "V", "volts": "V", "millivolt": "mV", "micros": "us",
+    "pixel": "px", "pixels": "px", "píxel": "px", "píxeles": "px", "pixeles": "px", "mils": "mil",
+    "volt": "V", "volts": "V", "millivolt": "mV", "micros": "us",
     "millis": "ms", "segundo": "s", "segundos": "s", "seconde": "s", "secondes": "s",
     "sekunde": "s", "millisekunden": "ms", "milisegundos": "ms", "millisecondes": "ms",
     "metro": "m", "metros": "m", "mètre": "m", "mètres": "m", "zentimeter": "cm",
@@ -88,7 +89,7 @@ UNITS = {
     "bogenmaß": "rad", "radianes": "rad", "voltios": "V",
     "inch": "in", "inches": "in", "feet": "ft", "foot": "ft",
     "newton": "N", "newtons": "N", "kilonewton": "kN",
-    "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg",
+    "°": "deg", "^circ": "deg", "°/s": "deg/s", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg",
     "radian": "rad", "radians": "rad",
     "m/sec": "m/s", "mm/sec": "mm/s", "m/s2": "m/s^2", "m/s²": "m/s^2", "m/s/s": "m/s^2",
 }  # fmt: skip
@@ -104,7 +105,8 @@ KNOWN = {
 
 _CAPITALS = ("S", "MS", "US", "M", "MM", "CM", "UM", "IN", "FT", "DEG", "RAD")
 """Units in capitals, which stand for those of a time or a way in headings that are all capitals."""
-_SENSOR_UNITS = ("V", "mV", "mA", "counts", "px")
+_UNITS_ALONE = ("V", "mV", "mA", "counts", "px", "mm", "cm", "um", "mil", "deg", "rad", "mrad")
+"""Units that a heading may be, without a name, of what is no time."""
 _LONGEST = 100
 """Characters of a header that may be a synonym and a unit without brackets."""
 _TIMES = ("s", "ms", "us")
@@ -116,8 +118,8 @@ _RUN = re.compile(
 """What programs for schools put before or behind a name."""
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
 """Normalized names of an instrument's inputs, which say nothing of what was connected."""
-_INPUT = re.compile(r"(\w) ?[ab][12]")
-"""Quantity, and the input of CASSY Lab that it was measured at, as in sA1."""
+_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
+"""Quantity, and the input of CASSY Lab that it was measured at, as in sA1; a voltage or current, as U1."""
 _IN = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
 _OVER = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
 """A quantity over its unit, with spaces about the stroke."""
@@ -175,7 +177,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         return match[1], match[2]
     if normalize_unit(cell) in _TIMES and len(cell) > 1:
         return TIME, cell
-    if normalize_unit(cell) in _SENSOR_UNITS and len(cell) > 1:
+    if normalize_unit(cell) in _UNITS_ALONE and len(cell) > 1:
         return cell, cell
     return cell, None
 
@@ -194,7 +196,7 @@ def normalize_name(name: str) -> str:
     words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
     phrase = _RUN.sub("", " ".join(words))
     match = _INPUT.fullmatch(phrase)
-    return match[1] if match else phrase
+    return (match[1] or match[2]) if match else phrase
 
 
 def guess_role(name: str) -> str | None:

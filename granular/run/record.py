@@ -92,10 +92,11 @@ class PistonRecord:
         if not later.all():
             sample = int(np.argmin(later)) + 1
             before, after = self.time[sample - 1], self.time[sample]
-            what = "is there twice" if before == after else f"comes after {before:g} s"
+            twice = before == after
+            what = "is there twice" if twice else f"comes after {before:g} s"
             raise RecordError(
                 f"time of sample {sample}, {after:g} s, {what}; times must increase: sort the "
-                "samples and drop doubles"
+                f"samples {'' if twice else '(sort: true, --sort) '}and drop doubles"
             )
 
     def _checked(self, name: str, values: np.ndarray) -> np.ndarray:

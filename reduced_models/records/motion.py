@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import warnings
 
+import numpy as np
+
 from granular.readers.options import ALL
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.release import cut_at_release, is_driven
-from reduced_models.records.sections import free_motions, knock
-from reduced_models.records.sensor_limits import without_clipped, without_lost, without_noise_behind
+from reduced_models.records.sections import free_motions, knocks
+from reduced_models.records.sensor_limits import clipped_samples, without_lost, without_noise_behind
 
 
 def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
@@ -84,7 +86,9 @@ def find_motions(record: PistonRecord) -> list[PistonRecord]:
 
 def _cut(record: PistonRecord) -> list[PistonRecord]:
     """Free motions of a record, each with what stands still before it."""
-    record = without_clipped(without_lost(record))
+    record = without_lost(record)
+    # a hold that is clipped tells a release all the same
+    clipped = clipped_samples(record)
     # what is driven may stand still between two moves without being released
     parts = free_motions(record, holds=not is_driven(record))
     start = parts[0].start
@@ -95,9 +99,9 @@ def _cut(record: PistonRecord) -> list[PistonRecord]:
             RecordWarning,
             stacklevel=3,
         )
-    if len(parts) == 1 and start == 0:
+    if len(parts) == 1 and start == 0 and not clipped.any():
         return [record]
-    return [record.select(part) for part in parts]
+    return [record.select(np.flatnonzero(~clipped[part]) + part.start) for part in parts]
 
 
 def _refine(record: PistonRecord) -> PistonRecord:
@@ -105,16 +109,15 @@ def _refine(record: PistonRecord) -> PistonRecord:
     record = cut_at_release(record)
     if is_driven(record):
         return record
-    times = knock(record)
-    if times is not None:
-        before, after = times
-        early = before - record.time[0] >= record.time[-1] - after
-        part = (float(record.time[0]), before) if early else (after, float(record.time[-1]))
+    if found := knocks(record):
+        edges = [float(record.time[0]), *(edge for times in found for edge in times), float(record.time[-1])]
+        start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
+        times = ", ".join(f"{before:.4g} to {after:.4g}" for before, after in found)
         warnings.warn(
-            f"a swing that grows suddenly, at {before:.4g} to {after:.4g} s, was knocked: what is "
-            f"{'after' if early else 'before'} is left out; to keep it: --between :",
+            f"a swing that grows suddenly, at {times} s, was knocked or released anew: the longest part "
+            f"without that, from {start:.4g} to {stop:.4g} s, is taken; to keep all: --between :",
             RecordWarning,
             stacklevel=3,
         )
-        record = record.between(*part)
+        record = record.between(start, stop)
     return without_noise_behind(record)

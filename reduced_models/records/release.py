@@ -180,8 +180,12 @@ def _is_still(time: np.ndarray, height: np.ndarray, curvature: float, noise: flo
     fitted = np.polyfit(x, height, 2)
     sigma = max(noise, float((height - np.polyval(fitted, x)).std()))
     error = 3.0 * sigma * math.sqrt(180.0 / len(time)) / duration**2
-    result = abs(fitted[0]) / duration**2
-    return bool(error <= _SEEN * curvature and result <= max(error, _STRAIGHT * curvature))
+    if error <= _SEEN * curvature:
+        return bool(abs(fitted[0]) / duration**2 <= max(error, _STRAIGHT * curvature))
+    # In a short hold noise hides a turning point's curvature sooner than its slope.
+    error = 3.0 * sigma * math.sqrt(12.0 / len(time)) / duration
+    slope = abs(np.polyfit(x, height, 1)[0]) / duration
+    return bool(slope <= error <= _SEEN * curvature * duration)
 
 
 def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:

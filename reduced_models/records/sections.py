@@ -1,8 +1,9 @@
 """Free motions in a record that holds several: each from its release to what disturbs it.
 
 While it swings, a displacement is large again after each half period. Another release shows by a
-pause in which it is small, or by a hold: a large displacement that stands still for longer than a
-turning point does. A knock shows by a swing that is suddenly larger than the one before it.
+pause in which it is small, by a hold, a large displacement that stands still for longer than a
+turning point does, or by a lift, a rise from a calm that takes longer than a swing's. A knock shows
+by a swing that is suddenly larger than the one before it.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ _STILL, _FLAT, _SIGMAS = 1.2, 0.02, 6.0
 """Least length of a hold in half periods, and its height over the largest displacement and in
 standard deviations of the noise; a turning point leaves 2 % of its height after 0.06 periods."""
 _FALLS = 1.2
-"""Half periods after a hold within which the displacement is small, where it was a release."""
+"""Half periods after a hold or a lift within which the displacement is small, where it was a release."""
+_SLOW, _LEFT = 0.75, 3.0
+"""Least duration of a lift, where a swing rises in half of one; and part of a motion before a lift, in
+which it may have begun. Both in half periods."""
 _LEAST_SWINGS = 3
 """Large half swings from which on what stands before a hold is a motion of its own."""
 _GROWN, _STEADY = 1.25, 1.05
@@ -61,17 +65,18 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
     if half is None:
         return [total]
     small = away < _SMALL * largest
-    anew = [k for k in gaps if _starts_suddenly(time, away, k, half)]
+    tops = {k: _top_of_lift(time, away, small, k, half) if holds else None for k in gaps}
+    anew = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
     for first, last in _holds(record, away, half) if holds else ():
         anew = [k for k in anew if not first - _samples(time, first, _PAUSE * half) <= k <= last]
         starts.append(first)
-    starts += [_onset(time, small, k, half) for k in anew]
+    starts += [tops[k] or _onset(time, small, k, half) for k in anew]
     ends = np.append(time[starts := sorted(set(starts))], time[-1])
     starts = [k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long]
     if not starts:
         return [total]
-    stops = [_stop(time, small, k, half) for k in starts[1:]] + [len(record)]
+    stops = [_stop(time, swing, small, k, half) for k in starts[1:]] + [len(record)]
     if len(starts) > 1 and not _swings(away[: stops[0]], _LARGE * largest):
         starts, stops = starts[1:], stops[1:]
     return [
@@ -118,14 +123,30 @@ def _onset(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
     return start if start - calm <= 2 else calm - _samples(time, calm, half)
 
 
-def _stop(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+def _top_of_lift(time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+    """Sample at which a slow rise from a calm turns into a decay; 0 where a motion starts otherwise."""
+    calm = int(np.flatnonzero(small[:start])[-1])
+    end = start + int(np.argmax(small[start:])) if small[start:].any() else len(time)
+    top = calm + int(np.argmax(away[calm:end]))
+    if end == len(time) or time[end] - time[top] > _FALLS * half or time[top] - time[calm] < _SLOW * half:
+        return 0
+    edges = np.searchsorted(time, [time[calm] + half * _BEFORE[0], time[end] + half * _AFTER[1]])
+    before, behind = float(away[edges[0] : calm].max(initial=0.0)), float(away[end : edges[1]].max())
+    return top if before < 1.5 * _SMALL * away.max() and behind < _STEADY * away[top] else 0
+
+
+def _stop(time: np.ndarray, swing: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
     """Sample behind the last one that what sets the next motion off has not touched."""
     calm = np.flatnonzero(small[:start])
     if not len(calm):
         return start
-    if start - int(calm[-1]) <= 2:  # a jump
+    stop = int(calm[-1])
+    if start - stop <= 2:  # a jump
         return start
-    return int(calm[-1]) - _samples(time, int(calm[-1]), half)
+    # from its beginning a lift goes to one side
+    other = np.flatnonzero(swing[:stop] * np.sign(swing[start]) < 0.0)
+    stop = int(other[-1]) if len(other) else stop
+    return stop - _samples(time, stop, _LEFT * half)
 
 
 def _holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
@@ -163,18 +184,18 @@ def _swings(away: np.ndarray, least: float) -> bool:
     return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _LEAST_SWINGS)
 
 
-def knock(record: PistonRecord) -> tuple[float, float] | None:
-    """Return the times before and after a sudden growth of a free swing, if there is one.
+def knocks(record: PistonRecord) -> list[tuple[float, float]]:
+    """Return the times before and after each sudden growth of a free swing.
 
-    What is driven, or beats, grows by and by or many times.
+    What is driven, or beats, grows by and by or many times; between several knocks a swing decays.
     """
     if len(record) < LEAST_SAMPLES:
-        return None
+        return []
     time = record.time
     swing = record.height - np.median(record.height[-(len(record) // _END) :])
     half, _ = _half_period(time, swing)
     if half is None:
-        return None
+        return []
     period = 2.0 * half
     numbers = ((time - time[0]) / period).astype(int)
     firsts = np.flatnonzero(np.diff(numbers, prepend=-1))
@@ -183,13 +204,23 @@ def knock(record: PistonRecord) -> tuple[float, float] | None:
     before = np.maximum(peaks[:-1], np.append(0.0, peaks[:-2]))
     growth = peaks[1:] / np.maximum(before, 1e-300)
     noise = _SIGMAS * noise_level(record.height, time)
-    grown = np.flatnonzero((growth > _GROWN) & (peaks[1:] - before > noise))
-    if len(grown) != 1 or not 1 <= (k := int(grown[0])) < len(growth) - 1:
-        return None
+    seen = peaks[1:] - before > noise
+    grown, steady = np.flatnonzero((growth > _GROWN) & seen), (growth <= _STEADY) | ~seen
+    events = np.split(grown, np.flatnonzero(np.diff(grown) > 1) + 1) if len(grown) else []
+    apart = np.diff(grown)[np.diff(grown) > 1]
+    if len(events) > 1 and not (np.delete(steady, grown).all() and apart.min() >= _LEAST_PERIODS):
+        return []
     least, most = (limit.reduceat(swing, firsts) for limit in (np.minimum, np.maximum))
-    if (np.abs(least + most)[k - 1 : k + 3] > 2.0 * _CENTRED * peaks[k - 1 : k + 3]).any():
-        return None
-    if growth[k - 1] > _STEADY or growth[k + 1] > _STEADY or len(peaks) < 2 * _LEAST_PERIODS:
-        return None
-    begins = float(time[firsts[k + 1]])
-    return begins - half, begins + period
+    for event in events:
+        first, last = int(event[0]), int(event[-1])
+        if last - first > 1 or not 1 <= first <= last < len(growth) - 1 or len(peaks) < 2 * _LEAST_PERIODS:
+            return []
+        about = [first - 1, first, last + 2]
+        if (np.abs(least + most)[about] > 2.0 * _CENTRED * peaks[about]).any():
+            return []
+        if not (steady[first - 1] and steady[last + 1]):
+            return []
+    return [
+        (float(time[firsts[event[0] + 1]]) - half, float(time[firsts[event[-1] + 1]]) + period)
+        for event in events
+    ]

@@ -72,8 +72,10 @@ def _substitutes(height: np.ndarray) -> np.ndarray:
         if inner.sum() < LEAST_SAMPLES or here.mean() > _MOST_LOST or within < 2:
             continue
         steps = np.abs(np.diff(height))
-        about = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 4, mode="reflect"), 9)
-        usual = np.maximum(np.sort(about[edges], axis=1)[:, 2], np.quantile(steps[inner], 0.95))
+        quiet = steps[inner]  # lost samples may lie close together
+        nearest = np.searchsorted(np.flatnonzero(inner), edges)[:, None] + np.arange(-4, 5)
+        about = np.sort(quiet[np.clip(nearest, 0, len(quiet) - 1)], axis=1)
+        usual = np.maximum(about[:, 2], np.quantile(quiet, 0.95))
         if (steps[edges] > _JUMP * usual).all():
             lost |= here
     return lost
@@ -110,13 +112,13 @@ def _sensor_noise(time: np.ndarray, height: np.ndarray) -> float:
     return math.hypot(noise_level(height, time), rounding / math.sqrt(12.0) if few else 0.0)
 
 
-def without_clipped(record: PistonRecord) -> PistonRecord:
-    """Record without the samples at the limits of a sensor, where runs of them stand at a peak.
+def clipped_samples(record: PistonRecord) -> np.ndarray:
+    """Mask (n,) of the samples at the limits of a sensor, where runs of them stand at a peak.
 
     Warns
     -----
     RecordWarning
-        If samples are left out.
+        If there are any, as they are to be left out.
     """
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
@@ -132,13 +134,13 @@ def without_clipped(record: PistonRecord) -> PistonRecord:
             at_limit |= here
     at_limit &= several
     if not at_limit.any() or (~at_limit).sum() < LEAST_SAMPLES:
-        return record
+        return np.zeros_like(at_limit)
     warnings.warn(
         f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left out; {KEEP}",
         RecordWarning,
         stacklevel=3,
     )
-    return record.select(~at_limit)
+    return at_limit
 
 
 def end_of_motion(record: PistonRecord) -> float:
