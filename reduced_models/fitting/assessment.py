@@ -21,7 +21,12 @@ from reduced_models.fitting.covariance import (
     marginal_information,
     normal_scores,
 )
-from reduced_models.fitting.diagnostics import autocorrelation_time, residual_structure
+from reduced_models.fitting.diagnostics import (
+    SLIGHT,
+    autocorrelation_time,
+    residual_structure,
+    samples_of_transient,
+)
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.uncertainty import (
@@ -174,7 +179,7 @@ def _make_model(
         quality=quality,
         domain=_ranges_of_motion(motions),
         notes=(
-            *_model_notes(quality, _usual_residual(result, k), record),
+            *_model_notes(quality, _usual_residual(result, k), record, _release_text(result, k)),
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
@@ -354,7 +359,23 @@ def _usual_residual(result: SearchResult, k: int) -> float:
     return usual * grid.unknowns.residual_unit
 
 
-def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[str, ...]:
+def _release_text(result: SearchResult, k: int) -> str:
+    """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
+    grid = result.joint.grids[k]
+    left = grid.residuals(result.theta[result.joint.entries[k]]) * grid.unknowns.residual_unit
+    time, period = grid.record.time, math.tau * grid.unknowns.amplitude / grid.unknowns.speed
+    start, swing = samples_of_transient(time, left, period), float(grid.record.height.std())
+    after = _rms(left[start:]) / swing
+    if not start or after > SLIGHT:
+        return ""
+    return (
+        f"the release stirs up more than the swing: within its first {1e3 * (time[start] - time[0]):.2g} ms "
+        f"the law misses up to {100 * float(np.abs(left[:start]).max()) / swing:.2g} % of it, and "
+        f"{100 * after:.2g} % (rms) after that"
+    )
+
+
+def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: str) -> tuple[str, ...]:
     notes = []
     if quality.converged < FEW * quality.starts:
         notes.append(
@@ -370,7 +391,7 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord) -> tuple[
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:
         interval = float(np.median(np.diff(record.time)))
-        notes.append(residual_structure_text(quality, interval))
+        notes.append(release or residual_structure_text(quality, interval))
     if quality.noise > NOISY * swing:
         notes.append(
             f"the noise is {100 * quality.noise / swing:.2g} % of the rms swing, so the record "

@@ -22,6 +22,12 @@ _PRICE = 2.0
 _VAIN = 8  # further weights that gain nothing, after which no more are tried
 _FRACTION = 20  # samples for each weight, at least
 _LEAST = 1e-12  # of the residuals' variance: what is new in them is no less
+SLIGHT = 1e-3
+"""Residuals after a release, over the swing, that are said and do not make a law wrong."""
+_TRANSIENT = 25.0
+"""Power of a residual after a release, over that of the two swings after the first, from which on
+it is one of the release."""
+_MOST_OF_IT = 0.5  # of all squared residuals, that a transient holds at least
 
 
 def residual_structure(
@@ -183,3 +189,34 @@ def propagate_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarra
     weight = noise.spectrum(size)
     weight[1 : (size + 1) // 2] *= 2.0
     return np.asarray(((weight * lines) @ lines.conj().T).real / size)
+
+
+def samples_of_transient(time: np.ndarray, left: np.ndarray, period: float) -> int:
+    """Return how many samples after a release hold what it stirred up besides the swing.
+
+    They end within the first period and hold most of the squared residuals, and the last of them
+    is far above those of the two periods after the first. What a wrong law leaves fades with the
+    swing instead.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        [s]
+    left : float64 (n,)
+        Residuals.
+    period : float
+        Of the swing [s].
+
+    Returns
+    -------
+    int
+        0 without a transient.
+    """
+    first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
+    if third >= len(time) or first < 2:
+        return 0
+    power = left**2
+    loud = np.flatnonzero(power[:first] > _TRANSIENT * float(power[first:third].mean()))
+    end = int(loud[-1]) + 1 if len(loud) else 0
+    fades = end < first - 1 and power[:end].sum() > _MOST_OF_IT * power.sum()
+    return end if fades else 0

@@ -68,6 +68,11 @@ class Quantity(NamedTuple):
         width = f"{error:.2g}" if "e" in value else f"{round(error, self.digits):.{max(0, self.digits)}f}"
         return f"{value} ± {width} {self.unit}".rstrip()
 
+    @property
+    def cell(self) -> str:
+        """Number and total error in a table with the unit elsewhere, kept in one line."""
+        return self.text_with_error.removesuffix(f" {self.unit}").replace(" ± ", "\u00a0±\u00a0")
+
     def to_plain(self) -> dict[str, Any]:
         """Value, unit, total error and its parts as plain data; null for what is not known."""
         return {

@@ -12,7 +12,7 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from granular.shared.html import Page, format_number
-from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label
+from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label, plain_numbers
 from reduced_models.identification.engineering import Quantity, Units, engineering_units
 from reduced_models.laws.equation import compile_rates
 from reduced_models.models.model import ReducedModel
@@ -102,14 +102,16 @@ class OwnSwing:
     def agreement(self) -> str:
         """Agreement or contradiction in a sentence."""
         if self.law is None:
-            return f"{self.law_name} contradicts the record: by the law nothing swings"
+            return f"the law, {self.law_name}, contradicts the record: by it nothing swings"
         if self.agrees:
             frequency, damping = (f"{_next_power_of_ten(100.0 * value):g} %" for value in self.differences)
-            return f"{self.law_name} agrees (frequency within {frequency}, damping within {damping})"
+            return (
+                f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
+            )
         k = int(np.argmax([row[1][0] + row[0][0] for row in self._compared]))
         law = self.law.at(self.amplitudes[k])
         return (
-            f"{self.law_name} contradicts the record: at {self.amplitude_text(k)} the law has "
+            f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
             f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
             f"{' and '.join(one.text for one in self.pair(k))}"
         )
@@ -152,7 +154,7 @@ class OwnSwing:
         unit = self.units.length
         header = [f"amplitude [{unit}]", "frequency [Hz]", "damping ratio [%]"]
         if self.law is not None:
-            header += ["frequency by the law", "damping ratio by the law"]
+            header += ["law: [Hz]", "law: [%]"]
         page.table(header, [self._row(k) for k in range(len(self.amplitudes))])
         with figure(2, 1, height=5.4, size=READABLE, sharex=True) as (drawing, axes):
             for ax, name, scale in zip(
@@ -171,6 +173,7 @@ class OwnSwing:
             axes[1].set_ylabel("damping ratio [%]")
             axes[1].set_xlabel(f"amplitude [{unit}]")
             axes[1].set_xscale("log")
+            plain_numbers(axes[1].xaxis)
             axes[0].legend(loc="best")
             page.figure(
                 drawing, "Each point is a cycle of the record; the line is the law's motion, read likewise."
@@ -179,7 +182,7 @@ class OwnSwing:
     def _row(self, k: int) -> list[str]:
         size = self.amplitudes[k]
         row = [format_number(self.units.scale * size, 2)]
-        row += [one.text_with_error.removesuffix(f" {one.unit}") for one in self.pair(k)]
+        row += [one.cell for one in self.pair(k)]
         if self.law is not None:
             law = self.law.at(size)
             row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]

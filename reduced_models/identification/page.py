@@ -81,10 +81,7 @@ def add_engineering(
     page.section("Level, frequency, damping, stiffness by the law")
     page.table(
         ("figure", "sign", "value", "unit"),
-        [
-            (figure.name, figure.symbol, figure.text_with_error.removesuffix(f" {figure.unit}"), figure.unit)
-            for figure in figures
-        ],
+        [(figure.name, figure.symbol, figure.cell, figure.unit) for figure in figures],
     )
     page.text(_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
@@ -154,8 +151,9 @@ def add_comparison(page: Page, table: Comparison) -> None:
     page.text(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
         f"in rms swings; the baseline, a piston at rest, has {100 * table.at_rest:.3g} %, and the "
-        f"noise is {100 * table.noise:.2g} %. AIC and BIC, of the fits to whole records, count "
-        "from the least. The test error is the root mean square over all that a law has not seen: "
+        f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
+        "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
+        "The test error is the root mean square over all that a law has not seen: "
         "the end of the record's own motion, which a first fit does not see (own end; 'later "
         "motion' in the terminal), and records of their own (record 1; 'higher lift' there)."
     )
@@ -187,8 +185,8 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
         "White and signs: probabilities that white noise is correlated as much (Ljung and Box), "
         "and that its signs change as seldom (Wald and Wolfowitz). At f and at 2f: power about the "
         "swing's frequency, and about twice it, over that of the frequencies next to them; about 1 "
-        "where a law leaves no structure. A law that leaves structure is wrong, however small its "
-        "error. What a release stirs up besides the swing, and which has faded within a period, is "
+        "where a law leaves no structure. A law that leaves structure misses something; the rms "
+        "says how much. What a release stirs up besides the swing, and which has faded within a period, is "
         "named and left out of these tests; the rms is that of the whole record."
     )
 

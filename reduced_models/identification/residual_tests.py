@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.diagnostics import residual_structure
+from reduced_models.fitting.diagnostics import SLIGHT, residual_structure, samples_of_transient
 from reduced_models.models.model import ReducedModel
 
 SURE = 1e-3
@@ -19,11 +19,6 @@ LOUD = 3.0
 _BAND = 0.15  # half-width of a line, of the swing's frequency
 _NEAR = 0.45  # half-width of what it is compared with
 _ROUNDING = 1e-5  # of the swing: less is the solver's and the file's rounding
-_SLIGHT = 1e-3  # of the swing: structure that small is said, and does not make a law wrong
-_TRANSIENT = 25.0
-"""Power of a residual after a release, over that of the two swings after the first, from which on
-it is one of the release."""
-_FRACTION = 0.5  # of all squared residuals, that a transient holds at least
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +65,7 @@ class ResidualTests:
             return self._verdict
         left = f"{100.0 * self.after:.2g} % of the swing"
         words = f"after the release's first {1e3 * self.transient:.3g} ms {left}, {self._verdict}"
-        slight = self.structured and self.after < _SLIGHT
+        slight = self.structured and self.after < SLIGHT
         return words.replace(self._verdict, "so the law holds there") if slight else words
 
     @property
@@ -115,37 +110,6 @@ def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
         transient=float(record.time[start] - record.time[0]),
         after=_rms(left[start:]) / size,
     )
-
-
-def samples_of_transient(time: np.ndarray, left: np.ndarray, period: float) -> int:
-    """Return how many samples after a release hold what it stirred up besides the swing.
-
-    They end within the first period and hold most of the squared residuals, and the last of them
-    is far above those of the two periods after the first. What a wrong law leaves fades with the
-    swing instead.
-
-    Parameters
-    ----------
-    time : float64 (n,)
-        [s]
-    left : float64 (n,)
-        Residuals.
-    period : float
-        Of the swing [s].
-
-    Returns
-    -------
-    int
-        0 without a transient.
-    """
-    first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
-    if third >= len(time) or first < 2:
-        return 0
-    power = left**2
-    loud = np.flatnonzero(power[:first] > _TRANSIENT * float(power[first:third].mean()))
-    end = int(loud[-1]) + 1 if len(loud) else 0
-    fades = end < first - 1 and power[:end].sum() > _FRACTION * power.sum()
-    return end if fades else 0
 
 
 def _rms(values: np.ndarray) -> float:

@@ -130,8 +130,16 @@ class Identification:
     @property
     def verdict(self) -> str:
         """Verdicts on unseen falls, the comparison, an unseen lift and the residuals."""
-        words = [] if self.falls is None else [self.falls.verdict]
-        words.append(self.comparison.verdict)
+        return " ".join([*self._falls_verdict, self.verdict_on_laws])
+
+    @property
+    def _falls_verdict(self) -> list[str]:
+        return [] if self.falls is None else [self.falls.verdict]
+
+    @property
+    def verdict_on_laws(self) -> str:
+        """Verdicts on the comparison, an unseen lift and the residuals."""
+        words = [self.comparison.verdict]
         duffing = self.comparison.model_as_good(DUFFING.name)
         if duffing is not None and (motion := self.elliptic) is not None:
             words.append(elliptic_text(motion, duffing, self._duration))
@@ -141,20 +149,25 @@ class Identification:
         if tests is not None and tests.structured:
             words.append(
                 f"What {self.best.law.name} leaves of the record is {100 * tests.relative:.2g} % "
-                f"of its swing, but no white noise ({tests.verdict})."
+                f"of its swing ({tests.verdict})."
             )
         return " ".join(words)
 
     @property
     def summary(self) -> str:
-        """The answer in one paragraph, in an engineer's words."""
-        words = [] if self.falls is None else [self.falls.verdict]
-        if self.own is not None:
-            words.insert(0, self.own.text)
-        if not self.figures:
-            return " ".join([*words, self.comparison.verdict])
-        words.append(swing_text(self.figures, self.subject, self.mass))
-        return " ".join([*words, best_error_text(self.comparison.rows[0])])
+        """The answer in a few sentences, in an engineer's words."""
+        return " ".join(self._answers)
+
+    @property
+    def _answers(self) -> list[str]:
+        """Own swing, the law's swing with its error, and falls: a paragraph each."""
+        words = [] if self.own is None else [self.own.text]
+        if self.figures:
+            swing = swing_text(self.figures, self.subject, self.mass)
+            words.append(f"{swing} {best_error_text(self.comparison.rows[0])}")
+        else:
+            words.append(self.comparison.verdict)
+        return [*words, *self._falls_verdict]
 
     def to_plain(self) -> dict[str, Any]:
         """Figures, verdict and models as plain data."""
@@ -205,7 +218,10 @@ class Identification:
     def page(self) -> Page:
         """Report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
-        page = Page(f"The equation of {name}", self.summary)
+        first, *others = self._answers
+        page = Page(f"The equation of {name}", first)
+        for words in others:
+            page.text(words)
         if self.own is not None:
             self.own.add_to(page)
         averaging = "" if self.averaging is None else self.averaging.text
@@ -214,7 +230,7 @@ class Identification:
         if self.falls is not None:
             blocks.add_falls(page, self.falls)
         page.section("Which law")
-        page.text(self.verdict)
+        page.text(self.verdict_on_laws)
         for note in (*self.advice, *self.notes):
             page.note(f"{blocks.capitalise(note)}.")
         blocks.add_comparison(page, self.comparison)

@@ -27,6 +27,7 @@ _WIDTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either sid
 _TOLD = 0.03  # error of a fall that is known well enough
 _SLOW = 0.6  # of the usual frequency: a cycle that is slower is none
 _CUT = 1.9  # times the least amplitude: below it a cycle may be cut short
+_STEEPEST = 0.5  # fall of an amplitude [1/rad], up to which it is told from its bend
 _SURE = 2.0  # standard deviations
 
 
@@ -109,7 +110,7 @@ def free_backbone(record: PistonRecord) -> Backbone:
     for k in range(count):
         near, (fall, error) = _fall(turn, size, cycles.amplitude_noise, k)
         away = turn[near] - turn[k]
-        value, _, spread, _ = _local_fit(away, cycles.frequency[near], cycles.frequency_noise[near], 1)
+        (value, *_), (spread, *_) = _local_fit(away, cycles.frequency[near], cycles.frequency_noise[near], 1)
         per_radian = fall / size[k]
         rows.append((value, per_radian / math.hypot(1.0, per_radian), spread, error / size[k]))
     return _sorted_backbone("envelope", size, rows, None)
@@ -133,7 +134,12 @@ def _fall(turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int) -> tupl
         spread = size[near].max() / size[near].min()
         if result is not None and (spread > _NEAR**2 or len(size) <= result[0].stop - result[0].start):
             break
-        _, slope, _, error = _local_fit(turn[near] - turn[k], size[near], noise[near], 2 if width < 4 else 3)
+        away, degree = turn[near] - turn[k], 2 if width < 4 else 3
+        (_, slope, bend, *_), (_, error, *_) = _local_fit(away, size[near], noise[near], degree)
+        # An amplitude that falls exponentially is no parabola: what that does to one tells by how much.
+        rate = 2.0 * bend / slope if slope else 0.0
+        if 0.0 < abs(rate) < _STEEPEST:
+            slope *= rate / _local_fit(away, np.exp(rate * away), noise[near], degree)[0][1]
         result = near, (-slope, error)
         if error < _TOLD * abs(slope):
             break
@@ -179,8 +185,9 @@ def driven_backbone(record: PistonRecord, drive: Callable[[np.ndarray, np.ndarra
     fitted = []
     for k in range(len(size)):
         near = _neighbours(size, k)
-        (omega, _, spread, _), (ratio, _, error, _) = (
-            _local_fit(size[near] - size[k], values[near, column], None, 1) for column in (0, 1)
+        (omega, spread), (ratio, error) = (
+            [float(part[0]) for part in _local_fit(size[near] - size[k], values[near, column], None, 1)]
+            for column in (0, 1)
         )
         fitted.append((omega, ratio, spread, error))
     tone = math.pi * (len(times) - 1) / float(times[-1] - times[0])
@@ -204,16 +211,18 @@ def _neighbours(size: np.ndarray, k: int) -> np.ndarray:
 
 def _local_fit(
     x: np.ndarray, y: np.ndarray, noise: np.ndarray | None, degree: int
-) -> tuple[float, float, float, float]:
-    """Value and slope at 0 of a low polynomial through points, and two standard deviations of each.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients, from the constant on, of a low polynomial through points, and their errors.
 
-    The points' scatter counts where it is more than their noise, if that is known.
+    The errors are two standard deviations; the points' scatter counts where it is more than their
+    noise, if that is known.
     """
     degree = min(degree, len(x) - 1)
-    reach = float(np.abs(x).max()) or 1.0
     weight = np.ones(len(x))
     if noise is not None:
         weight = 1.0 / np.maximum(noise, 1e-9 * float(np.abs(y).max()))
+    reach = float(np.abs(x).max()) or 1.0
+    units = reach ** -np.arange(degree + 1.0)
     basis = np.vander(x / reach, degree + 1, increasing=True) * weight[:, None]
     found, *_ = np.linalg.lstsq(basis, y * weight, rcond=None)
     left = basis @ found - y * weight
@@ -221,4 +230,4 @@ def _local_fit(
     if noise is not None:
         scatter = max(1.0, scatter)
     errors = _SURE * np.sqrt(scatter * np.diag(np.linalg.pinv(basis.T @ basis)))
-    return float(found[0]), float(found[1]) / reach, float(errors[0]), float(errors[1]) / reach
+    return found * units, errors * units

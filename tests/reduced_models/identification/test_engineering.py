@@ -12,7 +12,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import identify, load_model
-from reduced_models.fitting.diagnostics import residual_structure
+from reduced_models.fitting.diagnostics import residual_structure, samples_of_transient
 from reduced_models.identification.engineering import (
     Quantity,
     add_checks,
@@ -21,7 +21,7 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
 )
-from reduced_models.identification.residual_tests import ResidualTests, residual_tests, samples_of_transient
+from reduced_models.identification.residual_tests import ResidualTests, residual_tests
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
 
