@@ -178,7 +178,7 @@ def _holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[in
 
 def _swings(away: np.ndarray, least: float) -> bool:
     """Return whether a displacement of a least size is large, and small between, several times."""
-    largest = max(least, float(away.max()))
+    largest = max(least, float(away.max(initial=0.0)))
     kinds = np.where(away > _LARGE * largest, 1, np.where(away < _SMALL * largest, -1, 0))
     kinds = kinds[kinds != 0]
     return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _LEAST_SWINGS)
