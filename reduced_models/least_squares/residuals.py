@@ -79,19 +79,19 @@ def half_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
 
 def remove_random_walk(residuals: np.ndarray, gain: float) -> np.ndarray:
     """Residuals (n, ...) less what exponential smoothing of the ones before them foresees."""
-    from scipy.signal import lfilter
-
     if gain == 0.0:
         return residuals
+    from scipy.signal import lfilter  # its import takes longer than a small fit
+
     return np.asarray(lfilter([1.0, -1.0], [1.0, gain - 1.0], residuals, axis=0))
 
 
 def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
     """Residuals (n,) of which `remove_random_walk` leaves these."""
-    from scipy.signal import lfilter
-
     if gain == 0.0:
         return left
+    from scipy.signal import lfilter
+
     return np.asarray(lfilter([1.0, gain - 1.0], [1.0, -1.0], left))
 
 
