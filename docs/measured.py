@@ -17,7 +17,7 @@ from reduced_models.laws.elliptic import (
     critical_fraction,
 )
 from reduced_models.records.envelope import envelope
-from validation import energy_change, head_on
+from validation import energy_change, head_on_collision
 
 TIME = np.linspace(0.0, 40.0, 1000)
 DUFFING = ((0.05, 1.1, 0.8), (0.02, 1.0, -0.3), (0.1, 1.0, 0.5), (0.3, 1.0, 0.5))
@@ -99,7 +99,7 @@ def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
 
 def collided(dt: float | str, method: str) -> Trajectory:
     """Two grains head-on, as near as 0.02 D."""
-    problem = head_on(0.02)
+    problem = head_on_collision(0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # They come nearer than a diameter, and are meant to.
         return simulate(problem.scene, dt, problem.time, method, progress=False)
@@ -110,7 +110,7 @@ def head_on_steps() -> str:
     variable = collided("auto*8", "adaptive-verlet")
     if energy_change(variable) > KEPT:
         raise SystemExit(f"error: variable steps lose {energy_change(variable):.1e} of the energy")
-    count, time = 1400, head_on(0.02).time
+    count, time = 1400, head_on_collision(0.02).time
     while energy_change(collided(time / count, "stormer-verlet")) > KEPT:
         count = round(1.03 * count)
     steps = variable.settings()["steps"]

@@ -32,7 +32,7 @@ from granular.run.accuracy import FLOORS
 from granular.run.price_table import WorkPrecisionTable
 from granular.run.price_table import load_price_table as prices
 from granular.schema.scales import Scales
-from granular.shared.plotting import COLOURS, GREY, figure, line_look
+from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
 from reduced_models.machines import design_for, predicted_response
@@ -619,7 +619,7 @@ def draw_guarantees() -> None:
             (("cut at 0.7 s and resumed", cut), ("sums rounded otherwise", other))
         ):
             apart = np.abs(one["piston_height"].values - whole["piston_height"].values)
-            axes.plot(whole["time"], apart, label=label, **line_look(place))
+            axes.plot(whole["time"], apart, label=label, **line_style(place))
         axes.axvline(0.7, color=GREY, linestyle=":")
         axes.set_yscale("symlog", linthresh=1e-17)
         axes.set(xlabel="time [s]", ylabel="difference of the\npiston's height [m]")
@@ -823,7 +823,7 @@ def draw_own() -> None:
             data = simulated(one, t_end=0.5).dataset
             places = 1e3 * data["position"].values
             left.plot(*places[-1].T, sign, color=COLOURS[place], fillstyle="none", label=label)
-            right.plot(data["frame_time"], places[:, :, 1].mean(axis=1), label=label, **line_look(place))
+            right.plot(data["frame_time"], places[:, :, 1].mean(axis=1), label=label, **line_style(place))
         left.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(0, 90), ylim=(0, 36))
         right.set(xlabel="time [s]", ylabel="mean height of the grains [mm]")
         right.legend()

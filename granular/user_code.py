@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from granular.effects.custom import mark_origin
+from granular.effects.custom import set_source_file
 from granular.methods.method import Method
 from granular.methods.named import register_methods
 from granular.methods.tables import METHODS
@@ -42,7 +42,7 @@ def import_user_code(paths: Iterable[str | Path]) -> UserCode:
     user_code = UserCode({}, {})
     for path in paths:
         file = run_user_file(path)
-        mark_origin(file)
+        set_source_file(file)
         values = user_definitions(file).values()
         methods = [function for function in values if isinstance(function, Method)]
         register_methods(function for function in methods if METHODS.get(function.name) is not function)

@@ -30,7 +30,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import GranularError, Scene, damper, load_scene, simulate
-from validation import catalogue, energy_change, energy_trend, head_on, near_limit, outcome
+from validation import (
+    catalogue,
+    energy_change,
+    energy_trend,
+    head_on_collision,
+    near_stability_limit,
+    outcome,
+)
 from validation.exact.oscillation import harmonic_period
 from validation.exact.oscillation import oscillation_problem as wide_swing
 
@@ -47,7 +54,7 @@ QUICK = True  # False: longer runs, and the whole catalogue
 
 # %%
 CLOSEST = 0.02
-collision = head_on(CLOSEST)
+collision = head_on_collision(CLOSEST)
 often = {"output.scalars": collision.time / 2000, "output.frames": collision.time / 20}
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")  # that they overlap, without contact
@@ -142,8 +149,8 @@ print(f"energy ledger closed to {heavy_ledger:.1e} of the energy turned over")
 # and remedy. What was computed before is not lost.
 
 # %%
-below_limit, short = near_limit(0.95)
-beyond_limit, long = near_limit(1.05)
+below_limit, short = near_stability_limit(0.95)
+beyond_limit, long = near_stability_limit(1.05)
 
 
 def every_step(scene: Scene, step: float) -> Scene:

@@ -2,7 +2,7 @@ from .convergence_result import convergence_table
 from .cost import SolverSettings, work_precision
 from .custom_method import method_report
 from .exact import exact_problem
-from .hard_cases import catalogue, energy_change, head_on, near_limit
+from .hard_cases import catalogue, energy_change, head_on_collision, near_stability_limit
 from .order import convergence
 from .recommendation import recommend_settings
 from .stability import outcome
@@ -16,9 +16,9 @@ __all__ = [
     "energy_change",
     "energy_trend",
     "exact_problem",
-    "head_on",
+    "head_on_collision",
     "method_report",
-    "near_limit",
+    "near_stability_limit",
     "outcome",
     "recommend_settings",
     "work_precision",

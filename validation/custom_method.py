@@ -12,9 +12,9 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost.section import WORK_PRECISION, work_precision_task
 from validation.cost.work_precision import candidate_settings
-from validation.energy import ENERGY, energy_task, wall_swing
+from validation.energy import ENERGY, energy_task, wall_oscillation
 from validation.exact import NAMES, exact_problem
-from validation.order import CONVERGENCE, convergence_task, method_suits_problem, shown_method
+from validation.order import CONVERGENCE, convergence_task, method_suits_problem, method_to_plot
 from validation.quantities import quantity_named
 from validation.report import report
 from validation.runner import Task
@@ -98,13 +98,13 @@ def _convergence_of_methods(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
             if method_suits_problem(exact_problem(problem), name):
-                yield convergence_task(shown_method(name), problem, full, **_table(name))
+                yield convergence_task(method_to_plot(name), problem, full, **_table(name))
 
 
 def _energy_of_methods(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
-            yield energy_task(wall_swing(name, PERIODS), **_table(name))
+            yield energy_task(wall_oscillation(name, PERIODS), **_table(name))
 
 
 def _cost_of_methods(

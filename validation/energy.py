@@ -102,11 +102,13 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     still within what the ledger lets pass; in full also 1e8 steps of de Paula's bouncing grain
     and 1e6 of the frictionless bed, with the controls next to them.
     """
-    swings = tuple(wall_swing(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable)
+    swings = tuple(
+        wall_oscillation(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
+    )
     if not full:
         return swings
     bounces = tuple(_bounce_run(*bounce) for bounce in _BOUNCES)
-    return (*swings, *bounces, variable_bounces(), *(_bed_run(*bounce) for bounce in _BEDS))
+    return (*swings, *bounces, bounces_with_variable_steps(), *(_bed_run(*bounce) for bounce in _BEDS))
 
 
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
@@ -120,7 +122,7 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 """Method, step [s] and time [s]; the controls at steps that show their trend."""
 
 
-def wall_swing(method: str, periods: int) -> EnergyRun:
+def wall_oscillation(method: str, periods: int) -> EnergyRun:
     """Grain that swings above the wall, with a method and so many periods."""
     start, dt = oscillation.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * oscillation.harmonic_period(start.scene, 0.5)
@@ -132,7 +134,7 @@ def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
 
-def variable_bounces() -> EnergyRun:
+def bounces_with_variable_steps() -> EnergyRun:
     """1e4 bounces with variable steps, some 160 a bounce."""
     scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))

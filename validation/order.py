@@ -211,7 +211,7 @@ def _neighbouring_counts(problem: Problem, count: int) -> range:
 
 
 def _rounding_error(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
-    differences = [solve(problem.nudge_start(bits), count).positions - plain for bits in NUDGES]
+    differences = [solve(problem.perturb_start(bits), count).positions - plain for bits in NUDGES]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
         differences.append((less - plain) + (more - plain))
@@ -272,7 +272,7 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 def convergence_tasks(full: bool) -> list[Task]:
     """Every method on every exact problem it fits."""
     tasks = [
-        convergence_task(shown_method(method), name, full)
+        convergence_task(method_to_plot(method), name, full)
         for name in NAMES
         for method in METHODS
         if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
@@ -290,7 +290,7 @@ def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task
     return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
-def shown_method(name: str) -> str:
+def method_to_plot(name: str) -> str:
     """Form in which a method shows its order: high orders with compensated sums.
 
     Six decades of error fit above rounding only if sums do not add to it.

@@ -24,9 +24,9 @@ from validation.cost.section import studies_from_plain
 from validation.cost.work_precision import (
     STEPS,
     depends_on_seed,
-    finest_setting,
     make_study,
     measure_points,
+    reference_setting,
     reference_values,
     run_setting,
     scenes_with_other_seeds,
@@ -134,7 +134,7 @@ def plan_runs(
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
-    reference = SolverSettings("stormer-verlet", steps[entries]) if random else finest_setting(scene)
+    reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
@@ -215,7 +215,7 @@ def show_overview(page: Page, results: Sequence[Plain]) -> None:
             _show_effects(page, result["effects"])
     if outcomes := _outcomes(results):
         page.section("Hard cases at a glance")
-        tabulate(page, hard_table(outcomes))
+        tabulate(page, hard_case_table(outcomes))
 
 
 def _outcomes(results: Sequence[Plain]) -> list[Outcome]:
@@ -347,7 +347,7 @@ def _price_text(mapping: Mapping[str, Any], which: str) -> str:
 # Hard cases -------------------------------------------------------------------------------------
 
 
-def hard_table(outcomes: Sequence[Outcome]) -> TextTable:
+def hard_case_table(outcomes: Sequence[Outcome]) -> TextTable:
     """Return how many cases ended how, in one row."""
     counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [item.case for item in outcomes if not item.allowed]
@@ -372,7 +372,7 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
             plain = result["effects"]
             tables.append((f"{plain['scene']}: what its effects cost", effect_table(plain)))
     if outcomes := _outcomes(results):
-        tables.append(("Hard cases", hard_table(outcomes)))
+        tables.append(("Hard cases", hard_case_table(outcomes)))
     return tables
 
 

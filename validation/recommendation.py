@@ -25,9 +25,9 @@ from validation.cost.work_precision import (
     REPEATS,
     STEPS,
     candidate_settings,
-    finest_setting,
     make_study,
     measure_points,
+    reference_setting,
     reference_values,
     scenes_with_other_seeds,
 )
@@ -173,7 +173,7 @@ def recommend_settings(
     if quantity_is_scattered(chosen, len(scenes)):
         study = _study_by_halving(scenes, chosen, tolerance, until, progress)
     else:
-        reference = None if chosen.exact is not None else finest_setting(scene)
+        reference = None if chosen.exact is not None else reference_setting(scene)
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )

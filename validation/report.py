@@ -13,7 +13,7 @@ from validation.cost.section import WORK_PRECISION
 from validation.depaula import DEPAULA
 from validation.energy import ENERGY
 from validation.order import CONVERGENCE
-from validation.overview import OVERVIEW, hard_table
+from validation.overview import OVERVIEW, hard_case_table
 from validation.runner import FAILED, Plain, Section, machine_info, run_tasks
 from validation.stability import STABILITY
 from validation.table import tabulate
@@ -82,7 +82,7 @@ def report_page(results: Results, *, full: bool) -> Page:
         _add_section(shown, OVERVIEW, read[OVERVIEW], results)
         if STABILITY in read:
             shown.section("Hard cases at a glance")
-            tabulate(shown, hard_table(read[STABILITY]))
+            tabulate(shown, hard_case_table(read[STABILITY]))
     shown.section("What holds")
     words = {True: "yes", False: "NO"}
     shown.table(

@@ -263,7 +263,7 @@ def wall_law(written: type) -> Any:
     return made
 
 
-def mark_origin(file: UserFile) -> dict[str, type[CustomSection]]:
+def set_source_file(file: UserFile) -> dict[str, type[CustomSection]]:
     """Effects and wall laws that a file defines, by their names; they know the file then."""
     result = {}
     for content in list(user_definitions(file).values()):
@@ -275,7 +275,7 @@ def mark_origin(file: UserFile) -> dict[str, type[CustomSection]]:
 
 
 def _definition_from_file(file: UserFile, key: str, values: dict[str, Any]) -> Any:
-    return mark_origin(file)[key](**values)
+    return set_source_file(file)[key](**values)
 
 
 def _definition_from_module(made: type, values: dict[str, Any]) -> Any:

@@ -25,7 +25,7 @@ from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct import padded_values
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Many, declare, quantity, unknown
+from granular.schema.sections import FieldError, Many, quantity, section_field, unknown
 from granular.schema.sections import Kind as FieldKind
 from granular.shared.messages import quote
 
@@ -68,7 +68,7 @@ class FieldText(Formula, Force):
         "moment": MOMENT,
     }
 
-    factor: tuple[tuple[str, float], ...] = declare(_Factors(), default=())
+    factor: tuple[tuple[str, float], ...] = section_field(_Factors(), default=())
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     @classmethod
@@ -143,4 +143,4 @@ class Field(FormulaList):
         {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
     ]
 
-    fields: tuple[FieldText, ...] = declare(Many(section=FieldText, least=1))
+    fields: tuple[FieldText, ...] = section_field(Many(section=FieldText, least=1))

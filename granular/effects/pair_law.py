@@ -20,7 +20,7 @@ from granular.effects.force import Force
 from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
-from granular.schema.sections import Many, declare, quantity
+from granular.schema.sections import Many, quantity, section_field
 
 
 class PairText(Formula, Force):
@@ -90,4 +90,4 @@ class PairLaw(FormulaList):
         {"energy": "k*max(end - r, 0)**4/end**2", "k": "1 N/m", "end": "2 D", "reach": "2 D"},
     ]
 
-    fields: tuple[PairText, ...] = declare(Many(section=PairText, least=1))
+    fields: tuple[PairText, ...] = section_field(Many(section=PairText, least=1))

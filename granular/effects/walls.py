@@ -26,7 +26,7 @@ from granular.effects.walls_law import WallLaws
 from granular.formulas.dimensions import LENGTH, Dimension
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Kind, Section, declare, nested, quantity, unknown
+from granular.schema.sections import FieldError, Kind, Section, nested, quantity, section_field, unknown
 
 LAWS = ("experimental", "infinite", "slab")
 FORMULA = "formula"
@@ -95,11 +95,11 @@ class Wall(Section):
         `granular.effects.custom`.
     """
 
-    law: str = declare(LawName(), default="experimental")
+    law: str = section_field(LawName(), default="experimental")
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = declare(MadeSection(True), default=None)
+    own: Any = section_field(MadeSection(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:

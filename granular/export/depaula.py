@@ -39,7 +39,7 @@ from granular.observables.interactions import unsupported_effects
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
-from granular.shared.files import replacing_together
+from granular.shared.files import write_files_atomically
 
 STEPS_PER_TIME = 10**6
 """Steps of de Paula in its unit of time T [D, 2.3.2]."""
@@ -121,7 +121,7 @@ def to_depaula_files(
         **_constants(run, cadence),
     }
     files = {f"{name}.dat": lines for name, lines in contents.items()}
-    with replacing_together(directory, list(files), overwrite) as place_of:
+    with write_files_atomically(directory, list(files), overwrite) as place_of:
         _warn_of_coarse_frames(run, cadence)
         for name, lines in files.items():
             with place_of(name).open("w", encoding="utf-8") as file:

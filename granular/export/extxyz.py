@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.run.trajectory import Trajectory
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 
 PROPERTIES = "species:S:1:pos:R:3:velo:R:3:force:R:3:radius:R:1:mass:R:1:id:I:1:kind:I:1:Z:I:1"
 NO_ELEMENT = 0
@@ -56,7 +56,7 @@ def to_extxyz(
     file reader".
     """
     run, path = open_run(run), Path(path)
-    with replace_when_written(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
+    with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         lines = _lines(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
             file.write(f"{len(frame.grains)}\n{_comment(run, frame)}\n{lines(frame)}")

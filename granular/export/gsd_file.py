@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 
 
 def to_gsd(
@@ -63,7 +63,7 @@ def to_gsd(
         ) from None
     run, path = open_run(run), Path(path)
     low, size = _bounding_box_of_run(run)
-    with replace_when_written(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
+    with write_atomically(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
         unchanging = _constant_fields(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
             file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))

@@ -31,7 +31,7 @@ from granular.export.lammps_script import (
     wall_table,
     wall_table_name,
 )
-from granular.export.lammps_stages import StagePart, remaining_stage
+from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.pairs import dipole
 from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
@@ -39,7 +39,7 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from granular.shared.files import check_output_file, make_directory, replace_when_written
+from granular.shared.files import check_output_file, make_directory, write_atomically
 
 
 class _Start(NamedTuple):
@@ -50,7 +50,7 @@ class _Start(NamedTuple):
     grains: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
-    legs: tuple[StagePart, ...]
+    legs: tuple[RemainingStage, ...]
 
 
 def to_lammps(
@@ -138,7 +138,7 @@ def _run_start(run: Trajectory) -> _Start:
 
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, done: float = 0.0
-) -> Iterator[StagePart]:
+) -> Iterator[RemainingStage]:
     """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
         next_leg = remaining_stage(stage, height, done)
@@ -272,7 +272,7 @@ def _write(directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bo
         check_output_file(path, overwrite)
     with contextlib.ExitStack() as stack:
         for name, lines in contents.items():
-            part = stack.enter_context(replace_when_written(paths[name], overwrite))
+            part = stack.enter_context(write_atomically(paths[name], overwrite))
             with part.open("w", encoding="utf-8") as file:
                 file.writelines(lines)
     return tuple(paths.values())

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
-from granular.export.lammps_stages import StagePart
+from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
@@ -32,7 +32,7 @@ WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
 _PAIR_EXPONENT = 4.0
 
 
-class LawTable(NamedTuple):
+class PowerLawTable(NamedTuple):
     """A power law from the nearest to the farthest distance.
 
     Attributes
@@ -60,7 +60,7 @@ class LawTable(NamedTuple):
         yield "\n"
 
 
-def pair_table(name: str, charge: float, nearest: float, farthest: float, scales: Scales) -> LawTable:
+def pair_table(name: str, charge: float, nearest: float, farthest: float, scales: Scales) -> PowerLawTable:
     """Dipole repulsion of two grains, with ``charge`` the product of theirs, up to ``farthest``.
 
     Distances are in units D.
@@ -72,7 +72,7 @@ def pair_table(name: str, charge: float, nearest: float, farthest: float, scales
 
 def wall_table(
     name: str, law: str, charge: float, nearest: float, farthest: float, scales: Scales
-) -> LawTable:
+) -> PowerLawTable:
     """Repulsion of a grain of that charge from a wall; see `pair_table`."""
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
@@ -83,8 +83,10 @@ def wall_table(
 
 def _law_table(
     name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float, scales: Scales
-) -> LawTable:
-    return LawTable(name, distance * scales.length, energy * scales.energy, force * scales.force, exponent)
+) -> PowerLawTable:
+    return PowerLawTable(
+        name, distance * scales.length, energy * scales.energy, force * scales.force, exponent
+    )
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
@@ -175,7 +177,7 @@ class Deck(NamedTuple):
     scales: Scales
     charges: tuple[float, ...]
     masses: tuple[float, ...]
-    legs: tuple[StagePart, ...]
+    legs: tuple[RemainingStage, ...]
     piston: float | None
     height: float
     step: float
@@ -390,7 +392,7 @@ def _commensurate_step(deck: Deck) -> float:
     return deck.scene.output.scalars / _records(deck)[0]
 
 
-def _stage(deck: Deck, leg: StagePart) -> Iterator[str]:
+def _stage(deck: Deck, leg: RemainingStage) -> Iterator[str]:
     yield f"# Stage {leg.name}: {leg.kind}, {leg.left:g} s"
     if leg.path is not None and "top" in deck.sides:
         yield f"variable height equal {leg.path.formula}"

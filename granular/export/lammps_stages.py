@@ -32,7 +32,7 @@ class PistonPath(NamedTuple):
     speed: float
 
 
-class StagePart(NamedTuple):
+class RemainingStage(NamedTuple):
     """A stage, or what is left of it.
 
     Attributes
@@ -74,7 +74,7 @@ def check_stage(stage: Stage) -> None:
         raise InputError(f"{what}: {only}")
 
 
-def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> StagePart:
+def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> RemainingStage:
     """Stage that begins with the piston at a height [m], and is ``done`` for so long [s].
 
     Raises
@@ -88,7 +88,7 @@ def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> St
     if duration is None:
         raise InputError(f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS")
     path = None if height is None else _piston_path_of_stage(stage, height, duration)
-    return StagePart(stage.name, kind, path, done, duration)
+    return RemainingStage(stage.name, kind, path, done, duration)
 
 
 def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> PistonPath:

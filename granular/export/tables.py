@@ -12,7 +12,7 @@ import numpy as np
 from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replacing_together
+from granular.shared.files import write_files_atomically
 
 if TYPE_CHECKING:
     import pandas
@@ -64,7 +64,7 @@ def to_tables(
     run, directory = open_run(run), Path(directory)
     tables = {"scalars": iter([_scalars(run)]), "grains": _grains(run, directory, progress)}
     files = {f"{name}.{kind}": parts for name, parts in tables.items()}
-    with replacing_together(directory, list(files), overwrite) as place_of:
+    with write_files_atomically(directory, list(files), overwrite) as place_of:
         for name, parts in files.items():
             _WRITERS[kind](place_of(name), parts)
     return tuple(directory / name for name in files)

@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.frames import BedFrame, iterate_frames, open_run, planar_to_spatial
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replacing_together
+from granular.shared.files import write_files_atomically
 
 LIST = "bed.pvd"
 
@@ -61,7 +61,7 @@ def to_vtk(
     run, directory = open_run(run), Path(directory)
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
-    with replacing_together(directory, [LIST, *names], overwrite) as place_of:
+    with write_files_atomically(directory, [LIST, *names], overwrite) as place_of:
         unchanging = _constant_fields(run)
         place_of(LIST).write_text(_paraview_series(names, times), encoding="utf-8")
         frames = iterate_frames(run, bar=directory.name if progress else None)

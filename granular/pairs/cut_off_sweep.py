@@ -68,7 +68,7 @@ def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) ->
             sweep.arrays.series,
         )
         for total, value in zip(sums, present_arrays(pairs[0]), strict=True):
-            code.raise_by(total, value)
+            code.add_in_place(total, value)
         reactions = add_lanes(code, reactions, present_arrays(pairs[1]))
     for pointer, reaction in zip(pointers, reactions, strict=True):
         code.store(reaction, pointer, j)

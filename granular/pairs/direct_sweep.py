@@ -76,7 +76,7 @@ def _sweep(
                 code, grain, partners, arrays.sums, extremes, None, *ends, arrays.series
             )
             for total, value in zip(sums, present_arrays(own), strict=True):
-                code.raise_by(total, value)
+                code.add_in_place(total, value)
             reactions = add_lanes(code, reactions, present_arrays(other))
         for pointer, reaction in zip(pointers, reactions, strict=True):
             code.store(reaction, pointer, j)
@@ -156,7 +156,7 @@ def sum_lanes(typing: Any, values: Any, stop: Any) -> Any:
         total = code.variable(constant(0.0))
         start, width = ir.Constant(INDEX, 0), ir.Constant(INDEX, WIDTH)
         with cgutils.for_range_slice(builder, start, arguments[1], width, INDEX) as (j, _):
-            code.raise_by(total, code.load(pointer, j))
+            code.add_in_place(total, code.load(pointer, j))
         return code.total(builder.load(total))
 
     return signature, generate

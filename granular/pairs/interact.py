@@ -169,7 +169,7 @@ class Extremes:
     def meet(self, s: ir.Value, energy: ir.Value) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
-            code.raise_by(self.energy, energy)
+            code.add_in_place(self.energy, energy)
             b.store(code.greater(s, b.load(self.closest)), self.closest)
 
     def finish(self) -> None:

@@ -70,7 +70,7 @@ class Tables(NamedTuple):
     bands: list[Table]
     rest: Table
 
-    def joined_bands(self) -> Table:
+    def concatenated_bands(self) -> Table:
         """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
         most = max(len(band.along) for band in self.bands)
         return Table(*(np.array([_padded(t, most) for t in ts]) for ts in zip(*self.bands, strict=True)))
@@ -224,7 +224,7 @@ def mesh_workspace(
     """Workspace for that many grains in a cell of that size [D]; ``fifth`` as of `mesh_tables`."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, fifth)
-    bands = tables.joined_bands()
+    bands = tables.concatenated_bands()
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     begins, strides, most = [0], [], 0

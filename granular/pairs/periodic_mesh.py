@@ -308,7 +308,7 @@ def periodic_mesh_workspace(
 ) -> Mesh:
     """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
     tables = image_tables(width, height, radius, spacing, fifth)
-    bands = tables.joined_bands()
+    bands = tables.concatenated_bands()
     points = periodic_mesh_points(width, height, spacing)
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)

@@ -179,7 +179,7 @@ class Code:
     def variable(self, start: ir.Value) -> ir.Value:
         return cgutils.alloca_once_value(self.builder, start)
 
-    def raise_by(self, variable: ir.Value, value: ir.Value) -> None:
+    def add_in_place(self, variable: ir.Value, value: ir.Value) -> None:
         self.builder.store(self.builder.fadd(self.builder.load(variable), value), variable)
 
 

@@ -12,7 +12,7 @@ from granular.readers.headers import parse_header
 from granular.readers.options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 from granular.shared.messages import quote
 
 _MAX_NUMBERS = 50_000_000
@@ -89,7 +89,7 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
     ]
     arrays = [pyarrow.array(values) for values in columns.values()]
     table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
-    with replace_when_written(path, overwrite=True) as part:
+    with write_atomically(path, overwrite=True) as part:
         pyarrow.parquet.write_table(table, part)
 
 

@@ -18,7 +18,7 @@ from granular.render.interpolation import interpolate_bed, movie_times
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import check_output_file, replace_when_written
+from granular.shared.files import check_output_file, write_atomically
 from granular.shared.messages import quote
 from granular.shared.stops import Stop, deferred_stop
 
@@ -111,7 +111,7 @@ def movie(
     bar = path.name if progress else None
     beds = iterate_frames(run, numbers, bar) if speed is None else interpolate_bed(run, numbers, times, bar)
     with deferred_stop() as stop:
-        with replace_when_written(path, overwrite) as part:
+        with write_atomically(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
         if made < len(times):
             warnings.warn(f"{path} holds the {made} pictures of {len(times)} made", stacklevel=2)

@@ -13,7 +13,7 @@ from granular.render.colourings import colouring
 from granular.render.picture import BedPicture, colour_limits, highest_point
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
@@ -113,6 +113,6 @@ def save_picture(figure: Figure, path: str | Path, *, overwrite: bool = False) -
         )
     # Without date and random names the same picture is the same file.
     undated = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with replace_when_written(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
+    with write_atomically(path, overwrite) as part, mpl.rc_context({"svg.hashsalt": "granular"}):
         figure.savefig(part, dpi=STILL_DPI, metadata=undated[path.suffix.lower()])
     return path

@@ -106,14 +106,14 @@ class Response:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement [mm] over the frequency, with and without the damper."""
-        from granular.shared.plotting import axes_or_new, line_look
+        from granular.shared.plotting import axes_or_new, line_style
 
         ax = axes_or_new(ax)
         data, unit = self.dataset, self.dataset.amplitude.attrs["units"]
         for k, value in enumerate(data.amplitude.values):
             part = data.sel(amplitude=value)
             label = f"with the damper, {value:g} {unit}"
-            ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_look(k))
+            ax.plot(part.frequency, 1e3 * part.displacement, label=label, **line_style(k))
         if "alone" in data:
             curves = self.linear_curves(float(data.amplitude[-1]))
             for key, style, label in (("alone", "k--", "without"), ("ideal", "k:", "tuned mass")):

@@ -17,7 +17,7 @@ from granular.readers.headers import ACCELERATION, VELOCITY
 from granular.readers.integration import integrate_motion
 from granular.readers.options import ReadOptions
 from granular.shared.errors import RecordError, RecordWarning
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 from granular.shared.messages import quote, sanitize
 
 if TYPE_CHECKING:
@@ -342,7 +342,7 @@ class PistonRecord:
             for name, values in self.columns.items()
         }
         with (
-            replace_when_written(Path(path), overwrite=True) as part,
+            write_atomically(Path(path), overwrite=True) as part,
             part.open("w", newline="", encoding="utf-8") as file,
         ):
             writer = csv.writer(file)

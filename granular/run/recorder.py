@@ -78,7 +78,10 @@ class Recorder:
             yield variable, si_column(variable, rows, columns, scales)
         yield STAGE, stages
         for variable in (FRAME_TIME, FRAME_HEIGHT, *frame_variables(scene)):
-            yield (variable, self.stacked(variable.name, variable.dims) * getattr(scales, variable.scale))
+            yield (
+                variable,
+                self.stack_frames(variable.name, variable.dims) * getattr(scales, variable.scale),
+            )
 
     def table(self) -> tuple[np.ndarray, np.ndarray]:
         """All records (r, columns), and the stage of each (r,)."""
@@ -89,7 +92,7 @@ class Recorder:
             np.concatenate([np.empty(0, dtype=np.int64), *self.stages]),
         )
 
-    def stacked(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
+    def stack_frames(self, name: str, dims: tuple[str, ...]) -> np.ndarray:
         """One field of all frames."""
         shape = {"grain": self.count, "axis": 2}
         rest = tuple(shape[dim] for dim in dims[1:])

@@ -304,11 +304,11 @@ class Run(RunState):
             if not np.isfinite(turned).all():
                 raise NotFiniteError(
                     "an energy is not finite any more", step=self.steps, time=moment, remedy=self.not_finite
-                ).blaming(self.too_long_step_text)
+                ).with_context(self.too_long_step_text)
             error = unbalanced_energy_error(
                 wrong[1], self.ledger.wrong, self.steps, moment, self.shorter_step_remedy
             )
-            raise error.blaming(self.too_long_step_text)
+            raise error.with_context(self.too_long_step_text)
 
     def _frame(self, at: float | None = None) -> None:
         moment = self.time if at is None else at

@@ -249,7 +249,7 @@ class RunState:
             error = NotFiniteError(
                 error.cause, step=error.step, time=error.time, grain=error.grain, remedy=self.not_finite
             )
-        return error.blaming(self.too_long_step_text)
+        return error.with_context(self.too_long_step_text)
 
     # The step schedule ---------------------------------------------------------------------------
 

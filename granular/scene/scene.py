@@ -16,7 +16,7 @@ from granular.pairs.section import Pairs
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
 from granular.schema.parts import Cell, Grains, Output, Piston
-from granular.schema.sections import FieldError, Many, Nested, Section, declare, nested, text, unknown
+from granular.schema.sections import FieldError, Many, Nested, Section, nested, section_field, text, unknown
 from granular.schema.units import si_value
 from granular.shared.citing import module_docstring_of
 from granular.shared.errors import SceneError
@@ -147,7 +147,7 @@ class Scene(Section):
     effects: Effects = nested(Effects, default=Effects())
     pairs: Pairs = nested(Pairs, default=Pairs())
     arrangement: Arrangement = nested(Arrangement, default=Arrangement())
-    protocol: tuple[Stage, ...] = declare(Many(kinds=KINDS), default=())
+    protocol: tuple[Stage, ...] = section_field(Many(kinds=KINDS), default=())
     output: Output = nested(Output, default=Output())
 
     @property

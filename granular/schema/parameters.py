@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
-from granular.schema.sections import FieldError, Kind, Section, declare, unknown
+from granular.schema.sections import FieldError, Kind, Section, section_field, unknown
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
@@ -60,7 +60,7 @@ class Parametric(Section):
     written: ClassVar[str] = ""
     unit: ClassVar[str] = "1"
 
-    values: tuple[tuple[str, str], ...] = declare(Values(), default=())
+    values: tuple[tuple[str, str], ...] = section_field(Values(), default=())
 
     @property
     def formula(self) -> str:

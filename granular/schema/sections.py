@@ -272,7 +272,7 @@ class Many(Kind):
         return [{"kind": names.get(type(item)), **item.to_plain()} for item in value]
 
 
-def declare(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
+def section_field(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
     """Dataclass field of the given kind."""
     return dataclasses.field(default=default, metadata={"kind": kind})
 
@@ -321,50 +321,50 @@ def quantity(
     'Wind'
     """
     kind = Quantity(optional, unit=unit, above=above, least=least, below=below, most=most)
-    return declare(kind, default)
+    return section_field(kind, default)
 
 
 def integer(
     *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
-    return declare(Integer(optional, least=least, most=most), default)
+    return section_field(Integer(optional, least=least, most=most), default)
 
 
 def flag(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Flag(optional), default)
+    return section_field(Flag(optional), default)
 
 
 def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(OneOf(optional, names=names), default)
+    return section_field(OneOf(optional, names=names), default)
 
 
 def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Text(optional), default)
+    return section_field(Text(optional), default)
 
 
 def points(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
-    return declare(Points(True, unit=unit), default)
+    return section_field(Points(True, unit=unit), default)
 
 
 def numbers(
     unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
     """List of numbers in an SI unit."""
-    return declare(Numbers(element=Quantity(unit=unit, above=above, least=least)), default)
+    return section_field(Numbers(element=Quantity(unit=unit, above=above, least=least)), default)
 
 
 def nested(section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return declare(Nested(optional, section=section), default)
+    return section_field(Nested(optional, section=section), default)
 
 
 def many(section: type[Section], *, least: int = 0) -> Any:
-    return declare(Many(section=section, least=least))
+    return section_field(Many(section=section, least=least))
 
 
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
-    field_specifiers=(declare, quantity, integer, choice, text, points, numbers, nested, many),
+    field_specifiers=(section_field, quantity, integer, choice, text, points, numbers, nested, many),
 )
 class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""

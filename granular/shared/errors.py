@@ -93,7 +93,7 @@ class RunError(GranularError, RuntimeError):
         where = f"step {step}, t = {time:.9g} s" + ("" if grain is None else f", grain {grain}")
         super().__init__(f"{where}: {cause}; {remedy}")
 
-    def blaming(self, words: str) -> Self:
+    def with_context(self, words: str) -> Self:
         """Return the same error, with what is to blame before its cause.
 
         Parameters

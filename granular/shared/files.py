@@ -27,7 +27,7 @@ _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
 
 
 @contextlib.contextmanager
-def replace_when_written(path: Path, overwrite: bool) -> Iterator[Path]:
+def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
     """Temporary path to write a file to, which takes its real name when all went well.
 
     A link stays and what it leads to is replaced; a device or a pipe is written to as it is.
@@ -68,7 +68,7 @@ def replace_when_written(path: Path, overwrite: bool) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def replacing_together(
+def write_files_atomically(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
     """Return a function that gives the path to write each file of a directory to, by its name.
@@ -87,7 +87,7 @@ def replacing_together(
     for name in names:
         check_output_file(directory / name, overwrite)
     with contextlib.ExitStack() as stack:
-        yield lambda name: stack.enter_context(replace_when_written(directory / name, overwrite))
+        yield lambda name: stack.enter_context(write_atomically(directory / name, overwrite))
 
 
 def read_text(path: Path, most: int, kind: type[InputError] = InputError) -> str:
@@ -198,7 +198,7 @@ def write_text(path: Path, text: str) -> None:
     StoreError
         If it cannot be written; what was there before still stands.
     """
-    with replace_when_written(path, overwrite=True) as part:
+    with write_atomically(path, overwrite=True) as part:
         part.write_text(text, encoding="utf-8")
 
 

@@ -49,7 +49,7 @@ def printable(text: object) -> str:
     return "".join(sign if sign in "\n\t" else _escape(sign) for sign in str(text))
 
 
-def as_factor(value: float, digits: int = 2) -> str:
+def format_factor(value: float, digits: int = 2) -> str:
     """Factor without a power of ten; no figure where it is absurd."""
     if not value < _MOST_TIMES:
         return "more than a million"

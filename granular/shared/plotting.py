@@ -25,7 +25,7 @@ GREY = "#9aa5b1"
 _LONGEST_LABEL = 60
 
 
-def line_look(index: int) -> dict[str, Any]:
+def line_style(index: int) -> dict[str, Any]:
     """Colour and style of the line with that index among up to 32: no two are alike."""
     turn, colour = divmod(index, len(COLOURS))
     return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}

@@ -44,23 +44,23 @@ class Case:
     key: str
 
 
-def known_as(name: str) -> Callable[[M], M]:
+def keep_measure_name(name: str) -> Callable[[M], M]:
     """Let a measure that was moved keep its `measure_name`, and so the cases computed before.
 
     Take it away with any change of what the measure finds.
     """
 
     def named(measure: M) -> M:
-        measure.known_as = name  # type: ignore[attr-defined]  # functions may have any
+        measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any
         return measure
 
     return named
 
 
 def measure_name(measure: Measure) -> str:
-    """Return a measure's module and name, and a digest of its code; see `known_as`."""
-    if hasattr(measure, "known_as"):
-        return str(measure.known_as)
+    """Return a measure's module and name, and a digest of its code; see `keep_measure_name`."""
+    if hasattr(measure, "keep_measure_name"):
+        return str(measure.keep_measure_name)
     name = f"{measure.__module__}:{getattr(measure, '__qualname__', repr(measure))}"
     code = getattr(measure, "__code__", None)
     if code is None:

@@ -15,13 +15,13 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.registry import load_entry_point
 from granular.shared.user_file import UserFile, user_definitions
-from granular.studies.cases import Measure, known_as, measure_name
+from granular.studies.cases import Measure, keep_measure_name, measure_name
 
 GROUP = "granular.measures"
 """Entry points by which an installed distribution offers measures."""
 
 
-@known_as("granular.studies.measures:last_values#9d0c241c")
+@keep_measure_name("granular.studies.measures:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
     """Every scalar record at the end of the run, in SI; height and end of each stage.
 
@@ -37,7 +37,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
     return figures
 
 
-@known_as("reduced_models.simulated:piston_columns#85abaa33")
+@keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
     """Piston's record of a run as lists; `PistonRecord.from_columns` makes it one again."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
@@ -83,13 +83,13 @@ class CustomMeasure:
     file : UserFile
     name : str
         Name of the function, or of an observable, whose value at the end of a run it is.
-    known_as : str
+    keep_measure_name : str
         Module and name of the function, and a digest of its code.
     """
 
     file: UserFile
     name: str
-    known_as: str
+    keep_measure_name: str
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """Return the function's figures of a run."""

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.html import Page, format_number
-from granular.shared.plotting import figure, line_look, plain_label
+from granular.shared.plotting import figure, line_style, plain_label
 from granular.shared.version import versions
 from granular.studies.sweep import Study
 
@@ -109,7 +109,7 @@ def _draw(study: Study, table: pandas.DataFrame, axis: str, others: list[str], s
 
 def _draw_line(panel: Axes, points: pandas.DataFrame, index: int, label: str, lines: bool) -> None:
     axis, name = points.columns
-    look = line_look(index)
+    look = line_style(index)
     panel.plot(points[axis], points[name], "o", markersize=3.5, color=look["color"])
     if lines:
         mean = points.groupby(axis)[name].mean()

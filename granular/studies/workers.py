@@ -57,7 +57,7 @@ class Workers(Executor):
         from loky import ProcessPoolExecutor
 
         self._pool = ProcessPoolExecutor(
-            max_workers=self.count, initializer=end_with_parent, initargs=(os.getpid(),)
+            max_workers=self.count, initializer=exit_with_parent, initargs=(os.getpid(),)
         )
         first: Future[T] = self._pool.submit(function, *arguments, **keywords)
         return first
@@ -69,7 +69,7 @@ class Workers(Executor):
             self._pool = None
 
 
-def end_with_parent(parent: int) -> None:
+def exit_with_parent(parent: int) -> None:
     """Let this process end soon after its parent, whose number this is.
 
     Who loses its parent belongs to another one from then on. Windows does not tell.

@@ -19,7 +19,7 @@ from granular.run.record import PistonRecord
 from granular.run.trajectory import Trajectory
 from granular.scene.beds import damper
 from granular.shared.errors import InputError
-from granular.studies.cases import known_as
+from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep
 from reduced_models.designs.damper import Candidate, damper_at
 
@@ -111,7 +111,7 @@ SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for its picture."""
 
 
-@known_as("reduced_models.designs.figures:damper_figures#8b0ef787")
+@keep_measure_name("reduced_models.designs.figures:damper_figures#8b0ef787")
 def damper_figures(run: Trajectory) -> Mapping[str, Any]:
     """Figures of a damper that fell, came to rest, was lifted and released.
 

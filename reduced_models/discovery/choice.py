@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.messages import as_factor
+from granular.shared.messages import format_factor
 from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, normalise_columns, score_terms
@@ -145,7 +145,7 @@ def candidate_notes(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
         )
     if left > _POOR:
         notes.append(
-            f"the chosen equation leaves {as_factor(left)} times what the record's noise would: "
+            f"the chosen equation leaves {format_factor(left)} times what the record's noise would: "
             "the law is not among those searched, so read it as a summary of this record"
         )
     if best.model is None and best.note:

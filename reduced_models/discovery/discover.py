@@ -17,10 +17,10 @@ from reduced_models.discovery.libraries import (
     PHYSICAL,
     Proposal,
     custom_terms,
+    find_term_fault,
     library_terms,
     program_functions,
     propose_library,
-    term_fault,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
 from reduced_models.discovery.polishing import NAME, polish_candidate
@@ -354,7 +354,7 @@ def _as_texts(texts: str | Sequence[str]) -> Sequence[str]:
 def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            wrong = term_fault(motion, term)
+            wrong = find_term_fault(motion, term)
             if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(

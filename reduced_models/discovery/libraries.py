@@ -164,7 +164,7 @@ _ZOOMS = 12
 _GRID = np.linspace(-1.0, 1.0, 33)
 
 
-def term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
+def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
     """Return the fault of a term along a motion in words; empty where it has none."""
     drive = motion.drive
     for z in (motion.z, motion.smooth):
@@ -291,7 +291,7 @@ def propose_library(
         if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
             continue
         terms = library_terms(name, (), 3, column)
-        if not any(term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
+        if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
             proposals.append(Proposal(name, terms, height_map_here, weak_form_here, ""))
     return _choose_proposal(proposals)
 

@@ -96,7 +96,7 @@ class DropScores:
             if row.model is None:
                 rows.append((row.name, "", *("" for _ in self.labels), "not fitted"))
                 continue
-            errors = (percent_of_drop(value) for value in (*row.errors, row.median))
+            errors = (format_percent_of_drop(value) for value in (*row.errors, row.median))
             numbers = len(row.model.parameters) + (2 if row.model.map.fitted else 0)
             rows.append((row.name, str(numbers), *errors))
         return rows
@@ -113,14 +113,14 @@ class DropScores:
             return "No law that was fitted to one fall follows the others."
         words = (
             f"Falls that no law has seen are predicted best by {best.name}, fitted to one fall: to "
-            f"{percent_of_drop(best.median)} of the drop at the median and "
-            f"{percent_of_drop(best.greatest)} at worst"
+            f"{format_percent_of_drop(best.median)} of the drop at the median and "
+            f"{format_percent_of_drop(best.greatest)} at worst"
         )
         if self.scatter:
-            words += f", where another random start alone changes {percent_of_drop(max(self.scatter))}"
+            words += f", where another random start alone changes {format_percent_of_drop(max(self.scatter))}"
         if others:
             said = (
-                f"{row.name} {percent_of_drop(row.median)}"
+                f"{row.name} {format_percent_of_drop(row.median)}"
                 if math.isfinite(row.median)
                 else f"{row.name} diverges"
                 for row in others
@@ -130,7 +130,7 @@ class DropScores:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the error of each law over the height that a piston fell from."""
-        from granular.shared.plotting import axes_or_new, line_look, plain_label, plain_numbers
+        from granular.shared.plotting import axes_or_new, line_style, plain_label, plain_numbers
 
         axes = axes_or_new(ax)
         heights = np.array([1e3 * fall.height[0] for fall in self.unseen])
@@ -142,7 +142,7 @@ class DropScores:
                 np.where(np.isfinite(errors), errors, np.nan)[order],
                 marker="o",
                 label=plain_label(row.name),
-                **line_look(k),
+                **line_style(k),
             )
         axes.set_yscale("log")
         plain_numbers(axes.yaxis)
@@ -170,7 +170,7 @@ class DropScores:
         }
 
 
-def percent_of_drop(value: float) -> str:
+def format_percent_of_drop(value: float) -> str:
     """Error over the height of the drop as people read it."""
     return "diverges" if math.isinf(value) else f"{100.0 * value:.2g} %"
 

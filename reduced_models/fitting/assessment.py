@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import as_factor, quote
+from granular.shared.messages import format_factor, quote
 from reduced_models.fitting.covariance import (
     REPLICATES,
     Information,
@@ -386,7 +386,7 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: 
     if usual > NOISE_TIMES * quality.noise and usual > NOTABLE * swing:
         ratio = usual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
-            f"the residual is {100 * usual / swing:.2g} % of the swing and {as_factor(ratio)} "
+            f"the residual is {100 * usual / swing:.2g} % of the swing and {format_factor(ratio)} "
             f"times the record's noise, so {_misfit_text(quality, record)}"
         )
     elif (quality.structured or quality.drift > DRIFT) and quality.relative > SMALL:

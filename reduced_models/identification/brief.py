@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Sequence
 
 from granular.shared.tables import align_columns
-from reduced_models.falls.scores import DropScores, percent_of_drop
-from reduced_models.identification.comparison_table import Comparison, as_percent, root_mean_square
+from reduced_models.falls.scores import DropScores, format_percent_of_drop
+from reduced_models.identification.comparison_table import Comparison, format_percent, root_mean_square
 from reduced_models.identification.engineering import DAMPING_RATIO, PARTS, small_swing_sentence
 from reduced_models.identification.result import Identification
 from reduced_models.models.model import ReducedModel
@@ -121,10 +121,10 @@ def _law_lines(table: Comparison) -> list[str]:
     lifted = bool(sound[0].records)
     rows = [("  law", "parameters", "later motion", *(["higher lift"] if lifted else []))]
     for row in sound:
-        later = as_percent(root_mean_square(row.stretches)) if row.stretches else "-"
-        lifts = [as_percent(record.relative) for record in row.records]
+        later = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
+        lifts = [format_percent(record.relative) for record in row.records]
         rows.append((f"  {row.name}", str(row.parameters), later, *lifts))
-    rest = f"a piston at rest: {as_percent(table.at_rest)}"
+    rest = f"a piston at rest: {format_percent(table.at_rest)}"
     return [
         _fit_line(f"errors on what no law has seen, in % of the rms swing ({rest}):"),
         *(_fit_line_of_table(line) for line in align_columns(rows).splitlines()),
@@ -137,7 +137,9 @@ def _fit_line_of_table(line: str) -> str:
 
 def _falls_text(falls: DropScores) -> str:
     """Errors of the laws that predict unseen falls best."""
-    errors = [f"{row.name} {percent_of_drop(row.median)}" for row in falls.rows if row.model is not None]
+    errors = [
+        f"{row.name} {format_percent_of_drop(row.median)}" for row in falls.rows if row.model is not None
+    ]
     return f"other falls, errors in % of the drop (median): {', '.join(errors[:2])}"
 
 

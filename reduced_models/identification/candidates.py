@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import as_factor, quote
+from granular.shared.messages import format_factor, quote
 from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import Term, physical_library
 from reduced_models.discovery.weak_form import (
@@ -60,7 +60,7 @@ class Candidates(NamedTuple):
         """Those that cannot win, in words."""
         least = max(self.screening.least, 1.0)
         return tuple(
-            f"{name} was not fitted: at a glance it leaves {as_factor(misfit / least)} times what "
+            f"{name} was not fitted: at a glance it leaves {format_factor(misfit / least)} times what "
             f"the best law leaves (limit {HOPELESS:g}); --law {name} fits it all the same"
             for name, misfit in self.screening.misfits.items()
             if name not in {law.name for law in self.laws}

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
-from granular.shared.messages import as_factor
+from granular.shared.messages import format_factor
 from reduced_models.fitting.fit import fit, resolve_law
 from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import as_records, require_positions
@@ -24,7 +24,7 @@ from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     Comparison,
     Row,
-    as_percent,
+    format_percent,
     root_mean_square,
     tie_limit,
 )
@@ -239,15 +239,15 @@ def _holdout_is_at_rest(row: Row) -> float:
 def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     best = alike[0]
     words = (
-        f"{best.name} is first: its test error is {as_percent(best.error)} of the rms swing "
-        f"(baseline, a piston at rest: {as_percent(at_rest)})"
+        f"{best.name} is first: its test error is {format_percent(best.error)} of the rms swing "
+        f"(baseline, a piston at rest: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so only what the fits leave over judges the laws"
     for row in alike[1:]:
         gain = row.deviance - best.deviance
         if abs(gain) < CLEAR:
-            words += f"; the data cannot tell {row.name} from it ({as_percent(row.error)})"
+            words += f"; the data cannot tell {row.name} from it ({format_percent(row.error)})"
             if row.parameters > best.parameters:
                 words += f", which has {row.parameters - best.parameters} more parameters"
         elif gain > 0.0:
@@ -259,5 +259,5 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
         if math.isinf(row.error):
             words += f"; {row.name} diverges"
         else:
-            words += f"; {row.name} is {as_factor(row.error / max(best.error, 1e-300), 3)} times worse"
+            words += f"; {row.name} is {format_factor(row.error / max(best.error, 1e-300), 3)} times worse"
     return words + "."

@@ -167,13 +167,13 @@ class Comparison:
                 continue
             parts = []
             if row.records:
-                parts = [as_percent(root_mean_square(row.stretches)) if row.stretches else "-"]
-                parts += [as_percent(record.relative) for record in row.records]
+                parts = [format_percent(root_mean_square(row.stretches)) if row.stretches else "-"]
+                parts += [format_percent(record.relative) for record in row.records]
             lines.append(
                 (
                     row.name,
                     str(row.parameters),
-                    as_percent(row.error),
+                    format_percent(row.error),
                     *parts,
                     f"{row.aic - aic:+.1f}",
                     f"{row.bic - bic:+.1f}",
@@ -313,6 +313,6 @@ def root_mean_square(errors: Sequence[float]) -> float:
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
-def as_percent(fraction: float) -> str:
+def format_percent(fraction: float) -> str:
     """Error as people read it."""
     return "diverges" if math.isinf(fraction) else f"{format_number(100.0 * fraction, 3)} %"

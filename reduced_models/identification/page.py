@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular.shared.html import Page, format_number
-from granular.shared.messages import as_factor
-from granular.shared.plotting import GREY, READABLE, figure, line_look, plain_label
+from granular.shared.messages import format_factor
+from granular.shared.plotting import GREY, READABLE, figure, line_style, plain_label
 from granular.shared.version import versions
 from reduced_models.falls.scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
@@ -172,8 +172,8 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
             name,
             test.verdict,
             f"{format_number(scale * test.rms, 3)} {unit}",
-            as_factor(test.swing),
-            as_factor(test.double),
+            format_factor(test.swing),
+            format_factor(test.double),
             _probability(test.whiteness),
             _probability(test.signs),
         )
@@ -298,7 +298,7 @@ def add_falls(page: Page, falls: DropScores) -> None:
                 *downsample(time, 1e3 * motion.height),
                 linewidth=1.2,
                 label=plain_label(row.name),
-                **line_look(k),
+                **line_style(k),
             )
         axes.set_xlabel("time [s]")
         axes.set_ylabel("height [mm]")

@@ -11,7 +11,7 @@ import numpy as np
 from granular.observables.plots import draw_bed
 from granular.run.record import PistonRecord
 from granular.shared.html import Page, format_number
-from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_look, plain_label
+from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_style, plain_label
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -126,7 +126,7 @@ def add_fits(page: Page, record: PistonRecord, models: Sequence[ReducedModel], b
         page,
         "The fits of all laws, and what they leave over.",
         record,
-        [(model.law.name, model.follow(record).height, line_look(k)) for k, model in enumerate(models)],
+        [(model.law.name, model.follow(record).height, line_style(k)) for k, model in enumerate(models)],
         difference=_left_over(record),
         test_from=best.quality.test_from,
         height=6.0 + 0.15 * len(models),
@@ -179,7 +179,7 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
         page,
         "The other lift, and what the best laws predict of it.",
         lift,
-        [(name, score.motion.height, line_look(k)) for k, (score, name) in enumerate(ranked[:_MOST_LINES])],
+        [(name, score.motion.height, line_style(k)) for k, (score, name) in enumerate(ranked[:_MOST_LINES])],
         label="simulated",
         difference=_axis(lift)._replace(name="missed"),
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from granular.run.record import PistonRecord
 from granular.shared.files import make_directory, write_text
 from granular.shared.html import Page
-from granular.shared.messages import as_factor
+from granular.shared.messages import format_factor
 from reduced_models.falls.scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
@@ -289,7 +289,7 @@ def lift_verdict(table: Comparison) -> str:
     )
     if others:
         worse = [
-            f"{other} is {as_factor(score.relative / max(best.relative, 1e-300))} times worse"
+            f"{other} is {format_factor(score.relative / max(best.relative, 1e-300))} times worse"
             if math.isfinite(score.relative)
             else f"{other} diverges"
             for score, other in others

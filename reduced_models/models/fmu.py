@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from granular.shared.errors import InputError
-from granular.shared.files import replace_when_written
+from granular.shared.files import write_atomically
 from granular.shared.version import __version__
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.ports import ForcePort, c_locals, port_c_sources, port_jacobian, port_parts
@@ -84,7 +84,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
     folder, ending, library = _compile_library(source, version)
     describe = _description_2 if version == 2 else _description_3
     with (
-        replace_when_written(Path(path), overwrite=True) as part,
+        write_atomically(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
     ):
         file.writestr("modelDescription.xml", describe(contents, guid))

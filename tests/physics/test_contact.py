@@ -17,7 +17,7 @@ from granular.pairs.direct import padded_coordinates, padded_values
 find_close_pairs = entry(cells.find_close_pairs)
 
 
-def head_on(speed: float, restitution: float, **changes: object) -> Scene:
+def head_on_collision(speed: float, restitution: float, **changes: object) -> Scene:
     return load_scene("bed").replace(
         **{
             "grains.count": 2,
@@ -37,7 +37,7 @@ def head_on(speed: float, restitution: float, **changes: object) -> Scene:
 @pytest.mark.parametrize("restitution", [0.2, 0.6, 1.0])
 @pytest.mark.parametrize("speed", [0.01, 0.5])
 def test_restitution_at_every_speed(restitution: float, speed: float) -> None:
-    run = simulate(head_on(speed, restitution), "auto/16", 0.003 / speed, progress=False)
+    run = simulate(head_on_collision(speed, restitution), "auto/16", 0.003 / speed, progress=False)
     after = run.dataset["velocity"].values[-1, :, 0]
     assert after[1] == pytest.approx(restitution * speed, rel=1e-3)
     assert after[0] == pytest.approx(-after[1], rel=1e-9)

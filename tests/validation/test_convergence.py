@@ -11,7 +11,7 @@ from granular.methods import METHODS
 from granular.schema.scales import Scales
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.exact import NAMES, Problem, Snapshot, bounce, exact_problem
-from validation.order import Solver, convergence, fitted_slope, method_suits_problem, shown_method
+from validation.order import Solver, convergence, fitted_slope, method_suits_problem, method_to_plot
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
@@ -139,7 +139,7 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
     problem = bounce.bounce_problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
     if not method_suits_problem(problem, method):
         pytest.skip("does not suit the problem")
-    result = convergence(problem, shown_method(method))
+    result = convergence(problem, method_to_plot(method))
     if not problem.smooth:  # the stop limits the order to two
         assert result.fit is not None
         assert result.fit.value == pytest.approx(min(2, METHODS[method].order), abs=0.1)

@@ -6,7 +6,7 @@ import pytest
 
 from granular import simulate
 from granular.shared.errors import EnergyError
-from validation.hard_cases import COSTLY, catalogue, near_limit
+from validation.hard_cases import COSTLY, catalogue, near_stability_limit
 from validation.hard_cases.case import HardCase
 from validation.hard_cases.motions import verlet_swing
 from validation.stability import CRASHED, SILENT, outcome
@@ -30,7 +30,7 @@ def test_case_ends_as_it_may(case: HardCase) -> None:
 
 def test_only_a_share_of_the_limit_tells_the_swing() -> None:
     """Negative control: the same run is nowhere near the swing of a slightly shorter step."""
-    scene, step = near_limit(0.95)
+    scene, step = near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
     assert verlet_swing(0.95, step)(run) < 1e-4
     assert verlet_swing(0.949, step)(run) > 0.1
@@ -38,7 +38,7 @@ def test_only_a_share_of_the_limit_tells_the_swing() -> None:
 
 def test_a_wide_swing_near_the_stability_limit_is_stopped() -> None:
     """At 0.95 of the limit Verlet keeps the swing, but not the energy: that is not passed off."""
-    scene, step = near_limit(0.95, 1e-3)
+    scene, step = near_stability_limit(0.95, 1e-3)
     with pytest.raises(EnergyError):
         simulate(scene(), step, 20.0, progress=False)
 

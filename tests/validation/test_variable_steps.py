@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from granular import Trajectory, simulate
-from validation.energy import EnergyRun, energy_study, variable_bounces
+from validation.energy import EnergyRun, bounces_with_variable_steps, energy_study
 from validation.exact import bounce
-from validation.hard_cases import energy_change, head_on
+from validation.hard_cases import energy_change, head_on_collision
 
 LIMIT = 1e-6
 
 
 def collide(dt: float | str, method: str) -> Trajectory:
-    problem = head_on(0.02)
+    problem = head_on_collision(0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they come nearer than a diameter, and are meant to
         return simulate(problem.scene, dt, problem.time, method, progress=False)
@@ -28,7 +28,7 @@ def test_head_on_pair_needs_a_fifth_of_the_force_calls() -> None:
     The fewest equal steps that keep the energy to 1e-6 are looked for in jumps of 3 %, from a
     number on that leaves an error of a part in a thousand or more.
     """
-    time, count = head_on(0.02).time, 1400
+    time, count = head_on_collision(0.02).time, 1400
     assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT
     while energy_change(collide(time / count, "stormer-verlet")) > LIMIT:
         count = round(1.03 * count)
@@ -44,7 +44,7 @@ def test_head_on_pair_gets_better_with_the_step() -> None:
 
 def test_ten_thousand_bounces_have_no_trend() -> None:
     """Some 160 steps a bounce; the step changes by a factor of fifteen within each."""
-    found = energy_study(variable_bounces())
+    found = energy_study(bounces_with_variable_steps())
     assert found.stopped is None
     assert found.steps > 1e6
     assert found.trend.verdict() == "none"

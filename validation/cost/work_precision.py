@@ -69,7 +69,7 @@ def work_precision(
         Settings to try.
     reference : SolverSettings or float or ndarray, optional
         A setting to take the true value from, or the value; without, the quantity's exact value,
-        or what `finest_setting` gives.
+        or what `reference_setting` gives.
     until : float, optional
         Stop each run at this time [s]; the position error of a chaotic bed means something over a
         short horizon only.
@@ -183,7 +183,7 @@ def reference_values(
     for quantity, reference in zip(quantities, given, strict=True):
         wanted = reference
         if wanted is None:
-            wanted = finest_setting(scenes[0]) if quantity.exact is None else quantity.exact
+            wanted = reference_setting(scenes[0]) if quantity.exact is None else quantity.exact
         if isinstance(wanted, SolverSettings):
             words = f"{wanted.family}, dt = {wanted.dt}"
             if words not in runs:
@@ -196,7 +196,7 @@ def reference_values(
     return truth
 
 
-def finest_setting(scene: Scene) -> SolverSettings:
+def reference_setting(scene: Scene) -> SolverSettings:
     """Return setting far more accurate than any that is worth while: order six where it can run."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if is_allowed(scene, best.dt, best.method):

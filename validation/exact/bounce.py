@@ -24,8 +24,8 @@ from validation.exact.problem import (
     Number,
     Problem,
     Snapshot,
-    lone_scene,
     natural_units,
+    single_grain_scene,
     start_state,
 )
 from validation.exact.quadrature import Potential, period, position_from_top, speed
@@ -79,7 +79,7 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     """Lone grain at a height [D] over the bottom wall, held for a time [s]."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
-    return lone_scene(name, time, effects, arrangement=arrangement)
+    return single_grain_scene(name, time, effects, arrangement=arrangement)
 
 
 def well(scene: Scene) -> PotentialWell:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import DIGITS, Problem, Snapshot, lone_scene, natural_units, start_state
+from validation.exact.problem import DIGITS, Problem, Snapshot, natural_units, single_grain_scene, start_state
 
 # Free fall --------------------------------------------------------------------------------------
 
@@ -20,7 +20,7 @@ def free_fall(time: float = 0.25) -> Problem:
     misses by g t h/2, the controls' slope.
     """
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
-    scene = lone_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
+    scene = single_grain_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
     return Problem("free-fall", "free fall", scene, time, partial(_falling_grain, scene), fewest=16)
 
 
@@ -52,7 +52,7 @@ def drag(time: float = 0.1) -> Problem:
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
-    scene = lone_scene("drag", time, effects, arrangement=arrangement)
+    scene = single_grain_scene("drag", time, effects, arrangement=arrangement)
     return Problem(
         "drag",
         "viscous drag alone",
@@ -100,7 +100,7 @@ def sliding(time: float = SLIDING_TIME) -> Problem:
     order gains here.
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
-    scene = lone_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
+    scene = single_grain_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
     return Problem(
         "sliding",
         "a grain stopped by dry friction",

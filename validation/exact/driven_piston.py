@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import DIGITS, Problem, Snapshot, lone_scene, natural_units, start_state
+from validation.exact.problem import DIGITS, Problem, Snapshot, natural_units, single_grain_scene, start_state
 from validation.exact.quadrature import position_after_turning, time_from_turning
 
 TIME = 0.05
@@ -26,7 +26,7 @@ GAP = 4.0
 def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> Problem:
     """Grain struck by the piston."""
     top = 40.0
-    scene = lone_scene(
+    scene = single_grain_scene(
         "driven-piston",
         time,
         {"walls": {"left": "none", "right": "none", "bottom": "none"}},

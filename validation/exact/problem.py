@@ -100,7 +100,7 @@ class Problem:
     conservative: bool = True
     smooth: bool = True
 
-    def nudge_start(self, bits: int) -> Problem:
+    def perturb_start(self, bits: int) -> Problem:
         """Return the same problem with its start moved by a few units in the last place.
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from
@@ -120,7 +120,7 @@ RECORDS = 16
 """Records of a run: enough to see how much energy is turned over, which the ledger is judged by."""
 
 
-def lone_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
+def single_grain_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
     """Scene of grains of 5 mm in a cell 60 D wide, held for a time [s].
 
     Parameters

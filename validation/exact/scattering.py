@@ -17,7 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import DIGITS, Number, Problem, Snapshot, lone_scene, natural_units, start_state
+from validation.exact.problem import (
+    DIGITS,
+    Number,
+    Problem,
+    Snapshot,
+    natural_units,
+    single_grain_scene,
+    start_state,
+)
 from validation.exact.quadrature import (
     Potential,
     integrate_from_zero,
@@ -64,7 +72,7 @@ def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float =
         ],
         "velocities": [[speed, 0.0], [-speed, 0.0]],
     }
-    scene = lone_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
+    scene = single_grain_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
     return Problem("scattering", "two grains that scatter", scene, time, partial(snapshot, scene), fewest=32)
 
 

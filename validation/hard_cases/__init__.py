@@ -14,16 +14,23 @@ from validation.hard_cases.friction import friction_cases
 from validation.hard_cases.motions import (
     collision_cases,
     damping_cases,
-    head_on,
+    head_on_collision,
     mass_cases,
-    near_limit,
+    near_stability_limit,
     start_cases,
     step_cases,
     verlet_swing,
 )
 from validation.hard_cases.numbers import count_cases, extreme_cases, non_finite_cases, uncomputable_cases
 
-__all__ = ["COSTLY", "catalogue", "energy_change", "head_on", "near_limit", "verlet_swing"]
+__all__ = [
+    "COSTLY",
+    "catalogue",
+    "energy_change",
+    "head_on_collision",
+    "near_stability_limit",
+    "verlet_swing",
+]
 
 COSTLY = (
     "slabs",

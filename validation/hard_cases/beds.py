@@ -11,7 +11,7 @@ from granular.run.evaluation import evaluate
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.case import HardCase, Measure, few_grains
+from validation.hard_cases.case import HardCase, Measure, cut_to_few_grains
 
 # Pistons ----------------------------------------------------------------------------------------
 
@@ -25,7 +25,7 @@ def _damper_fall(**changes: Any) -> Scene:
 
 def _compressed_frequency() -> Scene:
     """Bed whose piston descends until the grains' area is more than the cell's."""
-    return few_grains(
+    return cut_to_few_grains(
         "bed",
         **{
             "protocol": [
@@ -46,7 +46,7 @@ def _piston_inside_bed() -> Scene:
 def _slab_walls(**bottom: Any) -> Scene:
     """Finite magnetic slabs as bottom and piston."""
     walls = {"left": {}, "right": {}, "bottom": {"law": "slab", **bottom}, "top": {"law": "slab"}}
-    return few_grains("bed", **{"effects.walls": walls})
+    return cut_to_few_grains("bed", **{"effects.walls": walls})
 
 
 def piston_cases() -> tuple[HardCase, ...]:
@@ -117,7 +117,7 @@ def _many_sizes(**fractions: tuple[str, float]) -> Scene:
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
     ]
-    return few_grains("bed", **{"grains.species": species, "effects.drag": None})
+    return cut_to_few_grains("bed", **{"grains.species": species, "effects.drag": None})
 
 
 def size_cases() -> tuple[HardCase, ...]:
@@ -161,7 +161,7 @@ FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
 def _fast_grain() -> Scene:
     """Grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
     rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
-    return few_grains(
+    return cut_to_few_grains(
         "bed",
         **{
             "grains.count": len(rows) + 1,
@@ -246,14 +246,14 @@ def sum_cases() -> tuple[HardCase, ...]:
         HardCase(
             "far field at longer steps",
             "a damper's far field in impulses every eighth step, as by default",
-            lambda: few_grains("damper", **FAR),
+            lambda: cut_to_few_grains("damper", **FAR),
             0.05,
             1.0,
         ),
         HardCase(
             "resonance of the far field's impulses",
             "impulses every 128 steps come more often than not in step with a fast mode",
-            lambda: few_grains(
+            lambda: cut_to_few_grains(
                 "bed",
                 **FAR,
                 **{

@@ -99,7 +99,7 @@ def energy_change(run: Trajectory) -> float:
     return float(abs(total[-1] / total[0] - 1.0))
 
 
-def distance_to(problem: Problem) -> Callable[[Trajectory], float]:
+def distance_from_exact(problem: Problem) -> Callable[[Trajectory], float]:
     """Distance from the exact place at the run's end [D]."""
 
     def measure(run: Trajectory) -> float:
@@ -117,7 +117,7 @@ def greatest_displacement(run: Trajectory) -> float:
     return float(np.abs(positions - positions[0]).max()) / Scales.of(run.scene.grains).length
 
 
-def terminal_fall(run: Trajectory) -> float:
+def terminal_fall_error(run: Trajectory) -> float:
     """Relative error of an overdamped grain's fall, y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c."""
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
@@ -144,7 +144,7 @@ def momentum_change(run: Trajectory) -> float:
     return max(float(lost), energy_change(run))
 
 
-def few_grains(name: str, **changes: Any) -> Scene:
+def cut_to_few_grains(name: str, **changes: Any) -> Scene:
     """Return the packaged scene cut down to 23 grains."""
     size = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     if name == "damper":

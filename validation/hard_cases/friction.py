@@ -7,13 +7,13 @@ from typing import Any
 from granular.scene.beds import mono_bed
 from granular.scene.scene import Scene
 from validation.exact import closed_forms
-from validation.exact.problem import lone_scene
+from validation.exact.problem import single_grain_scene
 from validation.hard_cases.case import (
     BROKEN,
     HardCase,
     Measure,
-    distance_to,
-    few_grains,
+    cut_to_few_grains,
+    distance_from_exact,
     greatest_displacement,
 )
 
@@ -21,7 +21,9 @@ from validation.hard_cases.case import (
 def _loaded_grain(load: float) -> Scene:
     """Grain under its weight, pressed on the plates [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
-    return lone_scene("loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement)
+    return single_grain_scene(
+        "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
+    )
 
 
 def _slow_compression(**changes: Any) -> Scene:
@@ -36,7 +38,7 @@ def _strong_friction() -> Scene:
 
 def _pair_list_scheme() -> Scene:
     """De Paula's scheme: regularised friction, and its list of pairs."""
-    return few_grains(
+    return cut_to_few_grains(
         "bed",
         **{
             "effects.drag": None,
@@ -49,7 +51,7 @@ def _pair_list_scheme() -> Scene:
 def friction_cases() -> tuple[HardCase, ...]:
     """Thresholds that a step may jump over."""
     problem = closed_forms.sliding()
-    distance = Measure("distance from the exact place [D]", distance_to(problem))
+    distance = Measure("distance from the exact place [D]", distance_from_exact(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
@@ -86,7 +88,7 @@ def friction_cases() -> tuple[HardCase, ...]:
         HardCase(
             "bed with dry friction",
             "many grains stick and slip",
-            lambda: few_grains("bed", **rubbing),
+            lambda: cut_to_few_grains("bed", **rubbing),
             0.2,
             2.0,
             limit=1e-2,
@@ -94,7 +96,7 @@ def friction_cases() -> tuple[HardCase, ...]:
         HardCase(
             "bed with dry friction, step 100 times too large",
             "far beyond the stability limit",
-            lambda: few_grains("bed", **rubbing, **{"output.scalars": 2e-3}),
+            lambda: cut_to_few_grains("bed", **rubbing, **{"output.scalars": 2e-3}),
             0.2,
             2.0,
             limit=1e-2,

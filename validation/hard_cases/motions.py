@@ -14,17 +14,17 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from validation.exact import Problem
-from validation.exact.problem import BOTTOM_ONLY, lone_scene
+from validation.exact.problem import BOTTOM_ONLY, single_grain_scene
 from validation.hard_cases.case import (
     BROKEN,
     HardCase,
     Measure,
-    distance_to,
+    cut_to_few_grains,
+    distance_from_exact,
     energy_change,
-    few_grains,
     greatest_displacement,
     momentum_change,
-    terminal_fall,
+    terminal_fall_error,
 )
 
 ENERGY = Measure("relative change of the energy", energy_change)
@@ -33,7 +33,7 @@ ENERGY_AFTERWARDS = Measure("relative change of the energy afterwards", energy_c
 # Collisions -------------------------------------------------------------------------------------
 
 
-def head_on(closest: float) -> Problem:
+def head_on_collision(closest: float) -> Problem:
     """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart.
 
     Parameters
@@ -63,16 +63,16 @@ def _fast_shot(speed: float) -> Scene:
     }
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     time = 40.0 / speed * scales.time
-    return lone_scene("shot", time, effects, arrangement=arrangement, cell={"width": "60 D"})
+    return single_grain_scene("shot", time, effects, arrangement=arrangement, cell={"width": "60 D"})
 
 
 def collision_cases() -> tuple[HardCase, ...]:
     """Return the forces that rise steeply within a step."""
     cases = []
     for closest in (0.5, 0.1, 0.02):
-        problem = head_on(closest)
+        problem = head_on_collision(closest)
         name, time = f"head-on to {closest:g} D", problem.time
-        measure = Measure("distance from the exact place afterwards [D]", distance_to(problem))
+        measure = Measure("distance from the exact place afterwards [D]", distance_from_exact(problem))
         cases += [
             HardCase(
                 name,
@@ -130,7 +130,7 @@ def _unequal_masses(ratio: float) -> Scene:
         "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
         "velocities": [[0.0, 0.0], [-speed, 0.0]],
     }
-    scene = lone_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
+    scene = single_grain_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
     return scene.replace(**{"grains": grains})
 
 
@@ -156,7 +156,7 @@ def mass_cases() -> tuple[HardCase, ...]:
 
 def _pair(gap: str, **effects: Any) -> Scene:
     """Two grains of 5 mm at rest, at a distance."""
-    return lone_scene(
+    return single_grain_scene(
         "pair",
         0.01,
         {"dipole": {}, **effects},
@@ -193,18 +193,18 @@ def _overdamped_grain(ratio: float) -> Scene:
     """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
     mass = Scales.of(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
-    scene = lone_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
+    scene = single_grain_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
     return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
 
 
 def _hardly_swinging(drag: float) -> Scene:
     """Small damper, released above its place of rest."""
-    return few_grains("damper", **{"effects.drag.coefficient": drag})
+    return cut_to_few_grains("damper", **{"effects.drag.coefficient": drag})
 
 
 def damping_cases() -> tuple[HardCase, ...]:
     """Drags from weak to overwhelming, and beds that hardly swing."""
-    fall = Measure("relative error of the fall", terminal_fall)
+    fall = Measure("relative error of the fall", terminal_fall_error)
     near_one = tuple(
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
@@ -235,7 +235,7 @@ LINEAR = 1e-6
 linear to rounding, and its energy below what the ledger judges."""
 
 
-def near_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
+def near_stability_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
     """Grain where the wall carries it, and that fraction of the longest stable step, 2/omega.
 
     Parameters
@@ -282,8 +282,8 @@ def _recorded_rarely() -> Scene:
 
 def step_cases() -> tuple[HardCase, ...]:
     """Long steps, and many."""
-    below, short = near_limit(0.95)
-    beyond, long = near_limit(1.05)
+    below, short = near_stability_limit(0.95)
+    beyond, long = near_stability_limit(1.05)
     swing = Measure("distance from Verlet's exact swing over its width", verlet_swing(0.95, short))
     return (
         HardCase(

@@ -8,11 +8,11 @@ from typing import Any
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.case import HardCase, few_grains
+from validation.hard_cases.case import HardCase, cut_to_few_grains
 
 
 def _count(number: int) -> Scene:
-    return few_grains("bed", **{"grains.count": number})
+    return cut_to_few_grains("bed", **{"grains.count": number})
 
 
 def _bed_with_value(key: str, value: float) -> Scene:

@@ -17,7 +17,7 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from granular.shared.errors import InputError, StoreError
-from granular.shared.files import replace_when_written, write_json, write_text
+from granular.shared.files import write_atomically, write_json, write_text
 from granular.shared.html import Page
 
 RECORD = PistonRecord(np.linspace(0.0, 1.0, 5), np.linspace(0.01, 0.02, 5))
@@ -54,7 +54,7 @@ def test_what_stops_half_way_changes_nothing(tmp_path: Path) -> None:
     write_text(path, "before")
 
     def interrupted() -> None:
-        with replace_when_written(path, overwrite=True) as part:
+        with write_atomically(path, overwrite=True) as part:
             part.write_text("half", encoding="utf-8")
             raise KeyboardInterrupt
 

@@ -14,8 +14,8 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch, print_result
 from granular.shared.errors import GranularError, InputError, RunError
 from granular.shared.html import Page
-from granular.shared.messages import LONGEST, MOST, as_factor, one_line, printable, quote, sanitize
-from granular.shared.plotting import line_look, plain_label
+from granular.shared.messages import LONGEST, MOST, format_factor, one_line, printable, quote, sanitize
+from granular.shared.plotting import line_style, plain_label
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
 LARGE = (
@@ -49,10 +49,14 @@ def test_a_factor_is_one_that_people_use() -> None:
     """No power of ten, no row of zeros."""
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
-        assert as_factor(value) == words
-    assert (as_factor(16.72, 3), as_factor(123.4, 3), as_factor(12345.0, 3)) == ("16.7", "123", "12,300")
+        assert format_factor(value) == words
+    assert (format_factor(16.72, 3), format_factor(123.4, 3), format_factor(12345.0, 3)) == (
+        "16.7",
+        "123",
+        "12,300",
+    )
     for value in (4.2e12, 1e6, 1e306, float("inf"), float("nan")):
-        assert as_factor(value) == as_factor(value, 3) == "more than a million"
+        assert format_factor(value) == format_factor(value, 3) == "more than a million"
 
 
 def test_short_values_are_quoted_as_python_writes_them() -> None:
@@ -173,7 +177,7 @@ def test_pages_hold_no_control_signs() -> None:
 
 
 def test_lines_and_labels_of_figures() -> None:
-    looks = [line_look(place) for place in range(32)]
+    looks = [line_style(place) for place in range(32)]
     assert len({tuple(one.values()) for one in looks}) == 32
     assert plain_label("$\\frac{$") == "\\$\\frac{\\$"
     assert len(plain_label("x" * 1000)) == 60
