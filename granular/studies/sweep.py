@@ -121,7 +121,13 @@ class Study:
         return tuple(case for case, outcome in pairs if "cause" in outcome)
 
     def to_csv(self) -> str:
-        """Return the table as text, with the units in its header: ``piston.mass [kg]``."""
+        """Return the table as text, with the units in its header.
+
+        Returns
+        -------
+        str
+            Comma-separated values; a name with a unit is ``piston.mass [kg]``.
+        """
         table = self.table
         units = table.attrs["units"]
         names = {name: f"{name} [{unit}]" for name, unit in units.items()}

@@ -27,9 +27,24 @@ GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
 """Between a face of a grain and its plate [m]."""
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
-VISCOSITIES = {-25.0: 3.73, 25.0: 1.18}
-"""Viscosity of a silicone oil [Pa s] by the temperature [deg C] (Monteiro et al., Journal of
-Plastination, Polisil P10)."""
+VISCOSITY_SLOPE = 763.1
+"""Of the decimal logarithm of a silicone oil's viscosity by 1/T [K], from 100 mm^2/s on (Shin-Etsu, Silicone
+Fluid KF-96, Performance Test Results)."""
+REMANENCE_SLOPE = -1.2e-3
+"""Relative change of the remanence of sintered NdFeB by temperature [1/K] (shanghaimagnet.com)."""
+GRADES = {
+    "N35": (1.17, 1.21),
+    "N38": (1.22, 1.26),
+    "N40": (1.26, 1.29),
+    "N42": (1.30, 1.32),
+    "N45": (1.33, 1.37),
+    "N48": (1.38, 1.42),
+    "N50": (1.41, 1.45),
+    "N52": (1.45, 1.48),
+}
+"""Remanence of sintered NdFeB [T] (kjmagnetics.com/specs.asp)."""
+SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
+"""Diameter and thickness of discs that many sellers stock [mm]."""
 CHANGE = 0.01
 """Relative change of a part whose effect is told."""
 _BLANK = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
@@ -85,28 +100,39 @@ def workshop_sheet(
         page.table(
             ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"), _gap_rows(scene, drag)
         )
-        page.text(
-            "A silicone oil that has 3.73 Pa s at -25 °C and 1.18 Pa s at 25 °C (Polisil P10, "
-            "Monteiro et al., Journal of Plastination), by the exponential law through these two, "
-            "gives the drag over that at 25 °C:"
-        )
-        page.table(
-            ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
-            [
-                (
-                    "drag over that at 25 °C",
-                    *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES),
-                )
-            ],
-        )
     else:
         page.text("The damper has no drag, so no liquid.")
+    page.section("Temperature")
+    page.text(
+        "Over their values at 25 °C: the viscosity of silicone oil, and so the drag (Shin-Etsu, Silicone "
+        "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
+    )
+    page.table(
+        ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
+        [
+            ("drag", *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES)),
+            (
+                "remanence",
+                *(format_number(1.0 + REMANENCE_SLOPE * (value - 25.0), 3) for value in TEMPERATURES),
+            ),
+        ],
+    )
+    effects = sensitivities(scene)
+    page.section("Discs to buy")
+    page.text(_sizes_text(scene))
+    page.table(
+        ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"),
+        _grade_rows(scene, effects["remanence of the discs"]),
+    )
     page.section("What a percent costs")
     page.text(
         "By the law of the bed, without a simulation: changes of the undamped frequency and of the "
         "damping ratio of the small swing about rest, where one part is one percent greater."
     )
-    page.table(("one percent more", "frequency [%]", "damping ratio [%]"), _sensitivity_rows(scene))
+    page.table(
+        ("one percent more", "frequency [%]", "damping ratio [%]"),
+        [(words, f"{rates[0]:+.2f}", f"{rates[1]:+.2f}") for words, rates in effects.items()],
+    )
     page.section("Scatter")
     page.listing(scatter)
     page.section("What to measure first")
@@ -136,11 +162,9 @@ def viscosity_ratio(celsius: float) -> float:
     Returns
     -------
     float
-        exp(B (1/T - 1/298.15 K)), with the B of `VISCOSITIES`.
+        10^(a (1/T - 1/298.15 K)), with the a of `VISCOSITY_SLOPE`.
     """
-    (cold, thick), (warm, thin) = ((t + 273.15, value) for t, value in VISCOSITIES.items())
-    slope = math.log(thick / thin) / (1.0 / cold - 1.0 / warm)
-    return math.exp(slope * (1.0 / (celsius + 273.15) - 1.0 / warm))
+    return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
 
 def sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
@@ -182,11 +206,31 @@ def _swing(scene: Scene) -> tuple[float, float]:
     return 1.0 / (swing.period * math.sqrt(1.0 - ratio**2)), ratio
 
 
-def _sensitivity_rows(scene: Scene) -> list[tuple[str, str, str]]:
-    return [
-        (words, f"{frequency:+.2f}", f"{ratio:+.2f}")
-        for words, (frequency, ratio) in sensitivities(scene).items()
+def _sizes_text(scene: Scene) -> str:
+    """Sizes that are sold, and whether those of the scene are among them."""
+    grains = scene.grains
+    own = [
+        (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
+        for species, thickness in zip(grains.species, grains.of_species("thickness"), strict=True)
     ]
+    odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
+    fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
+    return (
+        "Usual sizes, diameter x thickness in mm, each within 0.1: "
+        f"{', '.join(f'{d} x {h}' for d, h in SIZES)}{fits}. Grades (kjmagnetics.com/specs.asp), and what "
+        "the middle of each does to this damper by the law:"
+    )
+
+
+def _grade_rows(scene: Scene, rates: tuple[float, float]) -> list[tuple[str, ...]]:
+    """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
+    own = float(scene.grains.of_species("remanence")[0])
+    rows = []
+    for grade, (low, high) in GRADES.items():
+        ratio = 0.5 * (low + high) / own
+        changes = (f"{100.0 * (ratio**rate - 1.0):+.1f}" for rate in rates)
+        rows.append((grade, f"{low:.2f} to {high:.2f}", *changes))
+    return rows
 
 
 def _drag_of(scene: Scene) -> float:

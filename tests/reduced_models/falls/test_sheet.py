@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
@@ -33,8 +34,28 @@ def test_a_weaker_bed_and_a_heavier_piston_change_the_rest_alike() -> None:
 
 
 def test_viscosity_falls_as_measured() -> None:
+    """Polisil P10 has 3.73 Pa s at -25 degrees and 1.18 Pa s at 25 (Monteiro et al., J. Plastination)."""
     assert viscosity_ratio(25.0) == 1.0
-    assert viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18)
+    assert viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
+
+
+def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:
+    scene = damper().replace(**{"grains.remanence": 1.3})
+    before, after = (predict(scene.replace(**{"grains.remanence": b})).at_rest for b in (1.3, 1.465))
+    assert before is not None
+    assert after is not None
+    frequency = 100.0 * (before.period / after.period - 1.0)
+    text = workshop_sheet(scene, 0.06, title="sheet", lead="", scatter=["so far"]).render()
+    row = re.search(r"<td>N52</td><td>1.45 to 1.48</td><td>([-+.\d]+)</td>", text)
+    assert row is not None
+    assert float(row[1]) == pytest.approx(frequency, abs=0.1)
+    assert "is none of them" not in text
+    assert (
+        "5.5 x 3 is none of them"
+        in workshop_sheet(
+            scene.replace(**{"grains.species.0.diameter": "5.5 mm"}), 0.06, title="", lead="", scatter=[]
+        ).render()
+    )
 
 
 def test_the_sheet_names_parts_and_command() -> None:

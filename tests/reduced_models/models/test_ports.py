@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular import load_scene
+from granular import PistonRecord, Scene, load_scene, simulate
 from granular.shared.errors import InputError
+from reduced_models import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.machines import export_bed
 from reduced_models.machines.port import bed_port, mass_matrix
@@ -83,16 +84,8 @@ def test_a_piston_on_the_element_in_c_moves_as_the_record(name: str, tmp_path: P
     assert len(MAIN.splitlines()) <= 30
     write_code(port, tmp_path / "bed.c")
     start = ", ".join(map(repr, port.model.initial))
-    (tmp_path / "main.c").write_text(MAIN.replace("START", start), "utf-8")
-    done = subprocess.run(
-        ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "main.c", "bed.c", "-o", "main", "-lm"],
-        check=False,
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
-    heights = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    program = compiled(tmp_path, MAIN.replace("START", start))
+    heights = subprocess.run([program], check=True, capture_output=True, text=True).stdout
     assert close(np.array(heights.split(), dtype=float), with_step(model_of(name)))
 
 
@@ -111,6 +104,86 @@ def test_the_force_in_python_is_that_of_the_law(name: str, tmp_path: Path) -> No
     assert force == pytest.approx(MASS * (acceleration + 9.8), rel=1e-4)
     heavier = {**bed.PARAMETERS, "mass": 2.0 * MASS, "load": 0.0}
     assert bed.force(0.06, -0.05, parameters=heavier) == pytest.approx(2 * (force - MASS * 9.8))
+
+
+DRIVEN = """\
+#include <stdio.h>
+#include "bed.h"
+int main(void)
+{   /* reads time, height and velocity; writes the force */
+    double states[BED_STATES + 1], inputs[BED_INPUTS], time, last = 0.0;
+    for (int k = 0; k < BED_STATES; k++) states[k] = bed_start[k];
+    while (scanf("%lf %lf %lf", &time, inputs, inputs + 1) == 3) {
+        bed_advance(bed_parameters, states, inputs, time - last);
+        last = time;
+        printf("%.17g\\n", bed_force(bed_parameters, states, inputs));
+    }
+    return 0;
+}
+"""
+
+
+def compiled(folder: Path, main: str) -> Path:
+    """The element in C with a main program, without a warning."""
+    (folder / "main.c").write_text(main, "utf-8")
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1"]
+    done = subprocess.run(
+        ["gcc", *flags, "main.c", "bed.c", "-o", "main", "-lm"],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "main"
+
+
+def driven_errors(scene: Scene, law: str, stroke: float, folder: Path) -> tuple[float, float]:
+    """Rms errors [N] of a port's force in C: on the record that the law was fitted to, and on the bed
+    driven by that record, its swing times ``stroke``.
+    """
+    record = simulate(scene, dt="auto*4", progress=False).piston()
+    model = fit(record, law)
+    assert scene.piston is not None
+    model.export(folder / "bed.c", port="force", mass=scene.piston.mass)
+    program = compiled(folder, DRIVEN)
+    rest = float(record.height[-1])
+    drive = {
+        "kind": "follow",
+        "name": "release",
+        "times": (record.time - record.time[0]).tolist(),
+        "heights": (rest + stroke * (record.height - rest)).tolist(),
+    }
+    protocol = [scene.protocol[0], drive]
+    driven = simulate(scene.replace(protocol=protocol), dt="auto*4", progress=False).piston()
+    return error_of_force(program, record), error_of_force(program, driven)
+
+
+def error_of_force(program: Path, record: PistonRecord) -> float:
+    """Rms difference of a program's force from a record's [N]."""
+    assert record.velocity is not None
+    rows = np.column_stack([record.time - record.time[0], record.height, record.velocity])
+    text = "\n".join(f"{t!r} {z!r} {v!r}" for t, z, v in rows.tolist())
+    done = subprocess.run([program], input=text, check=True, capture_output=True, text=True)
+    force = np.array(done.stdout.split(), dtype=float)
+    return float(np.sqrt(np.mean((force - record.columns["force"]) ** 2)))
+
+
+@needs_gcc
+def test_a_driven_bed_pushes_as_the_element_in_c_says(small_damper: Scene, tmp_path: Path) -> None:
+    scene = small_damper.replace(**{"protocol.release.duration": 0.5})
+    fitted, driven = driven_errors(scene, "linear", 0.8, tmp_path)
+    assert driven <= fitted < 0.1 * 9.8
+
+
+@needs_gcc
+@pytest.mark.long
+@pytest.mark.parametrize("law", ["polynomial-spring", "annealing-bed"])
+def test_the_packaged_bed_pushes_as_its_fitted_element_says(law: str, tmp_path: Path) -> None:
+    scene = load_scene("damper").replace(**{"protocol.lift.by": "1 D", "protocol.release.duration": "3 s"})
+    fitted, driven = driven_errors(scene, law, 0.9, tmp_path)
+    assert driven <= fitted
+    assert fitted < 0.03 * MASS * 9.8
 
 
 def test_derivatives_are_those_of_the_force() -> None:
