@@ -35,11 +35,12 @@ from reduced_models.fitting.uncertainty import (
     bootstrap_intervals,
     interval_analysis,
     physical_covariance,
+    small_motion,
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
@@ -48,6 +49,7 @@ from reduced_models.records.envelope import envelope
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.release import release_sample
 from reduced_models.records.sensor import Sensor
+from reduced_models.records.swings import SwingError, error_on_swings
 
 FEW = 0.25
 """Fraction of the starts that must lead to the best fit before it is taken without a note."""
@@ -264,7 +266,7 @@ def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
 
 def _quality(result: SearchResult, k: int) -> Quality:
     problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
-    record, samples = grid.record, problem.samples[k]
+    record, swings = grid.record, problem.data[k].test_swings
     swing = float(record.height.std())
     residuals = grid.residuals(result.theta[here])
     unit = grid.unknowns.residual_unit
@@ -274,43 +276,52 @@ def _quality(result: SearchResult, k: int) -> Quality:
     fitted = record.height + residuals * unit
     left = remove_random_walk(residuals * unit, grid.gain)
     structure = residual_structure(record.time, left, np.gradient(fitted, record.time), period)
-    is_tested = len(record) - samples >= 2
-    error, resting = None, None
-    if is_tested:
-        tested = max(problem.data[k].tested, samples + 2)
-        error, resting = _test_errors(grid, result.trained[here], samples, tested)
+    error = None
+    if swings:
+        unseen = grid.residuals(result.trained[here])
+        error = _error_of_trained(record, unseen, unit, swings, problem.training_masks[k])
     return Quality(
         residual=residual,
         relative=residual / swing,
-        test_error=error,
-        test_from=problem.data[k].stop if is_tested else None,
+        test_error=None if error is None else error.value,
+        test_swings=[(float(record.time[part.start]), float(record.time[part.stop - 1])) for part in swings],
         starts=problem.starts,
         converged=result.converged,
         samples=len(record),
         solver_error=result.solver_errors[k],
-        test_error_at_rest=resting,
+        test_error_at_rest=None if error is None else error.at_rest,
+        test_standard_error=None if error is None else error.standard_error,
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
         collocation=result.collocation,
+        shifts=_shifts_of_figures(grid.unknowns, result.theta[here], result.trained[here]) if swings else {},
         **structure,
     )
 
 
-def _test_errors(grid: GriddedRecord, trained: np.ndarray, training: int, tested: int) -> tuple[float, float]:
-    """Errors over the held-out motion, of the roll-out and of a piston that stays at rest.
+def _shifts_of_figures(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray) -> dict[str, float]:
+    """Relative changes of the figures of rest between two search vectors; empty where there are none."""
+    figures, others = (small_motion(unknowns, vector) for vector in (theta, trained))
+    if isinstance(figures, NoSwing) or isinstance(others, NoSwing):
+        return {}
+    pairs = zip(("period", "damping_ratio"), figures[1:], others[1:], strict=True)
+    moves = {name: abs(other / figure - 1.0) for name, figure, other in pairs if figure != 0.0}
+    return {name: float(by) for name, by in moves.items() if math.isfinite(by)}
 
-    Neither has seen that stretch, from ``training`` to ``tested`` samples; both count in the rms
-    swing of the record.
-    """
-    record = grid.record
+
+def _error_of_trained(
+    record: PistonRecord, residuals: np.ndarray, unit: float, swings: Sequence[slice], mask: np.ndarray
+) -> SwingError:
+    """Error on the test swings of a model that has seen the other samples, which are a mask's."""
+    others = record.height[mask]
+    # The level of rest at the end of what that model has seen.
+    displacement = record.height - others[-len(others) // 3 :].mean()
     swing = float(record.height.std())
-    # The level of rest at the end of this record's training stretch.
-    rest = float(record.height[training + (-training // 3) : training].mean())
-    residuals = grid.residuals(trained)[training:tested]
-    resting = _rms(record.height[training:tested] - rest) / swing
-    if (np.abs(residuals) >= BLOWN_UP).any():
-        return math.inf, resting
-    return _rms(residuals) * grid.unknowns.residual_unit / swing, resting
+    missed = residuals * unit
+    error = error_on_swings(missed, displacement, swings, swing)
+    if any((np.abs(residuals[part]) >= BLOWN_UP).any() for part in swings):
+        return error._replace(value=math.inf, standard_error=None)
+    return error
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
@@ -321,6 +332,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     )
     if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
+    words += quality.shifts_text
     if _sensor_drifts(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > FRACTION:
@@ -398,5 +410,5 @@ def _model_notes(quality: Quality, usual: float, record: PistonRecord, release: 
             "says little of any law; average more samples or measure a larger motion"
         )
     if quality.test_error == math.inf:
-        notes.append("fitted to its training stretch only, the law diverges in the held-out stretch")
+        notes.append("fitted without the test swings, the law diverges in them")
     return tuple(notes)

@@ -122,10 +122,9 @@ def fit(
     starts : int
         Random starts.
     test_fraction : float
-        Fraction of each record's motion, at its end, that is held out: first guesses, the choice of
-        the map and a first model do without it, and that model is judged on it; so is a swing that
-        comes to rest early judged while it moves. The model that is given
-        back is then fitted to all of the record. 0 for none.
+        Fraction of each record's whole swings, spread over those above its noise, that is held out:
+        a model is fitted without them, through them, and judged on them. Of a motion with few swings
+        it is the end. The model that is given back is fitted to all of the record. 0 for none.
     confidence : float
         Of the intervals.
     seed : int

@@ -14,11 +14,10 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.residuals import Loss, LossName
-from reduced_models.records.first_guesses import LEAST_SAMPLES, FirstGuesses, first_guesses, noise_level
+from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
 from reduced_models.records.inputs import Interpolation
-from reduced_models.records.release import is_driven
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.sensor_limits import end_of_motion
+from reduced_models.records.swings import samples_in_motion, spread_test_swings
 
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
@@ -29,22 +28,16 @@ and more, where the noise is normal (Holland, Welsch 1977, doi:10.1080/036109277
 _LEAST_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
 _WINDOW = 5  # samples whose median is compared: three of them must be sound
 _FAR = 5.0  # standard deviations of the noise
-_MOST_OF_RECORD = 0.85
-"""Part of a record up to which its motion must have ended for the rest not to be held out."""
-_FEWEST_CROSSINGS = 8
-"""Passages through rest of a motion that is long enough to be split on its own."""
 
 
 class TrainingData(NamedTuple):
-    """A record from time 0 on, and the stretch of it that a fit may see first.
+    """A record from time 0 on, the stretch that a search sees, and the swings that judge a law.
 
     Attributes
     ----------
     record, training : PistonRecord
-    stop : float
-        End of the training stretch [s].
-    tested : int
-        Samples up to the end of the motion: a law is tested between ``stop`` and that.
+    test_swings : tuple of slice
+        Samples that no weight of a first model lies on, and that it is then judged on.
     look : PistonRecord
         The training stretch as first guesses and start values see it: without outliers, where the
         loss spares them.
@@ -63,8 +56,7 @@ class TrainingData(NamedTuple):
 
     record: PistonRecord
     training: PistonRecord
-    stop: float
-    tested: int
+    test_swings: tuple[slice, ...]
     look: PistonRecord
     guess: FirstGuesses
     weights: np.ndarray
@@ -138,6 +130,15 @@ class FitProblem:
         return tuple(len(data.training) for data in self.data)
 
     @property
+    def training_masks(self) -> tuple[np.ndarray, ...]:
+        """Samples (n,) of each record that its test swings leave, as a mask."""
+        masks = tuple(np.ones(len(data.record), dtype=bool) for data in self.data)
+        for data, mask in zip(self.data, masks, strict=True):
+            for swing in data.test_swings:
+                mask[swing] = False
+        return masks
+
+    @property
     def noise(self) -> tuple[float | None, ...]:
         """Noise of each record, where it was given [m]."""
         return tuple(data.noise if self.known_noise else None for data in self.data)
@@ -159,10 +160,11 @@ def training_data(
     *,
     about_rest: bool = False,
 ) -> TrainingData:
-    """Split a record into its training stretch and what is held out, and take a glance at it.
+    """Split a record into its training stretch and test swings, and take a glance at it.
 
     The fraction that is held out is one of the motion: what follows where that has come to rest
-    would say nothing of a law.
+    would say nothing of a law. It is made of whole swings spread over the motion, or is the
+    motion's end where there are too few of them.
 
     Raises
     ------
@@ -177,8 +179,8 @@ def training_data(
         total = dataclasses.replace(
             total, height=sensor.signal(columns), deviations=sensor.signal_deviations(total.deviations)
         )
-    tested = samples_in_motion(total) if test_fraction > 0.0 else len(total)
-    stop = float(total.time[tested - 1]) * (1.0 - test_fraction)
+    moving = samples_in_motion(total) if test_fraction > 0.0 else len(total)
+    stop = float(total.time[moving - 1]) * (1.0 - test_fraction)
     # Two samples make a record; what is too short to fit is reported by its first guesses.
     count = max(2, int(np.searchsorted(total.time, stop, side="right")))
     training = total.first(count)
@@ -190,23 +192,10 @@ def training_data(
     if loss != "linear":
         look = clip_outliers(look)
     guess = first_guesses(look)
-    return TrainingData(total, training, stop, tested, look, guess, given, level, fixed or {})
-
-
-def samples_in_motion(record: PistonRecord) -> int:
-    """Return the number of samples until a free swing is lost in the noise of its record.
-
-    All of them where something drives the motion, or where it ends after few swings.
-    """
-    if is_driven(record):
-        return len(record)
-    end, duration = end_of_motion(record), float(record.time[-1])
-    count = int(np.searchsorted(record.time, end, side="right"))
-    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
-        return len(record)
-    if first_guesses(record.first(count)).crossings < _FEWEST_CROSSINGS:
-        return len(record)
-    return count
+    swings = spread_test_swings(total, test_fraction, moving) if test_fraction > 0.0 else ()
+    if not swings and len(total) - count >= 2:
+        swings = (slice(count, max(moving, count + 2)),)
+    return TrainingData(total, training, swings, look, guess, given, level, fixed or {})
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:

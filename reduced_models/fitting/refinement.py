@@ -37,6 +37,7 @@ FINEST = 2**19
 _SAME_VALLEY = 2.0  # times the cost of the fit
 _PARABOLA = 0.5  # relative difference of a cost from the parabola about a fit, at most
 _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
+_JUDGED = 1e-8  # of a cost: tolerance of the fit that is judged
 _BETTER = 0.99  # of a cost: less is another fit
 
 
@@ -50,8 +51,8 @@ class SearchResult:
     joint : JointRecords
         Of the whole records, on fine grids.
     trained, theta : float64 (q,)
-        Search vectors that fit the training stretches, and all of the records; before
-        `solve_on_verified_grids` the latter is the former.
+        Search vectors that fit the records without their test swings, and all of them; before
+        `solve_on_verified_grids` both fit the stretches that the search sees.
     converged : int
         Starts that led to this fit.
     cost : float
@@ -258,6 +259,8 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
             errors.append(error)
             grids.append(grid if error <= limit else _refine_grid(grid, error, complete=complete))
         if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
+            if any(data.test_swings for data in result.problem.data):
+                trained = joint.refit(theta, result.problem.training_masks, tolerance=_JUDGED)
             return dataclasses.replace(
                 result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
             )

@@ -193,7 +193,7 @@ def _rest_figures(
     shifts: np.ndarray,
 ) -> AtRest | NoSwing:
     """Level of rest, period and damping ratio of small motions, by the chain rule."""
-    figures = _small_motion(unknowns, theta)
+    figures = small_motion(unknowns, theta)
     if isinstance(figures, NoSwing):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
@@ -207,7 +207,7 @@ def _rest_figures(
     thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
     moved = []
     for shifted in thetas.T:
-        motion = _small_motion(unknowns, shifted)
+        motion = small_motion(unknowns, shifted)
         if isinstance(motion, NoSwing):
             return motion
         moved.append(motion)
@@ -267,7 +267,7 @@ def _seen_damping(
     return np.vstack([result.damping_ratio, friction])
 
 
-def _small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
+def small_motion(unknowns: Unknowns, theta: np.ndarray) -> np.ndarray | NoSwing:
     """Rest height, period and damping ratio; the reason where there is no stable level of rest.
 
     Hidden states and inputs are at zero.

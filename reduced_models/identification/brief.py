@@ -119,7 +119,7 @@ def _law_lines(table: Comparison) -> list[str]:
     """Errors of the laws on what they have not seen, the best first."""
     sound = [row for row in table.rows if not row.failure]
     lifted = bool(sound[0].records)
-    rows = [("  law", "parameters", "later motion", *(["higher lift"] if lifted else []))]
+    rows = [("  law", "parameters", "test swings", *(["higher lift"] if lifted else []))]
     for row in sound:
         later = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
         lifts = [format_percent(record.relative) for record in row.records]

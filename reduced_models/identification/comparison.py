@@ -1,9 +1,9 @@
 """Comparison of laws: the one that the data speak for, if they can tell.
 
-Laws are ranked by their errors on what they have not seen: simulations over the held-out end of
-each record, and over held-out records. Laws whose errors are alike, or all down at the noise, are
-told apart by the Bayesian information criterion of their fits (Schwarz 1978,
-doi:10.1214/aos/1176344136), which favours fewer parameters.
+Laws are ranked by their errors on what they have not seen: simulations over test swings of each
+record, and over held-out records. Of laws within a standard error of the best one the simplest is
+first. Laws that are all down at the noise are told apart by the Bayesian information criterion of
+their fits (Schwarz 1978, doi:10.1214/aos/1176344136), which favours fewer parameters.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from reduced_models.fitting.options import STARTS, TEST_FRACTION, check_options
 from reduced_models.fitting.problem import as_records, require_positions
 from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
+    NOISE_TIE,
     Comparison,
     Row,
     format_percent,
@@ -58,7 +59,7 @@ def compare(
         Names, equations, laws, or models whose structure is fitted again, from their parameters;
         also what `discover` gives, for its model.
     test_fraction : float
-        Fraction of each record, at its end, that is held out.
+        Fraction of each record's whole swings that is held out, as in `fit`.
     test_records : sequence of PistonRecord
         Whole records that no fit sees; each is predicted from an initial state that its first
         period tells.
@@ -123,8 +124,21 @@ def _add_further_record(row: Row, test_records: Sequence[PistonRecord]) -> Row:
             judged.append(roll_out(row.models[0], record))
         except InputError:
             judged.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
-    errors = [*row.stretches, *(candidate.relative for candidate in judged)]
-    return dataclasses.replace(row, records=tuple(judged), error=root_mean_square(errors))
+    error, spread = _total_test_error(row.models, judged)
+    return dataclasses.replace(row, records=tuple(judged), error=error, standard_error=spread)
+
+
+def _total_test_error(models: Sequence[ReducedModel], judged: Sequence[RollOut]) -> tuple[float, float]:
+    """Test error over all that was held out, and its standard error; the residual without any."""
+    parts = [(model.quality.test_error, model.quality.test_standard_error) for model in models]
+    parts += [(candidate.relative, candidate.standard_error) for candidate in judged]
+    known = [(value, spread or 0.0) for value, spread in parts if value is not None]
+    if not known:
+        return root_mean_square([model.quality.relative for model in models]), 0.0
+    error = root_mean_square([value for value, _ in known])
+    if not 0.0 < error < math.inf:
+        return error, 0.0
+    return error, math.hypot(*(value * spread for value, spread in known)) / (len(known) * error)
 
 
 class _LawEntry(NamedTuple):
@@ -173,25 +187,21 @@ def _make_row(
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
-    errors = [*stretches, *(candidate.relative for candidate in judged)]
-    error = (
-        root_mean_square(errors) if errors else root_mean_square([model.quality.relative for model in models])
-    )
-    return Row(law.name, models, count, stretches, judged, error)
+    return Row(law.name, models, count, stretches, judged, *_total_test_error(models, judged))
 
 
 def _rank_rows(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
     correlation = min(_residual_correlation_time(row) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
     noise = root_mean_square([_noise_of_model(model) for model in scored[0].models])
-    least = min(row.error for row in scored)
-    limit = tie_limit(least, noise)
-    alike = sorted((row for row in scored if row.error <= limit), key=lambda row: row.bic)
+    least, limit = min(row.error for row in scored), tie_limit(scored, noise)
+    # Where all diverge, what their fits leave over is all that tells them apart.
+    at_noise = least <= NOISE_TIE * noise or math.isinf(least)
+    alike = [row for row in scored if row.error <= limit]
+    alike.sort(key=lambda row: (row.bic,) if at_noise else (row.parameters, row.error))
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
-    if not alike:  # every law diverges
-        alike, worse = sorted(worse, key=lambda row: row.bic), []
-    at_rest = _holdout_is_at_rest(scored[0])
-    verdict = _verdict(alike, worse, at_rest)
+    at_rest = _error_at_rest(scored[0])
+    verdict = _verdict(alike, worse, at_rest, at_noise=at_noise)
     failed = [row for row in rows if row.failure]
     for row in failed:
         verdict += f" {row.name} could not be fitted."
@@ -226,7 +236,7 @@ def _rms_swing(model: ReducedModel) -> float:
     return model.quality.residual / max(model.quality.relative, 1e-300)
 
 
-def _holdout_is_at_rest(row: Row) -> float:
+def _error_at_rest(row: Row) -> float:
     errors = [
         model.quality.test_error_at_rest
         for model in row.models
@@ -236,7 +246,7 @@ def _holdout_is_at_rest(row: Row) -> float:
     return root_mean_square(errors) if errors else 1.0
 
 
-def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
+def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float, *, at_noise: bool) -> str:
     best = alike[0]
     words = (
         f"{best.name} is first: its test error is {format_percent(best.error)} of the rms swing "
@@ -245,19 +255,25 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float) -> str:
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so only what the fits leave over judges the laws"
     for row in alike[1:]:
-        gain = row.deviance - best.deviance
-        if abs(gain) < CLEAR:
-            words += f"; the data cannot tell {row.name} from it ({format_percent(row.error)})"
-            if row.parameters > best.parameters:
-                words += f", which has {row.parameters - best.parameters} more parameters"
-        elif gain > 0.0:
-            words += f"; {row.name} predicts as well, but describes the whole record less closely"
-        else:
-            extra = row.parameters - best.parameters
-            words += f"; {row.name} predicts no better for its {extra} more parameters"
+        words += f"; {_tie_text(row, best, at_noise=at_noise)}"
     for row in worse:
         if math.isinf(row.error):
             words += f"; {row.name} diverges"
         else:
             words += f"; {row.name} is {format_factor(row.error / max(best.error, 1e-300), 3)} times worse"
     return words + "."
+
+
+def _tie_text(row: Row, best: Row, *, at_noise: bool) -> str:
+    """Words on a law that predicts as well as the first one."""
+    extra = row.parameters - best.parameters
+    if not at_noise:
+        words = f"{row.name} ({format_percent(row.error)}) is no better by more than a standard error"
+        return words + (f" for its {extra} more parameters" if extra else "")
+    gain = row.deviance - best.deviance
+    if abs(gain) < CLEAR:
+        words = f"the data cannot tell {row.name} from it ({format_percent(row.error)})"
+        return words + (f", which has {extra} more parameters" if extra > 0 else "")
+    if gain > 0.0:
+        return f"{row.name} predicts as well, but describes the whole record less closely"
+    return f"{row.name} predicts no better for its {extra} more parameters"

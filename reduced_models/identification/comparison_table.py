@@ -34,13 +34,15 @@ class Row:
     parameters : int
         Free numbers of the law and its map, the initial states not counted.
     stretches : tuple of float
-        Error of the simulation over the held-out end of each record's motion, in rms swings of the
-        record; infinite where it diverges. Empty without a hold-out.
+        Error of the simulation over the test swings of each record, in rms swings of the record;
+        infinite where it diverges. Empty without any.
     records : tuple of RollOut
         One a held-out record.
     error : float
         The test error: root mean square over all that was held out; the residual of the fit without
         any.
+    standard_error : float
+        Of the test error, from how it differs between the test swings; 0 where these are too few.
     deviance, aic, bic : float
         n log of the mean squared residual of the fit to all of the records (n the number of
         independent samples), and with twice, or log n times, the number of parameters added.
@@ -54,6 +56,7 @@ class Row:
     stretches: tuple[float, ...] = ()
     records: tuple[RollOut, ...] = ()
     error: float = math.inf
+    standard_error: float = 0.0
     deviance: float = math.inf
     aic: float = math.inf
     bic: float = math.inf
@@ -71,6 +74,7 @@ class Row:
             "law": self.name,
             "parameters": self.parameters,
             "test_error": self.error,
+            "test_standard_error": self.standard_error,
             "stretches": list(self.stretches),
             "records": [record.relative for record in self.records],
             "aic": self.aic,
@@ -119,7 +123,7 @@ class Comparison:
         ReducedModel, optional
             Its model, or None.
         """
-        limit = tie_limit(self.rows[0].error, self.noise)
+        limit = tie_limit([row for row in self.rows if not row.failure], self.noise)
         for row in self.rows:
             if row.name == name and len(row.models) == 1 and row.error <= limit:
                 return row.models[0]
@@ -173,7 +177,7 @@ class Comparison:
                 (
                     row.name,
                     str(row.parameters),
-                    format_percent(row.error),
+                    format_percent(row.error, row.standard_error),
                     *parts,
                     f"{row.aic - aic:+.1f}",
                     f"{row.bic - bic:+.1f}",
@@ -243,6 +247,7 @@ class Comparison:
                 "law": row.name,
                 "parameters": row.parameters,
                 "test error": row.error,
+                "standard error": row.standard_error,
                 "own end": root_mean_square(row.stretches) if row.stretches else math.nan,
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic,
@@ -293,9 +298,14 @@ class Comparison:
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
 
 
-def tie_limit(least: float, noise: float) -> float:
-    """Return the greatest test error that is as good as the least one."""
-    return max((1.0 + TIE) * least, NOISE_TIE * noise)
+def tie_limit(rows: Sequence[Row], noise: float) -> float:
+    """Return the greatest test error that is as good as the least one.
+
+    That is one standard error more (Breiman et al. 1984, Classification and Regression Trees, ch.
+    3.4; Hastie et al. 2009, The Elements of Statistical Learning, ch. 7.10).
+    """
+    least = min(rows, key=lambda row: row.error)
+    return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 
 
 def best_error_text(best: Row) -> str:
@@ -313,6 +323,9 @@ def root_mean_square(errors: Sequence[float]) -> float:
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
 
 
-def format_percent(fraction: float) -> str:
-    """Error as people read it."""
-    return "diverges" if math.isinf(fraction) else f"{format_number(100.0 * fraction, 3)} %"
+def format_percent(fraction: float, standard_error: float = 0.0) -> str:
+    """Error as people read it, with its standard error where there is one."""
+    if math.isinf(fraction):
+        return "diverges"
+    spread = f" ± {format_number(100.0 * standard_error, 2)}" if standard_error else ""
+    return f"{format_number(100.0 * fraction, 3)}{spread} %"

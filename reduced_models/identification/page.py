@@ -246,7 +246,7 @@ def _quality_text(model: ReducedModel) -> str:
     )
     if quality.test_error is not None:
         words += (
-            f" Fitted to the first {quality.test_from:.3g} s only, it predicts the rest to "
+            f" Fitted without {quality.tested_text} it predicts them to "
             f"{100 * quality.test_error:.3g} % of the rms swing."
         )
     if quality.test_error_at_rest is not None:

@@ -68,7 +68,7 @@ def _add_curves(
     *,
     label: str = "record",
     difference: _Axis,
-    test_from: float | None = None,
+    tested: Sequence[tuple[float, float]] = (),
     height: float = 6.2,
     legend: bool = True,
 ) -> None:
@@ -90,9 +90,9 @@ def _add_curves(
             )
             top.plot(t, line, label=plain_label(name), linewidth=1.2, **look)
             bottom.plot(t, missed, linewidth=1.2, **look)
-        if test_from is not None:
-            for axes in (top, bottom):
-                axes.axvspan(test_from, time[-1], color=GREY, alpha=0.15, linewidth=0.0)
+        for axes in (top, bottom):
+            for start, end in tested:
+                axes.axvspan(start, end, color=GREY, alpha=0.15, linewidth=0.0)
         top.set_ylabel(shown.label)
         bottom.set_ylabel(difference.label)
         bottom.set_xlabel("time [s]")
@@ -108,12 +108,12 @@ def add_record(page: Page, record: PistonRecord, best: ReducedModel) -> None:
     page.section("The record")
     _add_curves(
         page,
-        "The record, the best law over it, and what it leaves over. The shaded stretch is held "
-        "out: the laws are judged on it by fits that have not seen it.",
+        "The record, the best law over it, and what it leaves over. The laws are judged on what is "
+        f"shaded, {best.quality.tested_text}, by fits that have not seen it.",
         record,
         [(best.law.name, best.follow(record).height, {})],
         difference=_left_over(record),
-        test_from=best.quality.test_from,
+        tested=best.quality.test_swings,
         height=6.0,
         legend=False,
     )
@@ -128,7 +128,7 @@ def add_fits(page: Page, record: PistonRecord, models: Sequence[ReducedModel], b
         record,
         [(model.law.name, model.follow(record).height, line_style(k)) for k, model in enumerate(models)],
         difference=_left_over(record),
-        test_from=best.quality.test_from,
+        tested=best.quality.test_swings,
         height=6.0 + 0.15 * len(models),
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from reduced_models.least_squares.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.least_squares.residuals import GriddedRecord
+from reduced_models.least_squares.residuals import GriddedRecord, Selection
 from reduced_models.least_squares.unknowns import Unknowns
 
 Entries = tuple[np.ndarray, ...]
@@ -103,22 +103,24 @@ class JointRecords:
         """Weighted residuals (n,) of each record without drift, and their derivatives (n, p)."""
         return [grid.linearise(theta[here]) for grid, here in zip(self.grids, self.entries, strict=True)]
 
-    def normal(self, counts: Sequence[int] | None = None) -> Normal:
-        """Return the normal equations of the first samples of each record, or of all."""
-        first: Sequence[int | None] = counts or [None] * len(self.grids)
-        normals = [grid.normal(count) for grid, count in zip(self.grids, first, strict=True)]
+    def normal(self, selections: Sequence[Selection] | None = None) -> Normal:
+        """Return the normal equations of some samples of each record, or of all."""
+        chosen = selections or [None] * len(self.grids)
+        normals = [grid.normal(here) for grid, here in zip(self.grids, chosen, strict=True)]
         return joint_normal(normals, self.entries)
 
     def normal_matrix(self, theta: np.ndarray) -> np.ndarray:
         """J'J (q, q) of all samples."""
         return np.asarray(self.normal()(theta[None])[2][0])
 
-    def refit(self, theta: np.ndarray, counts: Sequence[int], tolerance: float = 1e-11) -> np.ndarray:
-        """Fit the first samples of each record, from a search vector (q,) near the fit."""
+    def refit(
+        self, theta: np.ndarray, selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
+    ) -> np.ndarray:
+        """Fit some samples of each record, from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
-            self.normal(counts),
+            self.normal(selections),
             theta[None],
-            self.prior(float(sum(counts))),
+            self.prior(float(sum(np.sum(here) for here in selections))),
             tolerance,
             self.bounds,
             damping=_NEAR,

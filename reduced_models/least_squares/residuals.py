@@ -96,6 +96,8 @@ def add_random_walk(left: np.ndarray, gain: float) -> np.ndarray:
 
 
 Kind = Literal["normal", "linear", "residual"]
+Selection = int | np.ndarray | None
+"""Samples of a record: the first so many, those of a mask (n,), or all."""
 
 
 class SensorForm(NamedTuple):
@@ -259,35 +261,39 @@ class GriddedRecord:
 
     def linearise(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals (n,) without drift of all samples, and their derivatives (n, p)."""
-        return self._linear(theta, self._seen(None), len(self.record))
+        return self._linear(theta, self._seen(None), slice(None))
 
-    def _linear(self, theta: np.ndarray, seen: Samples, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def _linear(
+        self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         linear = residual_function(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
-        value = np.asarray(left)[:count], np.asarray(slopes).T[:count]
+        count = len(self.record)
+        value = np.asarray(left)[:count][here], np.asarray(slopes).T[:count][here]
         return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
-    def normal(self, count: int | None = None) -> Normal:
-        """Return the normal equations of the first ``count`` samples, or of all.
+    def normal(self, selection: Selection = None) -> Normal:
+        """Return the normal equations of some samples.
 
-        Those of several vectors together leave a drift in.
+        Those of several vectors together leave a drift in; over samples that are left out, it stays
+        as it is.
         """
-        seen = self._seen(count)
-        last = len(self.record) if count is None else count
+        seen = self._seen(selection)
+        here = selection if isinstance(selection, np.ndarray) else slice(selection)
         several = normal_equations(self.unknowns, seen, self.loss)
 
         def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-            left, slopes = self._linear(theta[0], seen, last)
+            left, slopes = self._linear(theta[0], seen, here)
             cost, weight = cost_and_weight(left, self.loss.numbers, np)
             weighted = weight[:, None] * slopes
             return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 
         return lambda theta: single(theta) if len(theta) == 1 else several(theta)
 
-    def _seen(self, count: int | None, *, weighted: bool = True) -> Samples:
+    def _seen(self, selection: Selection, *, weighted: bool = True) -> Samples:
         weight = np.zeros_like(self.samples.weight)
-        last = len(self.record) if count is None else count
-        weight[:last] = self.weights[:last] if weighted else 1.0
+        here = selection if isinstance(selection, np.ndarray) else slice(selection)
+        weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
         return self.samples.weighted(weight)
 
     def with_heights(self, height: np.ndarray) -> GriddedRecord:

@@ -454,7 +454,7 @@ class ReducedModel(FittedLaw):
             at_rest = ""
             if self.quality.test_error_at_rest is not None:
                 at_rest = f" (a piston at rest: {100.0 * self.quality.test_error_at_rest:.3g} %)"
-            lines.append(f"{error}, on the end that a first fit has not seen{at_rest}")
+            lines.append(f"{error}, on {self.quality.tested_text} that a first fit has not seen{at_rest}")
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(

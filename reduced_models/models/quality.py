@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 SURE = 1e-4
 """Probability below which residuals are not taken for white noise."""
@@ -54,11 +54,12 @@ class Quality:
     relative : float
         The same over the rms swing of the record.
     test_error : float or None
-        Rms error of the simulation over the held-out stretch of a model that has not seen it, over
-        the rms swing of the whole record; infinite where that model diverges. To be compared with
+        Rms error of the simulation over the test swings by a model that has not seen them, over the
+        rms swing of the whole record; infinite where that model diverges. To be compared with
         ``test_error_at_rest``.
-    test_from : float or None
-        Time since the record's start at which that stretch begins [s].
+    test_swings : sequence of (float, float)
+        Start and end of these swings, since the record's start [s]; one is the motion's end, where
+        there are too few swings to spread them.
     starts, converged : int
         Random starts, and how many of them led to the best fit.
     samples : int
@@ -66,8 +67,13 @@ class Quality:
         Greatest difference of the solution that was fitted and an adaptive one at a tolerance of
         1e-10, over the amplitude.
     test_error_at_rest : float or None
-        The same error of a piston that stays at the level of rest of the training stretch: what
-        a prediction has to beat.
+        The same error of a piston that stays at the level of rest of the other samples: what a
+        prediction has to beat.
+    test_standard_error : float or None
+        Standard error of ``test_error``, from how it differs between the swings; None for one.
+    shifts : mapping of str to float
+        How far period and damping ratio of the small swing at rest move, over themselves, where the
+        test swings are left out of the fit: how much it matters what a law misses.
     noise : float
         Standard deviation of white noise in the record, from its third differences [m].
     correlation : float
@@ -89,12 +95,14 @@ class Quality:
     residual: float
     relative: float
     test_error: float | None
-    test_from: float | None
+    test_swings: Sequence[tuple[float, float]]
     starts: int
     converged: int
     samples: int
     solver_error: float
     test_error_at_rest: float | None = None
+    test_standard_error: float | None = None
+    shifts: Mapping[str, float] = dataclasses.field(default_factory=dict)
     noise: float = 0.0
     correlation: float = 1.0
     collocation: str = "none"
@@ -109,3 +117,18 @@ class Quality:
     def structured(self) -> bool:
         """True if the residuals are surely not white noise, so that the law is not right."""
         return self.correlation > 1.0 and min(self.whiteness, self.signs) < SURE
+
+    @property
+    def tested_text(self) -> str:
+        """What a law is judged on, in words."""
+        if len(self.test_swings) > 1:
+            return f"{len(self.test_swings)} swings"
+        return "the end of the motion (too few swings to spread)"
+
+    @property
+    def shifts_text(self) -> str:
+        """How far the figures move without the test swings, in words; empty where none is known."""
+        if not self.shifts:
+            return ""
+        moves = (f"{name.replace('_', ' ')} by {100.0 * by:.1g} %" for name, by in self.shifts.items())
+        return f"; without {self.tested_text} fit moves its {' and its '.join(moves)}"

@@ -15,6 +15,7 @@ from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
+from reduced_models.records.swings import error_on_swings, samples_in_motion, whole_swings
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -35,12 +36,15 @@ class RollOut(NamedTuple):
     at_rest : float
         The same for a piston that stays at the model's level of rest (the record's, where it has
         none).
+    standard_error : float or None
+        Standard error of ``relative``, from how it differs between the swings.
     """
 
     motion: PistonRecord
     error: float
     relative: float
     at_rest: float
+    standard_error: float | None = None
 
 
 def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
@@ -100,7 +104,12 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     rest = guess.rest if model.at_rest is None else model.at_rest.height
     swing = float(total.height.std())
     motion = _record_with_heights(record, height)
-    return RollOut(motion, error, error / swing, _rms(total.height - rest) / swing)
+    at_rest = _rms(total.height - rest) / swing
+    spread = None
+    if not lost.any():
+        missed, swings = guess.amplitude * residuals, whole_swings(total, samples_in_motion(total))
+        spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
+    return RollOut(motion, error, error / swing, at_rest, spread)
 
 
 def theta_of_model(

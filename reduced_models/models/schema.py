@@ -195,12 +195,14 @@ _MODEL = _shape(
                 "residual": _SIZE,
                 "relative": _SIZE,
                 "test_error": _null_or(_number(0.0, math.inf)),
-                "test_from": _null_or(_number()),
+                "test_swings": _list(_pair),
                 "starts": _integer(0, 10**9),
                 "converged": _integer(0, 10**9),
                 "samples": _integer(0, 10**12),
                 "solver_error": _SIZE,
                 "test_error_at_rest": _null_or(_SIZE),
+                "test_standard_error": _null_or(_SIZE),
+                "shifts": _table(_SIZE),
                 "noise": _SIZE,
                 "correlation": _SIZE,
                 "collocation": _one_of(("none", "same", "worse", "better")),
@@ -327,6 +329,6 @@ def law_from_plain(plain: Mapping[str, Any]) -> Law:
 def quality_from_plain(plain: Mapping[str, Any]) -> Quality:
     """Quality of a model; an infinite error, which no file holds, is put back."""
     quality = Quality(**plain)
-    if quality.test_error is None and quality.test_from is not None:
+    if quality.test_error is None and quality.test_swings:
         return dataclasses.replace(quality, test_error=math.inf)
     return quality

@@ -1,0 +1,124 @@
+"""Whole swings of a record: those that no fit sees, and how well a law predicts them.
+
+A law is tested where something can be lost: on whole swings that are spread over all of the motion,
+while an end that has come to rest would judge nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, first_guesses, noise_level
+from reduced_models.records.release import is_driven
+from reduced_models.records.sensor_limits import end_of_motion
+
+_MOST_OF_RECORD = 0.85
+"""Part of a record up to which its motion must have ended for the rest not to count."""
+_FEWEST_CROSSINGS = 8
+"""Passages through rest of a motion that is long enough to be split on its own."""
+_LEAST_SWING, _NOISES = 0.01, 4.0
+"""Amplitude that a swing must have, over the greatest one, and in noise levels."""
+_MOST_BLOCKS = 60
+"""Swings of a record, above which several together are one block."""
+_FEWEST_SWINGS = 10
+"""Whole swings of a motion; half swings are taken where there are fewer."""
+_FEWEST_TESTED = 2
+
+
+def samples_in_motion(record: PistonRecord) -> int:
+    """Return the number of samples until a free swing is lost in the noise of its record.
+
+    All of them where something drives the motion, or where it ends after few swings.
+    """
+    if is_driven(record):
+        return len(record)
+    end, duration = end_of_motion(record), float(record.time[-1])
+    count = int(np.searchsorted(record.time, end, side="right"))
+    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
+        return len(record)
+    if first_guesses(record.first(count)).crossings < _FEWEST_CROSSINGS:
+        return len(record)
+    return count
+
+
+def whole_swings(record: PistonRecord, moving: int) -> tuple[slice, ...]:
+    """Return the samples of the whole swings that are above the noise, in the first ``moving``.
+
+    Each reaches from a passage through the level of rest to the one after next; of few, half swings
+    are taken, and of many, several make one block.
+    """
+    time, height = record.time[:moving], record.height[:moving]
+    swing = height - record.height[-len(record) // 3 :].mean()
+    largest = float(np.abs(swing).max())
+    least = max(_LEAST_SWING * largest, _NOISES * noise_level(record.height, record.time))
+    passages = crossings(time, swing, min(least, 0.5 * largest))
+    passages = passages[::2] if len(passages) > 2 * _FEWEST_SWINGS else passages
+    passages = passages[:: max(1, -(-len(passages) // _MOST_BLOCKS))]
+    edges = np.searchsorted(time, passages)
+    return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a)
+
+
+def spread_test_swings(record: PistonRecord, fraction: float, moving: int) -> tuple[slice, ...]:
+    """Return the samples of a fraction of the whole swings, evenly spread over them.
+
+    The first one, which tells how the motion starts, is not among them. Empty where there are too
+    few swings.
+    """
+    swings = whole_swings(record, moving)
+    passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
+    chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
+    chosen = chosen[1:] if chosen[:1] == swings[:1] else chosen
+    return chosen if len(chosen) >= _FEWEST_TESTED else ()
+
+
+class SwingError(NamedTuple):
+    """Error of a law on swings that it has not seen, over the rms swing of the record.
+
+    Attributes
+    ----------
+    value, at_rest : float
+        Of the law, and of a piston that stays at rest.
+    standard_error : float or None
+        Of the value, from how it differs between the swings; None for a single one.
+    """
+
+    value: float
+    at_rest: float
+    standard_error: float | None
+
+
+def error_on_swings(
+    missed: np.ndarray, displacement: np.ndarray, swings: Sequence[slice], scale: float
+) -> SwingError:
+    """Return the test error of a law, with its standard error.
+
+    The squared errors of the swings are summed, so each counts by what a piston at rest would lose
+    there. The standard error is that of their ratio to those of rest, as a wrong law has it, or to
+    the swings' lengths, as noise has it, whichever is steadier (ratio estimator, Cochran 1977,
+    Sampling Techniques, ch. 6).
+
+    Parameters
+    ----------
+    missed, displacement : float64 (n,)
+        What the law misses, and the distance from the level of rest [m].
+    swings : sequence of slice
+        Samples of the test swings.
+    scale : float
+        Rms swing of the record [m].
+    """
+    counts = np.array([swing.stop - swing.start for swing in swings])
+    lost = np.array([float((missed[swing] ** 2).sum()) for swing in swings])
+    at_stake = np.array([float((displacement[swing] ** 2).sum()) for swing in swings])
+    total, several = float(counts.sum()), len(swings)
+    value, at_rest = (math.sqrt(squares.sum() / total) / scale for squares in (lost, at_stake))
+    if several < 2 or not 0.0 < value < math.inf or not at_rest > 0.0:
+        return SwingError(value, at_rest, None)
+    left = [lost - size * lost.sum() / size.sum() for size in (at_stake, counts)]
+    spread = math.sqrt(several / (several - 1) * min(float(part @ part) for part in left)) / total
+    return SwingError(value, at_rest, spread / (2.0 * value * scale**2))
