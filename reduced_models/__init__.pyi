@@ -9,14 +9,17 @@ from .falls.scores import score_drops
 from .falls.theory import predict, shaking_range
 from .falls.whole_fall import whole_fall
 from .fitting.fit import fit
+from .fitting.force_fit import fit_force
 from .fitting.law_estimator import LawEstimator
 from .fitting.posterior import posterior
 from .identification.comparison import compare
 from .identification.comparison_table import Comparison
 from .identification.identify import identify
 from .laws.catalogue import law_named
+from .laws.force_law import ForceLaw
 from .laws.height_map import HeightMap
 from .laws.law import Law
+from .models.force_model import ForceModel
 from .models.model import ReducedModel, load_model
 from .models.response import forced_law
 from .models.roll_out import roll_out
@@ -32,6 +35,8 @@ __all__ = [
     "DamperMaps",
     "DesignTarget",
     "FirstGuesses",
+    "ForceLaw",
+    "ForceModel",
     "HeightMap",
     "Law",
     "LawEstimator",
@@ -45,6 +50,7 @@ __all__ = [
     "design",
     "discover",
     "fit",
+    "fit_force",
     "forced_law",
     "identify",
     "law_named",

@@ -25,7 +25,7 @@ from granular.readers.headers import (
     normalize_name,
     normalize_unit,
 )
-from granular.readers.options import ANGLE, ROLES, ReadOptions
+from granular.readers.options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.readers.role_units import SI
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
@@ -53,10 +53,10 @@ def assign_roles(
     With them the calibrations, by roles too.
     """
     chosen = {role: _find_named_column(sheet, column) for role, column in reading.columns.items()}
-    if ANGLE in chosen:
+    for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
-            raise RecordError("columns: both height and angle are given; give one of them")
-        chosen[HEIGHT] = chosen.pop(ANGLE)
+            raise RecordError(f"columns: both height and {alias} are given; give one of them")
+        chosen[HEIGHT] = chosen.pop(alias)
     if reading.rate is not None and TIME not in chosen:
         chosen[TIME] = _evenly_spaced_times(sheet, float(reading.rate))
     calibrations = _calibrations_by_role(sheet, chosen, reading.calibrations())

@@ -19,7 +19,7 @@ from granular.readers.headers import (
     normalize_name,
     normalize_unit,
 )
-from granular.readers.options import ANGLE, ReadOptions
+from granular.readers.options import ANGLE, STROKE, ReadOptions
 from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
@@ -69,6 +69,8 @@ class Interpretation:
         Columns that do not hold numbers everywhere.
     deviations : dict of str to float64 (m, n)
         Of the columns by the uncertainty of their calibration, one standard uncertainty each.
+    prescribed : bool
+        Whether the coordinate is a prescribed stroke, along which a force was measured.
     """
 
     columns: dict[str, np.ndarray]
@@ -79,6 +81,7 @@ class Interpretation:
     notes: tuple[str, ...]
     left_out: tuple[str, ...]
     deviations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    prescribed: bool = False
 
 
 def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
@@ -143,6 +146,7 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         tuple(notes),
         tuple(left_out),
         {role: left[:, rows] for role, left in deviations.items() if role in every},
+        STROKE in reading.columns,
     )
 
 
@@ -183,8 +187,8 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOpti
     """Return the unit of each role: as the user says, else as in the file."""
     said = {name.strip().lower(): unit for name, unit in reading.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
-    if ANGLE in said and ANGLE not in known:
-        said[HEIGHT] = said.pop(ANGLE)
+    for alias in {ANGLE, STROKE} & {*said} - known:
+        said[HEIGHT] = said.pop(alias)
     for name in said:
         if name not in known:
             raise RecordError(unknown(name, sorted(known), "column"))

@@ -36,6 +36,8 @@ ALL = "all"
 """All releases of a record."""
 ANGLE = "angle"
 """What ``columns`` and ``units`` may call the height's column where it is an angle."""
+STROKE = "stroke"
+"""What ``columns`` may call the height's column where it is prescribed, and the force is measured."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
 """Columns of a record that have a meaning."""
 
@@ -47,9 +49,10 @@ class ReadOptions:
     Attributes
     ----------
     columns : mapping of str to str
-        Which column is the time, the height (or any other coordinate), the angle, the velocity, the
-        force, the acceleration, and height or acceleration of the base: by its name in the file, or
-        by its number from 1. Any other name calls a column so, as an input of a law.
+        Which column is the time, the height (or any other coordinate), the angle, the stroke (a
+        height that is prescribed, of a record whose force is measured), the velocity, the force,
+        the acceleration, and height or acceleration of the base: by its name in the file, or by its
+        number from 1. Any other name calls a column so, as an input of a law.
     units : mapping of str to str
         Units by those names, or by names in the file.
     decimal : str or None
@@ -232,7 +235,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 
 def _check_role(role: str) -> None:
     """Refuse a name that is no role, and is no plain word for an input or nearly a role."""
-    known = (*ROLES, ANGLE)
+    known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):
         raise RecordError(f"columns: {unknown(role, known, 'column of a record')}")
@@ -241,7 +244,7 @@ def _check_role(role: str) -> None:
 def _column_key(name: object) -> str:
     """Name of a column, or its role, as the keys of a calibration have it."""
     key = str(name).strip().lower()
-    return "height" if key == ANGLE else key
+    return "height" if key in (ANGLE, STROKE) else key
 
 
 def _sampling_rate(rate: Any) -> float:

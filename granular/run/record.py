@@ -53,7 +53,8 @@ class PistonRecord:
     measured : str
         Column that was measured: ``"height"``, or ``"velocity"`` or ``"acceleration"`` of a record
         without a position. Its ``height`` is then their integral about zero, without what is slow:
-        for pictures and first guesses. Fits compare the column that was measured.
+        for pictures and first guesses. Fits compare the column that was measured. ``"force"`` where
+        the height is a prescribed stroke.
 
     Raises
     ------
@@ -322,7 +323,14 @@ class PistonRecord:
             If they make none.
         """
         record = cls.from_columns(meaning.columns)
-        return dataclasses.replace(record, angle=meaning.angle, deviations=meaning.deviations)
+        measured = record.measured
+        if meaning.prescribed:
+            if record.force is None:
+                raise RecordError("a stroke is of a record with a measured force; name its column, force=...")
+            measured = "force"
+        return dataclasses.replace(
+            record, angle=meaning.angle, deviations=meaning.deviations, measured=measured
+        )
 
     def to_csv(self, path: str | Path) -> None:
         """Write the record to a CSV file that `from_csv` reads back to the same bits.
@@ -377,7 +385,7 @@ class PistonRecord:
     def columns(self) -> dict[str, np.ndarray]:
         """All columns by their names; a height that was integrated is none."""
         own = {name: getattr(self, name) for name in UNITS if getattr(self, name) is not None}
-        if self.measured != "height":
+        if self.measured in _INTEGRALS:
             del own["height"]
         return own | dict(self.extra)
 

@@ -160,9 +160,9 @@ def identify(options: Any) -> None:
     option(
         "--measured",
         metavar="SENSOR",
-        help="what is compared, where it is not the height: velocity, acceleration, force or "
-        "base_force, and gain, offset (a number, LOW:HIGH or free), low_pass, high_pass (in Hz), "
-        "damping_ratio, column, absolute behind it; by the file's columns if not given",
+        help="what is compared, where it is not the height: velocity, acceleration, base_force, or "
+        "force (along a prescribed height), and gain, offset (a number, LOW:HIGH or free), low_pass, "
+        "high_pass (in Hz), damping_ratio, column, absolute behind it; by the file's columns if not given",
     ),
     option("-o", "--out", metavar="FILE", help="model of the first record, as JSON"),
     READING,
@@ -174,6 +174,7 @@ examples:
   %(prog)s a.csv b.csv --law linear --own g0 --bound lam=0:2
   %(prog)s shaken.csv --law "z'' + 2*lam*(z' - base_speed) + k*z = g0"
   %(prog)s acc.csv --law linear --columns acceleration=ax
+  %(prog)s slow.csv fast.csv --law bouc-wen --columns stroke=lvdt,force=cell
   %(prog)s geo.csv --law linear --columns velocity=ch1 --scale "velocity=1 m/s/V" \\
       --measured "velocity gain=20:30 high_pass=4.5 damping_ratio=0.6\"""",
 )
@@ -181,16 +182,20 @@ def fit(options: Any) -> None:
     """Fit a law to the records of some sources, or list the laws of the package."""
     from reduced_models.fitting.fit import fit as fit_law
     from reduced_models.laws.catalogue import LAWS
+    from reduced_models.laws.force_law import FORCE_LAWS
     from reduced_models.records.sensor import sensor_from_text
 
     if options.laws:
-        print_result(LAWS.words(), repr(LAWS), options.json)
+        text = f"{LAWS!r}\n\nof the force on a prescribed stroke (--measured force):\n{FORCE_LAWS!r}"
+        print_result({**LAWS.words(), "force": FORCE_LAWS.words()}, text, options.json)
         return
     require_options(options, sources="SOURCE")
+    laws = (FORCE_LAWS.get(options.law), LAWS.get(options.law))
+    units = {name: unit for law in laws if law is not None for name, unit in law.units.items()}
     models = fit_law(
         load_records(options.sources, options),
         options.law,
-        bounds=parse_bounds(options.bounds, LAWS[options.law].units if options.law in LAWS else {}),
+        bounds=parse_bounds(options.bounds, units),
         measured=None if options.measured is None else sensor_from_text(options.measured),
         **pick_options(options, "own", "test_fraction", "starts", "intervals", "drift"),
     )

@@ -25,8 +25,9 @@ READING = option_group(
         "--columns",
         default="",
         metavar="ROLE=NAME,...",
-        help="which column is time, height (or angle), velocity, force, acceleration, base_height, "
-        "base_acceleration, or an input that is called so: by name, or by number from 1",
+        help="which column is time, height (or angle; or stroke, where it is prescribed and the force "
+        "is measured), velocity, force, acceleration, base_height, base_acceleration, or an input that "
+        "is called so: by name, or by number from 1",
     ),
     option("--units", default="", metavar="NAME=UNIT,...", help="such as height=mm"),
     option("--decimal", metavar="SIGN", help="sign of the decimals, . or ,"),

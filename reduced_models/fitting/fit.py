@@ -22,6 +22,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.assessment import make_models
+from reduced_models.fitting.force_fit import fit_force, is_force_fit
 from reduced_models.fitting.history import checked_histories, fit_with_histories, is_history
 from reduced_models.fitting.options import (
     STARTS,
@@ -41,6 +42,7 @@ from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on
 from reduced_models.fitting.search import search_fit
 from reduced_models.fitting.sensor_view import SensorView, sensor_view
 from reduced_models.laws.catalogue import law_named
+from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
@@ -85,7 +87,7 @@ def _unwrap_single_record(
 @_unwrap_single_record
 def fit(
     record: PistonRecord | Sequence[PistonRecord],
-    law: str | Law = "linear",
+    law: str | Law | ForceLaw = "linear",
     *,
     map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
     starts: int = STARTS,
@@ -164,15 +166,16 @@ def fit(
     drift : bool
         Whether the records' zero may drift, as a random walk; intervals then allow for it.
     measured : str or Sensor, optional
-        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"``, ``"force"`` on the mass
-        or ``"base_force"``, or a `Sensor` with gain, offset and filter; that of which the record
-        holds the measurement if not given. Where it does not tell the level of rest, heights count
-        from there.
+        What is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or ``"base_force"``, or a
+        `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
+        given. Where it does not tell the level of rest, heights count from there. ``"force"`` of a
+        record with heights: these are prescribed, and laws of the force are fitted, see
+        `fit_force`.
 
     Returns
     -------
     ReducedModel, or a tuple of them
-        One for each record.
+        One for each record. A `ForceModel`, one for all records, where forces are fitted.
 
     Raises
     ------
@@ -202,6 +205,28 @@ def fit(
     (0.288, 0.0367)
     """
     records = as_records(record)
+    if is_force_fit(law, measured, records[0]):
+        others = (map, tuple(own), intervals, weights, noise, loss, initial, input_interpolation, drift)
+        if others != ("auto", (), "linear", None, None, "linear", None, None, False):
+            raise InputError(
+                "the motion is prescribed, and the force is fitted: leave out map, own, intervals, "
+                "weights, noise, loss, initial, input_interpolation and drift"
+            )
+        model = fit_force(
+            records,
+            law,  # type: ignore[arg-type]  # checked there
+            sensor=measured if isinstance(measured, Sensor) else None,
+            starts=starts,
+            test_fraction=test_fraction,
+            confidence=confidence,
+            seed=seed,
+            bounds=bounds,
+            start=start,
+            fix=fix,  # type: ignore[arg-type]  # checked there
+            positive=positive,
+        )
+        return (model,)  # type: ignore[return-value]  # said under Returns
+    assert not isinstance(law, ForceLaw)
     check_options(starts, test_fraction, confidence, map, intervals, loss, input_interpolation)
     declared = (*own, *(bounds or {}), *(start or {}), *(fix or {}), *positive)
     chosen = resolve_law(law, records[0], declared)

@@ -250,6 +250,11 @@ def require_positions(records: Sequence[PistonRecord], action: str) -> None:
         If there is such a record.
     """
     for record in records:
+        if record.measured == "force":
+            raise RecordError(
+                f"{action} is of free or driven motions, and the stroke of this record is prescribed; "
+                "fit laws of the force to it with fit"
+            )
         if record.measured != "height":
             raise RecordError(
                 f"{action} needs heights, and this record holds the {record.measured} only; fit "

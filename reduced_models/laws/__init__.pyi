@@ -1,4 +1,5 @@
 from .catalogue import LAWS, law_named
+from .force_law import FORCE_LAWS, ForceLaw
 from .law import Law
 
-__all__ = ["LAWS", "Law", "law_named"]
+__all__ = ["FORCE_LAWS", "LAWS", "ForceLaw", "Law", "law_named"]

@@ -154,7 +154,7 @@ EXAMPLES = {
     "driven": Example(_driven, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"),
     "force-stroke": Example(
         _force_stroke,
-        {"columns": {"height": "stroke", "force": "load cell"}},
+        {"columns": {"stroke": "stroke", "force": "load cell"}},
         "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
     ),
 }

@@ -33,9 +33,9 @@ class Sensor:
     Attributes
     ----------
     quantity : str
-        ``"height"``, ``"velocity"`` or ``"acceleration"`` of the coordinate; ``"force"`` that the
-        mass is accelerated by, or ``"base_force"``, its reaction on the base: the gain is the mass
-        [kg] then.
+        ``"height"``, ``"velocity"`` or ``"acceleration"`` of the coordinate; ``"base_force"``, the
+        reaction of the mass on the base: the gain is the mass [kg] then; or ``"force"`` along a
+        prescribed stroke (of a record without heights: that which accelerates the mass).
     gain, offset : float, (float, float) or "free", optional
         Known, between two numbers, or fitted. If not given, the gain is 1, or free for a force, and
         the offset is free, or 0 for a height.

@@ -143,7 +143,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
         Of what was guessed or done, the cut among it.
     """
     record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
-    if states_interval(Path(path), options):
+    if record.measured == "force" or states_interval(Path(path), options):
         return record
     return find_motion(record, stated_release(Path(path), options))
 
@@ -177,7 +177,8 @@ def read_releases(
     RecordWarning
         Of what was guessed or left out.
     """
-    return find_motions(PistonRecord.from_file(path, units, **said))
+    record = PistonRecord.from_file(path, units, **said)
+    return [record] if record.measured == "force" else find_motions(record)
 
 
 def states_interval(path: Path, options: ReadOptions) -> bool:

@@ -1,0 +1,336 @@
+"""`fit_force`: the law of a force that was measured on a prescribed stroke.
+
+The motion is known, so that nothing but hidden states is solved for: they go along the smoothed
+stroke, each record's from a fitted start (`reduced_models.fitting.force_search`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models.fitting.covariance import LEAST_DOF, joint_covariance
+from reduced_models.fitting.diagnostics import autocorrelation_time, residual_structure
+from reduced_models.fitting.force_search import POLISHED, ForceProblem, ForceSearch, search_force
+from reduced_models.fitting.options import (
+    STARTS,
+    TEST_FRACTION,
+    Bounds,
+    check_options,
+    check_parameter_names,
+    parameter_bounds,
+    parameter_starts,
+)
+from reduced_models.fitting.problem import as_records
+from reduced_models.laws.force_law import ForceLaw, force_law, is_force_equation
+from reduced_models.least_squares.levenberg_marquardt import levenberg_marquardt
+from reduced_models.least_squares.residuals import Loss
+from reduced_models.models.force_model import ForceModel, stroke_cycles
+from reduced_models.models.quality import Quality
+from reduced_models.records.first_guesses import noise_level
+from reduced_models.records.inputs import column_names
+from reduced_models.records.sensor import Sensor
+
+_HARDLY = 0.25  # standard deviation of a logarithm from which on a parameter is hardly told
+_UNKNOWN = math.log(1e6)  # half-width of a logarithm's interval that says nothing any more
+_WRONG, _NOTABLE = 3.0, 0.05  # noise levels, and part of the force, of a residual that is noted
+
+
+def is_force_fit(law: object, measured: str | Sensor | None, record: PistonRecord) -> bool:
+    """Return whether a force along the heights of a record is to be fitted.
+
+    That is so where the law is one of a force, or the force was measured next to a height.
+    """
+    if isinstance(law, ForceLaw) or (isinstance(law, str) and is_force_equation(law)):
+        return True
+    quantity = measured.quantity if isinstance(measured, Sensor) else measured
+    return (quantity or record.measured) == "force" and record.measured in ("height", "force")
+
+
+def fit_force(
+    record: PistonRecord | Sequence[PistonRecord],
+    law: str | ForceLaw = "linear",
+    *,
+    sensor: Sensor | None = None,
+    starts: int = STARTS,
+    test_fraction: float = TEST_FRACTION,
+    confidence: float = 0.95,
+    seed: int = 0,
+    bounds: Bounds | None = None,
+    start: Mapping[str, float] | None = None,
+    fix: Mapping[str, float] | None = None,
+    positive: Sequence[str] = (),
+) -> ForceModel:
+    """Fit the law of a force to records of prescribed strokes.
+
+    Parameters
+    ----------
+    record : PistonRecord, or a sequence of them
+        With a column ``force``. Several are of one damper, at other amplitudes and frequencies.
+    law : str or ForceLaw
+        Name in `FORCE_LAWS`, or an equation such as ``"force = c*z' + k*z + zero"``; names that are
+        columns of the record, such as a current, are inputs, and all others are parameters.
+    sensor : Sensor, optional
+        Load cell, with its column, and its gain and offset where they are known. The sign of an
+        unknown gain follows from the energy, which a damper takes.
+    starts : int
+        Starts of the search.
+    test_fraction : float
+        Fraction of each record, at its end, on which a fit to the rest is tested.
+    confidence : float
+        Of the intervals.
+    seed : int
+        Of the starts.
+    bounds : mapping of str to (float, float), optional
+        Least and greatest value of parameters; None for an open end.
+    start, fix : mapping of str to float, optional
+        Values about which parameters are looked for first, and values that they keep.
+    positive : sequence of str
+        Parameters that are above zero, next to those of which the law says so.
+
+    Returns
+    -------
+    ForceModel
+        Law with numbers and intervals, and its cycles.
+
+    Raises
+    ------
+    RecordError
+        If a record has no force, or its stroke does not move.
+    InputError
+        If an argument is out of its range, or no start leads to a finite force.
+
+    Warns
+    -----
+    UserWarning
+        For each of the model's notes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from reduced_models import PistonRecord, fit_force
+    >>> time = np.linspace(0.0, 2.0, 1000)
+    >>> speed = 0.09 * np.cos(9.0 * time)
+    >>> record = PistonRecord(time, 0.01 * np.sin(9.0 * time), force=120.0 * speed)
+    >>> round(fit_force(record).parameters["c"], 2)
+    120.0
+    """
+    records = [item.from_zero() for item in as_records(record)]
+    check_options(starts, test_fraction, confidence)
+    declared = (*(bounds or {}), *(start or {}), *(fix or {}), *positive)
+    chosen = force_law(law, column_names(records[0]), declared)
+    chosen = dataclasses.replace(chosen, positive=tuple(dict.fromkeys((*chosen.positive, *positive))))
+    field = chosen.field
+    check_parameter_names(field, declared)
+    given = dict(fix or {})
+    if chosen.given:
+        given.setdefault(chosen.given, float(np.mean([item.height.mean() for item in records])))
+    pairs = parameter_bounds(field, bounds or {}, given)
+    measured, notes = _measured_forces(records, sensor)
+    problem = ForceProblem(chosen, field, tuple(records), measured.forces, pairs, starts, seed)
+    result = search_force(problem, parameter_starts(field, start or {}))
+    model = _make_model(problem, result, measured, confidence, test_fraction, notes)
+    for note in model.notes:
+        warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=2)
+    return model
+
+
+class _Measured(NamedTuple):
+    """Forces (n,) that move the stroke of each record [N], and the sign of those measured."""
+
+    forces: tuple[np.ndarray, ...]
+    sign: float
+
+
+def _measured_forces(records: Sequence[PistonRecord], sensor: Sensor | None) -> tuple[_Measured, list[str]]:
+    """Return the forces of some records, and notes on them."""
+    cell = sensor or Sensor("force")
+    if cell.order or cell.absolute:
+        raise InputError("a load cell on a prescribed stroke has no filter and no base; give gain and offset")
+    known = isinstance(cell.gain, int | float)
+    gain, offset = cell.nominal_gain, cell.nominal_offset
+    forces, energy = [], 0.0
+    for record in records:
+        signal = cell.signal(record.columns)
+        if not np.ptp(record.height) > 0.0:
+            raise RecordError("the stroke of the record does not move; give one that does")
+        if not np.ptp(signal) > 0.0:
+            raise RecordError("the force of the record is one number; give one that changes")
+        forces.append((signal - offset) / gain)
+        energy += float(np.sum(0.5 * (forces[-1][1:] + forces[-1][:-1]) * np.diff(record.height)))
+    if known or energy >= 0.0:
+        return _Measured(tuple(forces), 1.0), []
+    note = (
+        "the measured force is the reaction of what is moved (its loops give energy), so its sign "
+        "was turned; Sensor('force', gain=1.0) keeps it"
+    )
+    return _Measured(tuple(-force for force in forces), -1.0), [note]
+
+
+def _make_model(
+    problem: ForceProblem,
+    result: ForceSearch,
+    measured: _Measured,
+    confidence: float,
+    test_fraction: float,
+    notes: list[str],
+) -> ForceModel:
+    """Model of a fit, with intervals from its linearisation."""
+    from scipy.stats import t as student
+
+    names, size, log = problem.field.parameters, problem.sizes[2], problem.logarithmic
+    edges = problem.edges(result.units)
+    held = edges.low == edges.high
+    linear = problem.linearise(result.data, result.theta)
+    losses, unknown = [Loss()] * len(linear), [None] * len(linear)
+    covariance, independent = joint_covariance(linear, losses, unknown, problem.entries, held)
+    covariance = covariance + _calibration_covariance(problem, linear, held, measured)
+    dof = min(sum(map(len, problem.forces)) - int((~held).sum()), max(LEAST_DOF, independent - 1.0))
+    quantile = float(student.ppf(0.5 + 0.5 * confidence, max(1.0, dof)))
+    spread = quantile * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    theta = result.theta[: len(names)]
+    units = np.where(log, np.exp(np.where(log, theta, 0.0)), result.units)
+    values = np.where(log, units, units * theta)
+    intervals = {}
+    for k, name in enumerate(names):
+        ends = [
+            value if spread[k] == 0.0 else theta[k] + side * spread[k]
+            for side, value in ((-1, theta[k]), (1, theta[k]))
+        ]
+        if not log[k]:
+            intervals[name] = (float(units[k] * ends[0]), float(units[k] * ends[1]))
+        elif spread[k] > _UNKNOWN:
+            intervals[name] = (0.0, math.inf)
+        else:
+            intervals[name] = (math.exp(ends[0]), math.exp(ends[1]))
+    left = np.concatenate([residual for residual, _ in linear]) * size
+    quality = _quality(problem, result, linear, left, test_fraction)
+    open_names = [name for k, name in enumerate(names) if log[k] and spread[k] > quantile * _HARDLY]
+    if open_names:
+        notes = [*notes, f"hardly told by these records: {', '.join(open_names)}; read their intervals"]
+    notes += _quality_notes(quality)
+    count = len(names)
+    heights = np.concatenate([record.height for record in problem.records])
+    speeds = np.concatenate([stroke.stroke.velocity for stroke in result.data])
+    digest = hashlib.sha256(b"".join(item.tobytes() for item in (heights, *problem.forces))).hexdigest()
+    return ForceModel(
+        law=problem.law,
+        parameters=dict(zip(names, map(float, values), strict=True)),
+        intervals=intervals,
+        confidence=confidence,
+        quantile=quantile,
+        covariance=covariance[:count, :count] * np.outer(units, units),
+        quality=quality,
+        cycles=stroke_cycles(problem.records, problem.forces),
+        domain={
+            "height": (float(heights.min()), float(heights.max())),
+            "velocity": (float(speeds.min()), float(speeds.max())),
+        },
+        hidden=dict(zip(problem.field.hidden, map(float, result.theta[count:]), strict=False)),
+        sign=measured.sign,
+        notes=tuple(notes),
+        provenance={"data": f"{len(left)} samples of {len(linear)} records, sha256 {digest[:16]}"},
+    )
+
+
+def _calibration_covariance(
+    problem: ForceProblem,
+    linear: Sequence[tuple[np.ndarray, np.ndarray]],
+    held: np.ndarray,
+    measured: _Measured,
+) -> np.ndarray:
+    """Covariance (q, q) by what the calibration of the load cell leaves open."""
+    free = np.flatnonzero(~held)
+    matrix, pulls = np.zeros((len(held), len(held))), dict[int, np.ndarray]()
+    for record, (_, slopes), here in zip(problem.records, linear, problem.entries, strict=True):
+        matrix[np.ix_(here, here)] += slopes.T @ slopes
+        for k, deviation in enumerate(record.deviations.get("force", ())):
+            pull = pulls.setdefault(k, np.zeros(len(held)))
+            pull[here] += slopes.T @ (measured.sign * deviation / problem.sizes[2])
+    result = np.zeros_like(matrix)
+    for pull in pulls.values():
+        shift = np.linalg.pinv(matrix[np.ix_(free, free)], hermitian=True) @ pull[free]
+        result[np.ix_(free, free)] += np.outer(shift, shift)
+    return result
+
+
+def _quality(
+    problem: ForceProblem,
+    result: ForceSearch,
+    linear: Sequence[tuple[np.ndarray, np.ndarray]],
+    left: np.ndarray,
+    test_fraction: float,
+) -> Quality:
+    """Quality of a fit, whose residuals (n,) are in N."""
+    residual, longest = (
+        float(np.sqrt((left**2).mean())),
+        max(range(len(linear)), key=lambda k: len(linear[k][0])),
+    )
+    record, mine = problem.records[longest], linear[longest][0]
+    period = 2.0 * math.pi * problem.sizes[0] / problem.sizes[1]
+    stroke = result.data[longest].stroke
+    structure = residual_structure(record.time, mine, np.gradient(stroke.velocity, record.time), period)
+    noises = [
+        noise_level(force, item.time) for force, item in zip(problem.forces, problem.records, strict=True)
+    ]
+    error = None
+    if test_fraction > 0.0:
+        error = _test_error(problem, result, test_fraction)
+    return Quality(
+        residual=residual,
+        relative=residual / problem.sizes[2],
+        test_error=error,
+        test_from=None if error is None else float(record.time[-1]) * (1.0 - test_fraction),
+        starts=result.starts,
+        converged=result.converged,
+        samples=len(left),
+        solver_error=result.solver_error,
+        noise=float(np.sqrt(np.mean(np.square(noises)))),
+        correlation=autocorrelation_time(mine),
+        collocation="none",
+        **structure,
+    )
+
+
+def _test_error(problem: ForceProblem, result: ForceSearch, fraction: float) -> float:
+    """Rms error at the end of the records of a fit to their beginning, in the size of the forces."""
+    late = [np.arange(len(item.force)) >= (1.0 - fraction) * len(item.force) for item in result.data]
+    early = [
+        item._replace(weight=np.where(here, 0.0, 1.0)) for item, here in zip(result.data, late, strict=True)
+    ]
+    theta, _ = levenberg_marquardt(
+        problem.normal(early),
+        np.tile(result.theta, (POLISHED, 1)),
+        problem.prior(),
+        1e-6,
+        problem.edges(result.units),
+        damping=1e-6,
+    )
+    left = problem.linearise(result.data, theta[0])
+    squares = np.concatenate([item[0][here] ** 2 for item, here in zip(left, late, strict=True)])
+    return float(np.sqrt(squares.mean()))
+
+
+def _quality_notes(quality: Quality) -> list[str]:
+    """Return what is to be doubted of a fit."""
+    notes = []
+    if quality.residual > _WRONG * quality.noise and quality.relative > _NOTABLE:
+        notes.append(
+            f"the residual is {100.0 * quality.relative:.2g} % of the force and "
+            f"{quality.residual / max(quality.noise, 1e-300):.2g} times its noise, so the law is not "
+            "right; try another law"
+        )
+    elif quality.structured and quality.relative > 1e-5:
+        notes.append(
+            f"the residuals, {100.0 * quality.relative:.2g} % of the force, are not white noise, so "
+            "the law is not quite right, or the noise is not white"
+        )
+    return notes

@@ -1,0 +1,366 @@
+"""The search for the numbers of a force's law: draws, factors by least squares, and all together.
+
+Most parameters stand in the force as factors; for random draws of the others these follow from
+linear least squares. The best draws start a Levenberg-Marquardt search on fewer samples and longer
+steps of the hidden states, whose best ends are fitted to all samples, with steps that are halved
+until the hidden states are solved to a fraction of what the fit leaves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from granular.run.record import PistonRecord
+from granular.shared.errors import InputError
+from granular.shared.messages import quote
+from reduced_models.fitting.problem import Pairs
+from reduced_models.jax_setup import jax
+from reduced_models.laws.equation import PROGRAMS
+from reduced_models.laws.force_law import ForceLaw
+from reduced_models.laws.law import Law
+from reduced_models.least_squares.joint_records import joint_normal
+from reduced_models.least_squares.levenberg_marquardt import Bounds as Edges
+from reduced_models.least_squares.levenberg_marquardt import (
+    Normal,
+    Prior,
+    agreement_cost,
+    levenberg_marquardt,
+)
+from reduced_models.least_squares.residuals import BLOWN_UP
+from reduced_models.least_squares.stroke import FINE, Stroke, compiled_forces, force_function, stroke_of
+
+jnp = jax.numpy
+
+_DRAWS = 256
+_SEARCH_WAY, _SEARCH_SAMPLES = 0.1, 1200  # of a step, in half strokes; of all records
+POLISHED = 3
+"""Vectors side by side, the best that the search ends at, for which code is compiled."""
+_LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size
+_NEAR = 0.1  # spread of the logarithm of values that are given
+_LEAST = 1e-3  # of the force: least part of a factor that is above zero
+_PRIOR_SPREAD = 3.0
+_SOLVED = 0.1  # of the residual: error of the hidden states' steps
+_MOST_HALVINGS = 3
+
+_POWERS = {
+    "m": (1, 0, 0), "1/m": (-1, 0, 0), "m/s": (0, 1, 0), "s/m": (0, -1, 0), "s": (1, -1, 0),
+    "1/s": (-1, 1, 0), "rad/s": (-1, 1, 0), "1": (0, 0, 0), "N": (0, 0, 1), "N/m": (-1, 0, 1),
+    "N s/m": (0, -1, 1), "kg": (1, -2, 1),
+}  # fmt: skip
+"""Powers of half a stroke, of its greatest speed and of the force that make a unit."""
+
+
+class StrokeData(NamedTuple):
+    """A record as compiled code takes it: forces count in their size, parameters in their units.
+
+    Attributes
+    ----------
+    stroke : Stroke
+    force, weight : float64 (n,)
+    units : float64 (p,)
+    size : float
+        [N]
+    """
+
+    stroke: Stroke
+    force: np.ndarray
+    weight: np.ndarray
+    units: np.ndarray
+    size: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceProblem:
+    """Records with their forces, and what is asked.
+
+    Attributes
+    ----------
+    law : ForceLaw
+    field : Law
+        Law whose z'' stands for the force.
+    records : tuple of PistonRecord
+    forces : tuple of float64 (n,)
+        That move the strokes [N].
+    bounds : mapping of str to (float, float)
+        Equal ones where a parameter is given.
+    starts, seed : int
+    """
+
+    law: ForceLaw
+    field: Law
+    records: tuple[PistonRecord, ...]
+    forces: tuple[np.ndarray, ...]
+    bounds: Pairs
+    starts: int
+    seed: int
+
+    @functools.cached_property
+    def sizes(self) -> tuple[float, float, float]:
+        """Half a stroke [m], its greatest speed [m/s], and rms of the forces [N]."""
+        length = max(0.5 * float(np.ptp(record.height)) for record in self.records)
+        speed = max(float(np.gradient(item.height, item.time).std()) for item in self.records)
+        force = math.sqrt(float(np.mean([force.var() for force in self.forces])))
+        return length, math.sqrt(2.0) * speed, force
+
+    @property
+    def logarithmic(self) -> np.ndarray:
+        """True for each parameter that is searched for by its logarithm."""
+        return np.array([name in self.law.positive for name in self.field.parameters])
+
+    @property
+    def entries(self) -> tuple[np.ndarray, ...]:
+        """Entries of the search vector for each record: parameters, then its own hidden states."""
+        count, hidden = len(self.field.parameters), len(self.field.hidden)
+        return tuple(
+            np.r_[:count, count + k * hidden : count + (k + 1) * hidden] for k in range(len(self.records))
+        )
+
+    def thinned(self) -> ForceProblem:
+        """Return the problem with every so many samples."""
+        every = max(1, sum(map(len, self.records)) // _SEARCH_SAMPLES)
+        return dataclasses.replace(
+            self,
+            records=tuple(record.select(slice(None, None, every)) for record in self.records),
+            forces=tuple(force[::every] for force in self.forces),
+        )
+
+    def data(self, strokes: Sequence[Stroke], units: np.ndarray) -> list[StrokeData]:
+        """Return each record as compiled code takes it."""
+        size = self.sizes[2]
+        pairs = zip(strokes, self.forces, strict=True)
+        return [StrokeData(stroke, force / size, np.ones(len(force)), units, size) for stroke, force in pairs]
+
+    def strokes(self, way: float = FINE) -> list[Stroke]:
+        """Stroke of each record."""
+        return [stroke_of(record, self.field, way) for record in self.records]
+
+    def edges(self, units: np.ndarray) -> Edges:
+        """Least and greatest entries of the search vector."""
+        size = 1 + int(self.entries[-1].max())
+        edges = np.full((2, size), [[-np.inf], [np.inf]])
+        for k, name in enumerate(self.field.parameters):
+            for side, value in enumerate(self.bounds.get(name, ())):
+                if self.logarithmic[k]:
+                    edges[side, k] = math.log(value) if value > 0.0 else -np.inf
+                else:
+                    edges[side, k] = value / units[k]
+        return Edges(edges[0], edges[1])
+
+    def prior(self) -> Prior:
+        """Prior about a start, which keeps what the records leave open from running away."""
+        size = 1 + int(self.entries[-1].max())
+        return Prior(np.full(size, _PRIOR_SPREAD**-2), float(sum(map(len, self.records))))
+
+    def normal(self, data: Sequence[StrokeData]) -> Normal:
+        """Return the normal equations of all records."""
+        function = self._programs()[0]
+        return joint_normal([functools.partial(function, data=item) for item in data], self.entries)
+
+    def linearise(self, data: Sequence[StrokeData], theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Residuals (n,) of each record in units of the force's size, and their derivatives (n, p)."""
+        function = self._programs()[1]
+        both = [function(theta[here][None], data=item) for item, here in zip(data, self.entries, strict=True)]
+        return [(np.asarray(left)[:, 0], np.asarray(slopes)[:, :, 0].T) for left, slopes in both]
+
+    def _programs(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
+        return _programs(self.field.equation, self.field.inputs, tuple(self.logarithmic.tolist()))
+
+
+@functools.lru_cache(maxsize=PROGRAMS)
+def _programs(
+    equation: str, inputs: tuple[str, ...], logarithmic: tuple[bool, ...]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Compile the normal equations of search vectors (s, p), and their residuals with derivatives."""
+    forces, count = force_function(equation, inputs), len(logarithmic)
+
+    def residuals(vectors: jax.Array, data: StrokeData) -> Any:
+        values = tuple(
+            jnp.exp(vectors[k]) if log else data.units[k] * vectors[k] for k, log in enumerate(logarithmic)
+        )
+        result = forces(values, vectors[count:], data.stroke) / data.size - data.force[:, None]
+        return jnp.where(jnp.abs(result) < BLOWN_UP, result, BLOWN_UP) * data.weight[:, None]
+
+    def linear(theta: jax.Array, data: StrokeData) -> tuple[jax.Array, jax.Array]:
+        vectors = theta.T
+        directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
+
+        def slope(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
+            return jax.jvp(lambda value: residuals(value, data), (vectors,), (direction,))
+
+        left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
+        return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
+
+    def normal(theta: jax.Array, data: StrokeData) -> tuple[jax.Array, ...]:
+        left, jacobian = linear(theta, data)
+        return (
+            (left**2).sum(axis=0),
+            jnp.einsum("pns,ns->sp", jacobian, left),
+            jnp.einsum("pns,qns->spq", jacobian, jacobian),
+        )
+
+    return jax.jit(normal), jax.jit(linear)
+
+
+class ForceSearch(NamedTuple):
+    """Result of a search.
+
+    Attributes
+    ----------
+    theta : float64 (q,)
+        Search vector: parameters, logarithms of the positive ones, then each record's hidden states.
+    units : float64 (p,)
+        Of the parameters that are no logarithms.
+    data : list of StrokeData
+    starts, converged : int
+        Starts, and how many of them led to the best fit.
+    solver_error : float
+        Greatest difference of forces by steps of half the length, in their size.
+    """
+
+    theta: np.ndarray
+    units: np.ndarray
+    data: list[StrokeData]
+    starts: int
+    converged: int
+    solver_error: float
+
+
+def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearch:
+    """Fit all records together; ``near`` are values about which parameters are looked for first.
+
+    Raises
+    ------
+    InputError
+        If no start leads to a finite force.
+    """
+    thin = problem.thinned()
+    strokes = thin.strokes(_SEARCH_WAY)
+    values = _start_values(thin, strokes, near)
+    units = np.where(problem.logarithmic, 1.0, np.abs(values[0]))
+    units = np.where(units > 0.0, units, [_natural(problem, name) for name in problem.field.parameters])
+    parameters = np.where(
+        problem.logarithmic, np.log(np.where(problem.logarithmic, values, 1.0)), values / units
+    )
+    states = np.zeros((len(values), len(problem.records) * len(problem.field.hidden)))
+    edges = problem.edges(units)
+    theta, cost = levenberg_marquardt(
+        thin.normal(thin.data(strokes, units)), np.hstack([parameters, states]), thin.prior(), 1e-4, edges
+    )
+    converged = int((cost <= agreement_cost(cost, thin.prior().samples)).sum())
+    theta = theta[np.argsort(cost, kind="stable")[:POLISHED]]
+    way, error = FINE, 0.0
+    for _ in range(1 + _MOST_HALVINGS):
+        data = problem.data(problem.strokes(way), units)
+        theta, cost = levenberg_marquardt(
+            problem.normal(data), theta, problem.prior(), 1e-11, edges, damping=1e-6, patience=2
+        )
+        best = theta[int(np.argmin(cost))]
+        left = math.sqrt(float(cost.min()) / problem.prior().samples)
+        if not left < BLOWN_UP:
+            raise InputError(
+                f"no start led to a finite force of {quote(problem.law.name)}; try another law or more starts"
+            )
+        if not problem.field.hidden:
+            break
+        finer = problem.data(problem.strokes(0.5 * way), units)
+        pairs = zip(problem.linearise(data, best), problem.linearise(finer, best), strict=True)
+        error = max(float(np.abs(one[0] - two[0]).max()) for one, two in pairs)
+        if error < _SOLVED * max(left, 1e-6):
+            break
+        way *= 0.5
+    return ForceSearch(best, units, data, len(values), converged, error)
+
+
+def _natural(problem: ForceProblem, name: str, random: np.random.Generator | None = None) -> float:
+    """Natural size of a parameter by its unit; of one without a unit a random one, or 1."""
+    unit = problem.law.units.get(name)
+    length, speed, force = problem.sizes
+    powers = _POWERS.get(unit or "")
+    if powers is None:
+        powers = (0, 0, 0) if random is None else (*random.integers(-1, 2, 2), 0)
+    return float(length ** powers[0] * speed ** powers[1] * force ** powers[2])
+
+
+def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mapping[str, float]) -> np.ndarray:
+    """Values (starts, p) of the parameters, the best of many draws, factors from least squares."""
+    names = problem.field.parameters
+    held = {name: low for name, (low, high) in problem.bounds.items() if low == high}
+    factors = [names.index(name) for name in _factors(problem.field) if name not in {*held, *near}]
+    others = [k for k in range(len(names)) if k not in factors and names[k] not in held]
+    values = _draws(problem, others, near)
+    values[:, [names.index(name) for name in held]] = list(held.values())
+    function = compiled_forces(problem.field.equation, problem.field.inputs)
+    states = np.zeros((len(problem.field.hidden), len(values)))
+
+    def forces(values: np.ndarray) -> np.ndarray:
+        parts = [np.asarray(function(tuple(values.T), states, stroke)) for stroke in strokes]
+        return np.nan_to_num(np.concatenate(parts), nan=1e9, posinf=1e9, neginf=-1e9)
+
+    target = np.concatenate(problem.forces)
+    left = target[:, None] - forces(values)
+    columns = []
+    for k in factors:
+        one = values.copy()
+        one[:, k] = 1.0
+        columns.append(forces(one) - target[:, None] + left)
+    for draw in range(len(values) if factors else 0):
+        matrix = np.stack([column[:, draw] for column in columns], axis=1)
+        values[draw, factors] = _least_squares(problem, factors, matrix, left[:, draw])
+        left[:, draw] -= matrix @ values[draw, factors]
+    return values[np.argsort((left**2).sum(axis=0), kind="stable")[: problem.starts]]
+
+
+def _draws(problem: ForceProblem, drawn: Sequence[int], near: Mapping[str, float]) -> np.ndarray:
+    """Values (draws, p) of some parameters about their natural sizes, or near given values."""
+    from scipy.stats.qmc import LatinHypercube
+
+    names, random = problem.field.parameters, np.random.default_rng(problem.seed)
+    count = max(_DRAWS, problem.starts) if drawn else 1
+    values = np.zeros((count, len(names)))
+    cube = LatinHypercube(max(1, len(drawn)), rng=random).random(count)
+    for k, column in zip(drawn, cube.T, strict=False):
+        name = names[k]
+        if name in near:
+            spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
+            values[:, k] = near[name] * np.exp(spread)
+            continue
+        size = np.array([_natural(problem, name, random) for _ in range(count)])
+        values[:, k] = size * np.exp(_LOW + (_HIGH - _LOW) * column)
+        if name not in problem.law.positive:
+            values[:, k] *= random.choice([-1.0, 1.0], count)
+        values[:, k] = np.clip(values[:, k], *problem.bounds.get(name, (-math.inf, math.inf)))
+    return values
+
+
+def _least_squares(
+    problem: ForceProblem, factors: Sequence[int], matrix: np.ndarray, target: np.ndarray
+) -> np.ndarray:
+    """Values of factors by their columns (n, k), within their bounds and signs."""
+    names = [problem.field.parameters[k] for k in factors]
+    scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    found = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)[0] / scale
+    least = _LEAST * np.linalg.norm(target) / scale
+    found = np.where([name in problem.law.positive for name in names], np.maximum(found, least), found)
+    low, high = np.array([problem.bounds.get(name, (-math.inf, math.inf)) for name in names]).T
+    return np.asarray(np.clip(found, low, high))
+
+
+def _factors(field: Law) -> list[str]:
+    """Parameters in which the force is linear together, and which no hidden state knows."""
+    import sympy
+
+    parsed = field.parsed
+    chosen: list[Any] = []
+    for name in field.parameters:
+        symbol = sympy.Symbol(name)
+        slope = parsed.acceleration.diff(symbol)
+        if slope.has(symbol, *chosen) or any(rate.has(symbol) for rate in parsed.hidden.values()):
+            continue
+        chosen.append(symbol)
+    return [str(symbol) for symbol in chosen]

@@ -1,0 +1,162 @@
+"""Laws of the force on a prescribed stroke: their numbers, their cycles, and how they are asked for."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granular import PistonRecord
+from granular.shared.errors import InputError, RecordError
+from reduced_models import ForceLaw, ForceModel, Sensor, compare, fit, fit_force
+from reduced_models.laws import FORCE_LAWS
+from tests.reduced_models.fitting.made_strokes import made_stroke, random_stroke
+
+LAWS = ("viscous-coulomb", "bouc-wen", "elastoplastic-bed")
+
+
+def misses(law: str, seed: int) -> dict[str, float]:
+    """Errors of the parameters, in half-widths of their intervals."""
+    record, truth = random_stroke(law, seed)
+    given = {"rest": truth.pop("rest")} if "rest" in truth else {}
+    model: Any = fit(record, law, measured="force", fix=given)
+    assert isinstance(model, ForceModel)
+    half = {name: 0.5 * (high - low) for name, (low, high) in model.intervals.items()}
+    return {name: (model.parameters[name] - value) / half[name] for name, value in truth.items()}
+
+
+@pytest.mark.parametrize("law", LAWS[:2])
+def test_a_made_record(law: str) -> None:
+    assert max(map(abs, misses(law, 0).values())) <= 3.0
+
+
+@pytest.mark.long
+def test_fifteen_made_records() -> None:
+    """The truth within three half-widths, and no interval narrower than half its scatter."""
+    sound, every = 0, defaultdict(list)
+    for law in LAWS:
+        for seed in range(5):
+            found = misses(law, seed)
+            sound += max(map(abs, found.values())) <= 3.0
+            for name, miss in found.items():
+                every[law, name].append(miss)
+            print(law, seed, {name: round(float(miss), 2) for name, miss in found.items()})
+    assert sound >= 13
+    for name, errors in every.items():
+        assert np.std(errors) < 2.0, name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("law", "truth"),
+    [
+        ("saturation", {"limit": 20.0, "speed": 0.03, "k": 500.0, "zero": 0.1}),
+        ("backlash", {"friction": 10.0, "gap": 0.002, "travel": 0.001, "c": 20.0, "k": 300.0, "zero": 0.0}),
+    ],
+)
+def test_other_laws_of_a_damper(law: str, truth: dict[str, float]) -> None:
+    record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(3))
+    model = fit_force(record, law)
+    assert model.quality.converged >= 12
+    for name, value in truth.items():
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - value) <= 1.5 * (high - low)
+
+
+def test_cycles_take_what_friction_and_drag_take() -> None:
+    law = ForceLaw("known", "force = c*z' + friction*tanh(z'/creep) + k*z", ("creep",), {"creep": "m/s"})
+    truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.0}
+    random = np.random.default_rng(0)
+    record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.003, random)
+    model = fit_force(record, law, fix={"creep": 1e-4})
+    omega = 2.0 * math.pi * 3.0
+    cycle = model.cycle(0.004, 3.0)
+    loss = math.pi * 80.0 * omega * 0.004**2 + 4.0 * 6.0 * 0.004
+    assert abs(cycle.loss - loss) < 3.0 * cycle.errors[0] + 2e-4 * loss
+    assert cycle.damping == pytest.approx(80.0 + 4.0 * 6.0 / (math.pi * omega * 0.004), rel=0.01)
+    assert cycle.stiffness == pytest.approx(900.0, rel=0.01)
+    # The record itself shows the same, law or not.
+    measured = model.cycles[-1]
+    by_law = model.cycle(measured.amplitude, measured.frequency)
+    assert measured.loss == pytest.approx(by_law.loss, rel=0.01)
+    assert measured.stiffness == pytest.approx(by_law.stiffness, rel=0.03)
+    assert "loss per cycle" in str(model)
+
+
+def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
+    """Stroke of a dashpot c, a spring k and a mass m, with a little noise."""
+    time = np.linspace(0.0, 4.0 / frequency, 800)
+    phase = 2.0 * math.pi * frequency * time
+    stroke, speed = amplitude * np.sin(phase), 2.0 * math.pi * frequency * amplitude * np.cos(phase)
+    inertia = -((2.0 * math.pi * frequency) ** 2) * stroke
+    force = parts.get("c", 0.0) * speed + parts.get("k", 0.0) * stroke + parts.get("m", 0.0) * inertia
+    return PistonRecord(time, stroke, force=force + np.random.default_rng(0).normal(0.0, 0.01, 800))
+
+
+def test_the_reaction_of_a_damper_is_turned_round_and_said() -> None:
+    record = sine(2.0, 0.01, c=100.0, k=500.0)
+    turned = PistonRecord(record.time, record.height, force=-record.columns["force"])
+    with pytest.warns(UserWarning, match="reaction"):
+        model = fit_force(turned)
+    assert model.parameters["c"] == pytest.approx(100.0, rel=1e-3)
+    assert np.std(model.residuals(turned)) == pytest.approx(0.01, rel=0.1)
+    kept = fit_force(turned, sensor=Sensor("force", gain=1.0))
+    assert kept.parameters["c"] == pytest.approx(-100.0, rel=1e-3)
+
+
+def test_records_of_several_frequencies_tell_a_mass() -> None:
+    records = [sine(frequency, 0.01, c=100.0, k=500.0, m=0.8) for frequency in (1.0, 6.0)]
+    (model,) = fit(records, "force = m*z'' + c*z' + k*z")
+    assert model.parameters["m"] == pytest.approx(0.8, rel=0.01)
+    assert model.parameters["k"] == pytest.approx(500.0, rel=0.01)
+    assert [round(item.frequency, 1) for item in model.cycles] == [1.0, 6.0]
+    assert min(item.cycles for item in model.cycles) >= 2
+
+
+def test_a_current_is_an_input() -> None:
+    record = sine(2.0, 0.01, c=100.0)
+    current = np.linspace(0.0, 2.0, 800)
+    force = record.columns["force"] * (1.0 + 0.5 * current)
+    columns = {"time": record.time, "height": record.height, "force": force, "current": current}
+    model: Any = fit(PistonRecord.from_columns(columns), "force = (c + d*current)*z'")
+    assert model.parameters["d"] == pytest.approx(50.0, rel=0.01)
+    with pytest.raises(InputError, match="inputs current"):
+        model.cycle(0.01, 2.0)
+
+
+def test_what_is_refused() -> None:
+    record = sine(2.0, 0.01, c=100.0)
+    with pytest.raises(InputError, match="no law of a force"):
+        fit(record, "z'' + k*z = 0", measured="force")
+    with pytest.raises(InputError, match="prescribed"):
+        fit(record, "linear", measured="force", drift=True)
+    with pytest.raises(RecordError, match="'force'"):
+        fit_force(PistonRecord(record.time, record.height))
+    assert set(FORCE_LAWS) >= {"linear", "saturation", "backlash", *LAWS}
+
+
+def test_a_stroke_by_its_role(tmp_path: Path, command: Callable[..., Any]) -> None:
+    record = sine(2.0, 0.01, c=100.0, k=500.0)
+    path, out = tmp_path / "rig.csv", tmp_path / "model.json"
+    table = np.column_stack([record.time, 1e3 * record.height, record.columns["force"]])
+    np.savetxt(path, table, delimiter=",", header="t,x [mm],cell [N]", comments="")
+    read = PistonRecord.from_file(path, columns={"stroke": "x", "force": "cell"})
+    assert read.measured == "force"
+    assert set(read.columns) == {"time", "height", "force"}
+    with pytest.raises(RecordError, match="prescribed"):
+        compare(read, "linear")
+    with pytest.raises(RecordError, match="force="):
+        PistonRecord.from_file(path, columns={"stroke": "x"})
+    words = ("--columns", "stroke=x,force=cell", "-o", str(out))
+    done = command("reduced_models", "fit", str(path), *words)
+    assert done.returncode == 0, done.stderr
+    assert "loss per cycle" in done.stdout
+    plain = json.loads(out.read_text())
+    assert plain["parameters"]["c"] == pytest.approx(100.0, rel=1e-3)
+    assert plain["cycles"][0]["loss"] == pytest.approx(plain["cycles_by_law"][0]["loss"], rel=0.01)
