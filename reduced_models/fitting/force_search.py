@@ -38,7 +38,7 @@ from reduced_models.least_squares.stroke import FINE, Stroke, compiled_forces, f
 jnp = jax.numpy
 
 _DRAWS = 256
-_SEARCH_WAY, _SEARCH_SAMPLES = 0.1, 1200  # of a step, in half strokes; of all records
+_SEARCH_TRAVEL, _SEARCH_SAMPLES = 0.1, 1200  # of a step, in half strokes; of all records
 POLISHED = 3
 """Vectors side by side, the best that the search ends at, for which code is compiled."""
 _LOW, _HIGH = -4.0, 2.0  # logarithm of what is drawn, over its natural size
@@ -121,7 +121,7 @@ class ForceProblem:
             np.r_[:count, count + k * hidden : count + (k + 1) * hidden] for k in range(len(self.records))
         )
 
-    def thinned(self) -> ForceProblem:
+    def with_fewer_samples(self) -> ForceProblem:
         """Return the problem with every so many samples."""
         every = max(1, sum(map(len, self.records)) // _SEARCH_SAMPLES)
         return dataclasses.replace(
@@ -136,9 +136,9 @@ class ForceProblem:
         pairs = zip(strokes, self.forces, strict=True)
         return [StrokeData(stroke, force / size, np.ones(len(force)), units, size) for stroke, force in pairs]
 
-    def strokes(self, way: float = FINE) -> list[Stroke]:
+    def strokes(self, travel: float = FINE) -> list[Stroke]:
         """Stroke of each record."""
-        return [stroke_of(record, self.field, way) for record in self.records]
+        return [stroke_of(record, self.field, travel) for record in self.records]
 
     def edges(self, units: np.ndarray) -> Edges:
         """Least and greatest entries of the search vector."""
@@ -239,8 +239,8 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
     InputError
         If no start leads to a finite force.
     """
-    thin = problem.thinned()
-    strokes = thin.strokes(_SEARCH_WAY)
+    thin = problem.with_fewer_samples()
+    strokes = thin.strokes(_SEARCH_TRAVEL)
     values = _start_values(thin, strokes, near)
     units = np.where(problem.logarithmic, 1.0, np.abs(values[0]))
     units = np.where(units > 0.0, units, [_natural(problem, name) for name in problem.field.parameters])
@@ -254,9 +254,9 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
     )
     converged = int((cost <= agreement_cost(cost, thin.prior().samples)).sum())
     theta = theta[np.argsort(cost, kind="stable")[:POLISHED]]
-    way, error = FINE, 0.0
+    travel, error = FINE, 0.0
     for _ in range(1 + _MOST_HALVINGS):
-        data = problem.data(problem.strokes(way), units)
+        data = problem.data(problem.strokes(travel), units)
         theta, cost = levenberg_marquardt(
             problem.normal(data), theta, problem.prior(), 1e-11, edges, damping=1e-6, patience=2
         )
@@ -268,12 +268,12 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
             )
         if not problem.field.hidden:
             break
-        finer = problem.data(problem.strokes(0.5 * way), units)
+        finer = problem.data(problem.strokes(0.5 * travel), units)
         pairs = zip(problem.linearise(data, best), problem.linearise(finer, best), strict=True)
-        error = max(float(np.abs(one[0] - two[0]).max()) for one, two in pairs)
+        error = max(float(np.abs(coarse[0] - fine[0]).max()) for coarse, fine in pairs)
         if error < _SOLVED * max(left, 1e-6):
             break
-        way *= 0.5
+        travel *= 0.5
     return ForceSearch(best, units, data, len(values), converged, error)
 
 
@@ -306,9 +306,9 @@ def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mappin
     left = target[:, None] - forces(values)
     columns = []
     for k in factors:
-        one = values.copy()
-        one[:, k] = 1.0
-        columns.append(forces(one) - target[:, None] + left)
+        changed = values.copy()
+        changed[:, k] = 1.0
+        columns.append(forces(changed) - target[:, None] + left)
     for draw in range(len(values) if factors else 0):
         matrix = np.stack([column[:, draw] for column in columns], axis=1)
         values[draw, factors] = _least_squares(problem, factors, matrix, left[:, draw])
@@ -344,11 +344,11 @@ def _least_squares(
     """Values of factors by their columns (n, k), within their bounds and signs."""
     names = [problem.field.parameters[k] for k in factors]
     scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-    found = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)[0] / scale
+    values = np.linalg.lstsq(matrix / scale, target, rcond=1e-9)[0] / scale
     least = _LEAST * np.linalg.norm(target) / scale
-    found = np.where([name in problem.law.positive for name in names], np.maximum(found, least), found)
+    values = np.where([name in problem.law.positive for name in names], np.maximum(values, least), values)
     low, high = np.array([problem.bounds.get(name, (-math.inf, math.inf)) for name in names]).T
-    return np.asarray(np.clip(found, low, high))
+    return np.asarray(np.clip(values, low, high))
 
 
 def _factors(field: Law) -> list[str]:

@@ -25,7 +25,7 @@ from reduced_models.records.inputs import input_column
 jnp = jax.numpy
 
 FINE = 0.02
-"""Greatest way of a step of the hidden states, in half strokes."""
+"""Greatest travel of a step of the hidden states, in half strokes."""
 
 
 class StrokeSteps(NamedTuple):
@@ -65,7 +65,7 @@ class Stroke(NamedTuple):
     point: np.ndarray
 
 
-def stroke_of(record: PistonRecord, law: Law, way: float = FINE) -> Stroke:
+def stroke_of(record: PistonRecord, law: Law, travel: float = FINE) -> Stroke:
     """Stroke of a record, with the inputs of a law.
 
     Parameters
@@ -73,8 +73,8 @@ def stroke_of(record: PistonRecord, law: Law, way: float = FINE) -> Stroke:
     record : PistonRecord
     law : Law
         Field of a `ForceLaw`.
-    way : float
-        Greatest way of a step of the hidden states, in half strokes.
+    travel : float
+        Greatest travel of a step of the hidden states, in half strokes.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def stroke_of(record: PistonRecord, law: Law, way: float = FINE) -> Stroke:
     if law.hidden:
         speed = np.maximum(abs(velocity[1:]), abs(velocity[:-1]))
         half = 0.5 * float(np.ptp(smooth.height))
-        parts = max(1, math.ceil(float((steps * speed).max()) / (way * half)))
+        parts = max(1, math.ceil(float((steps * speed).max()) / (travel * half)))
     fractions = (np.arange(parts)[:, None] + np.array([0.0, 0.5, 1.0])) / parts
     z, speed = _hermite(record.time, smooth.height, velocity, fractions)
     inputs = drive[:-1, None, None] + fractions[:, :, None] * np.diff(drive, axis=0)[:, None, None]
