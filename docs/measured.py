@@ -8,8 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from granular import PistonRecord, Scene, Trajectory, load_scene, simulate
-from reduced_models import HeightMap, score_drops
+from granular import PistonRecord, Scene, Trajectory, damper, load_scene, simulate
+from granular.pairs.discs import Disc, disc_energy_and_force
+from reduced_models import HeightMap, fit, predict, score_drops
+from reduced_models.falls.lattice import lattice_pressure
 from reduced_models.laws.elliptic import (
     OSCILLATORS,
     averaged_amplitude,
@@ -95,6 +97,46 @@ def let_fall(scene: Scene, height: int, seed: int = 1) -> PistonRecord:
         "protocol": [{"kind": "free", "name": "drop", "duration": 3.0}],
     }
     return simulate(scene.replace(**changes), progress=False).piston()
+
+
+def discs_over_dipoles() -> str:
+    """Repulsion of two discs that are half as thick as wide, and pressure of their lattice."""
+    r, disc = np.array([1.0, 1.1, 1.2, 1.3, 1.5, 2.0, 3.0, 5.0]), Disc(0.5, 0.5)
+    forces = disc_energy_and_force(r, disc, disc)[1] * r**4 / 3.0
+    dipoles, discs = (damper(magnets=magnets).grains for magnets in ("dipoles", "cylinders"))
+    densities = 2.0 / (np.sqrt(3.0) * r**2)
+    pressures = [lattice_pressure(discs, rho) / lattice_pressure(dipoles, rho) for rho in densities]
+    rows = [["r/D", *(f"{one:g}" for one in r)], ["---"] * (len(r) + 1)]
+    rows += [["force of two", *(f"{one:.3f}" for one in forces)]]
+    rows += [["pressure of the lattice", *(f"{one:.3f}" for one in pressures)]]
+    return "\n".join([*(f"| {' | '.join(row)} |" for row in rows), ""])
+
+
+def magnets_beside_dipoles() -> str:
+    """Rest, period and damping of the scene `magnets`, of its discs and of dipoles in their place."""
+    rows = ["| | discs | dipoles | discs by `predict` |", "| --- " * 4 + "|"]
+    of_discs, of_dipoles = (rest_figures(magnets) for magnets in ("cylinders", "dipoles"))
+    told = predict(load_scene("magnets")).at_rest
+    assert told is not None
+    said = (1e3 * told.height, told.period, told.damping_ratio)
+    for name, digits, discs, dipoles, law in zip(
+        ("rest [mm]", "period [s]", "damping ratio"), (2, 4, 4), of_discs, of_dipoles, said, strict=True
+    ):
+        measured = (f"{x:.{digits}f} ± {start:.1g} ± {step:.1g}" for x, start, step in (discs, dipoles))
+        rows.append(f"| {name} | {' | '.join(measured)} | {law:.{digits}f} |")
+    return "\n".join([*rows, ""])
+
+
+def rest_figures(magnets: str) -> list[tuple[float, float, float]]:
+    """Rest [mm], period [s] and damping ratio: mean and deviation of three starts, and step error."""
+    figures = {}
+    for seed, dt in ((1, "auto*2"), (2, "auto*2"), (3, "auto*2"), (1, "auto")):
+        scene = load_scene("magnets").replace(**{"grains.magnets": magnets, "arrangement.seed": seed})
+        rest = fit(simulate(scene, dt=dt, progress=False).piston(), "linear").at_rest
+        figures[seed, dt] = (1e3 * rest.height, rest.period, rest.damping_ratio)
+    starts = np.array([figures[seed, "auto*2"] for seed in (1, 2, 3)])
+    steps = np.abs(np.array(figures[1, "auto"]) - starts[0])
+    return list(zip(starts.mean(axis=0), starts.std(axis=0, ddof=1), steps, strict=True))
 
 
 def collided(dt: float | str, method: str) -> Trajectory:

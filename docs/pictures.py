@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from compared import beside_lammps, beside_pysindy
-from measured import averaging, falls, head_on_steps
+from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnets_beside_dipoles
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -895,6 +895,8 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "machine-design": write_machine_design,
     "prices": write_prices,
     "head-on": lambda: write_block("head-on", head_on_steps(), DOCS / "guide" / "methods.md"),
+    "discs": lambda: write_block("discs", discs_over_dipoles(), DOCS / "guide" / "pairs.md"),
+    "magnets": lambda: write_block("magnets", magnets_beside_dipoles(), DOCS / "results" / "laws.md"),
     "falls": lambda: write_block("falls", falls(), DOCS / "results" / "laws.md"),
     "averaging": lambda: write_block("averaging", averaging(), DISCOVERY),
     "lammps": lambda: write_block("lammps", beside_lammps(), OTHERS),

@@ -20,7 +20,7 @@ UNLIKE = [
     {"name": "big", "diameter": 0.006, "share": 0.6},
     {"name": "small", "diameter": 0.0045, "share": 0.4, "thickness": 0.002},
 ]
-ROWS = 20
+ROWS = 26
 
 
 def discs(**changes: Any) -> Grains:
@@ -107,7 +107,7 @@ def relaxed_energy(spacing: float) -> tuple[float, float]:
     a, half = spacing * 0.006, 0.5 * spacing * 0.006
     rows, columns = np.divmod(np.arange(ROWS * ROWS), ROWS)
     places = np.stack([a * (columns + 0.25) + half * (rows % 2), math.sqrt(0.75) * a * (rows + 0.5)], axis=1)
-    places += np.random.default_rng(5).uniform(-0.05, 0.05, places.shape) * a
+    places += np.random.default_rng(5).uniform(-0.02, 0.02, places.shape) * a
     run = simulate(scene.replace(arrangement={"positions": places.tolist()}), progress=False)
     assert scene.cell.height is not None
     return float(run.dataset["pair_energy"].values[-1]), scene.cell.width * scene.cell.height
