@@ -101,9 +101,9 @@ class PredictedLaw(FittedLaw):
 def predict(scene: Scene) -> PredictedLaw:
     """Law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
 
-    The law is ``elastoplastic-bed``: the pressure of a triangular lattice of dipoles, which goes as
-    the height to the power -2.5, and a shear stress that yields; its derivation is "The laws,
-    derived" in the documentation.
+    The law is ``elastoplastic-bed``: the pressure of a triangular lattice, which goes as the height
+    to the power -2.5 for dipoles and grows faster for discs, and a shear stress that yields; its
+    derivation is "The laws, derived" in the documentation.
 
     Its motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
@@ -120,7 +120,7 @@ def predict(scene: Scene) -> PredictedLaw:
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps.
+        If the scene has no heavy piston over magnets that drag alone damps.
 
     Warns
     -----
@@ -167,7 +167,7 @@ def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps; and with ``refuse`` if
+        If the scene has no heavy piston over magnets that drag alone damps; and with ``refuse`` if
         it has too few grains for what was measured, or more drag over the piston's mass than was
         compared with falls, where there is a warning without.
     """
@@ -335,7 +335,7 @@ def shaking_range(scene: Scene) -> ShakingRange:
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps, too few grains, or
+        If the scene has no heavy piston over magnets that drag alone damps, too few grains, or
         more drag over the piston's mass than was compared with falls.
     """
     bed_parameters(scene)  # refuses what is not known

@@ -112,7 +112,7 @@ def whole_fall(
     Raises
     ------
     InputError
-        If the scene has no heavy piston over dipoles that drag alone damps, or the height is not
+        If the scene has no heavy piston over magnets that drag alone damps, or the height is not
         above the level of rest.
 
     Warns

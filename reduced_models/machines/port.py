@@ -29,7 +29,7 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
     Parameters
     ----------
     scene : Scene
-        Scene of a piston with a mass on dipoles that drag alone damps.
+        Scene of a piston with a mass on magnets that drag alone damps.
     path : str or Path
         File to write: ``.py``, ``.c`` (with its header), ``.m``, ``.mo`` or ``.fmu``.
     fmi : int
@@ -62,7 +62,7 @@ def bed_port(scene: Scene) -> ForcePort:
     Parameters
     ----------
     scene : Scene
-        Scene of a piston with a mass on dipoles that drag alone damps.
+        Scene of a piston with a mass on magnets that drag alone damps.
 
     Returns
     -------
