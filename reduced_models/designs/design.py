@@ -2,7 +2,9 @@
 
 The maps propose; fresh simulations of the proposal, from random starts that the study did not use,
 say what it does. Where they differ from the target by more than is allowed, the next one aims as
-far to the other side (a secant step with the slopes of the maps). Some numbers of grains come to
+far to the other side (a secant step with the slopes of the maps). So does one more where all are allowed but
+their mean is off by more than half of that: a polynomial over the whole box is off by 2 to 4 % in parts of
+it, always to the same side, at 368 grains without small ones among others. Some numbers of grains come to
 rest in one order or another, by their start, with dampings that differ by a fifth: where the starts
 disagree by more than is allowed, another number of grains is tried.
 """
@@ -33,6 +35,8 @@ from reduced_models.designs.study import check_columns, check_figures
 from reduced_models.records.sources import METHOD
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
+CENTRED = 0.5
+"""Fraction of these that the mean of the checks may be off by, without one more correction."""
 SEEDS = (2, 3, 4)
 """Random starts of the checks; the study took the first."""
 CORRECTIONS = 5
@@ -141,6 +145,7 @@ def _search(
     for target_ in targets:
         aim = (target.frequency, target.damping)
         first = len(rounds)
+        met: Design | None = None
         for _ in range(CORRECTIONS):
             candidate = damper_for_target(chosen, target_, aim)
             if candidate is None or len(rounds) == MOST:
@@ -148,16 +153,24 @@ def _search(
             try:
                 checks = _run_checks(candidate, seeds, out, executor, progress)
             except GranularError as error:
+                if met is not None:
+                    break
                 raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
             rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
-            result = Design(target, tuple(rounds))
+            result, last = Design(target, tuple(rounds)), met
             if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
-                if out is not None:
-                    result.save(out, chosen)
-                return result
-            if len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+                met = result
+            if last is not None or (
+                met is not None and met.centred(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE)
+            ):
+                break
+            if met is None and len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
             aim = _corrected_target(target, rounds[first:])
+        if met is not None:
+            if out is not None:
+                met.save(out, chosen)
+            return met
     raise DesignError(_miss_text(result), result)
 
 
@@ -169,7 +182,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     """
     last = rounds[-1]
     aim = last.promise.frequency
-    if abs(last.mean("frequency") / target.frequency - 1.0) > 0.5 * FREQUENCY_TOLERANCE:
+    if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
         aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
     return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
 

@@ -133,6 +133,13 @@ class Design:
             for check in self.checks
         )
 
+    def centred(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+        """Return true where the means over the checks lie within these relative tolerances."""
+        return (
+            abs(self.frequency / self.target.frequency - 1.0) <= frequency_tolerance
+            and abs(self.damping_ratio / self.target.damping - 1.0) <= damping_tolerance
+        )
+
     def spread(self, name: str) -> tuple[float, float]:
         """Least and greatest value over the random starts of the last round."""
         values = [getattr(check, name) for check in self.checks]

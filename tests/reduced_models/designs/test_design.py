@@ -21,6 +21,7 @@ from reduced_models import Candidate, DamperMaps, damper_maps, design, fit
 from reduced_models.designs.damper import affine_damping_ratio, damper_at
 from reduced_models.designs.design import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE
 from reduced_models.designs.proposal import DesignTarget, propose_design
+from reduced_models.designs.result import DesignCheck
 from reduced_models.designs.study import design_points, run_study
 
 ROOT = Path(__file__).parents[3]
@@ -215,6 +216,33 @@ def test_design_is_met_and_kept(tmp_path):
         assert "<svg" in (tmp_path / "report.html").read_text()
         again = design(**wanted, out=tmp_path, executor=here, progress=False)
     assert again.to_plain() == found.to_plain()
+
+
+def test_a_design_that_is_off_to_one_side_is_centred(monkeypatch):
+    """Maps that promise 4 % more damping than beds have: within the tolerance, but always low."""
+
+    def checks(candidate, seeds, *_):
+        said = damper_maps().predict(candidate)
+        return tuple(
+            DesignCheck(
+                seed=seed,
+                rest_height=said.rest_height,
+                frequency=(1.012 + 0.002 * k) * said.frequency,
+                damping_ratio=(0.96 + 0.005 * k) * said.damping_ratio,
+                **dict.fromkeys(("lam", "k1", "k2", "k3", "misfit", "ledger"), 0.0),
+                **dict.fromkeys(("rest_gap", "fall_gap"), 1.0),
+                times=[],
+                heights=[],
+            )
+            for k, seed in enumerate(seeds, -1)
+        )
+
+    monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
+    found = design(4.0, 0.08, magnets="cylinders", progress=False)
+    first, last = found.rounds
+    assert first.mean("damping_ratio") == pytest.approx(0.96 * 0.08, rel=1e-3)
+    assert last.mean("damping_ratio") == pytest.approx(0.08, rel=1e-3)
+    assert last.mean("frequency") == pytest.approx(4.0, rel=1e-3)
 
 
 def test_command_says_no_in_one_line(command):
