@@ -166,13 +166,17 @@ def table_row(name: str, system: System, found: FoundLaw, seconds: float | None 
     motion = found.map.shift + found.map.scale * solved(found.law, time, start, np.zeros_like)
     error = float(np.sqrt(((motion - truth) ** 2).mean()) / truth.std())
     equation = f"`{equation_text(found.law, found.map)}`"
-    cells = [name, equation, f"{frequency:.5f} Hz", f"{100 * damping:.3f} %"]
+    ratio = "none" if math.isnan(damping) else f"{100 * damping + 0.0:.3f} %"
+    cells = [name, equation, f"{frequency:.5f} Hz", ratio]
     last = ["", ""] if seconds is None else [f"{100 * error:.2g} %", f"{seconds:.2g} s"]
     return f"| {' | '.join([*cells, *last])} |"
 
 
 def small_swing(law: sympy.Expr) -> tuple[float, float]:
-    """Frequency without damping [Hz] and damping ratio about the rest next to 0; NaN where nothing swings."""
+    """Frequency without damping [Hz] and damping ratio about the rest next to 0.
+
+    NaN where nothing swings, and of the ratio where the law jumps at rest.
+    """
     import sympy
 
     z, v, _ = state_symbols()
@@ -184,4 +188,5 @@ def small_swing(law: sympy.Expr) -> tuple[float, float]:
 
     stiffness = -slope(small, 0.0)
     omega = math.sqrt(stiffness) if stiffness > 0.0 else math.nan
-    return omega / (2.0 * math.pi), -slope(0.0, small) / (2.0 * omega)
+    ratio = math.nan if law.has(sympy.sign) else -slope(0.0, small) / (2.0 * omega)
+    return omega / (2.0 * math.pi), ratio
