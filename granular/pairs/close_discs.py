@@ -17,7 +17,6 @@ from granular.pairs.dipole import STRENGTH
 from granular.pairs.disc_tables import (
     CONTACT,
     END,
-    FORCE,
     HEIGHT,
     LEAST,
     PER_PIECE,
@@ -26,12 +25,13 @@ from granular.pairs.disc_tables import (
     SMOOTH,
     START,
     STIFFNESS,
+    TERM,
     CloseTables,
     Discs,
 )
 from granular.pairs.pair_arrays import PairArrays, add_at, value_or_one
 
-SKIN = 0.3
+SKIN = 0.15
 """Added to the reach of the list [D]: it is made anew once a grain has moved by half of it."""
 
 _PARTNERS = 24
@@ -43,7 +43,7 @@ class CloseDiscs(NamedTuple):
 
     Attributes
     ----------
-    first, second : int32 (p,)
+    first, second : uint32 (p,)
         The pairs: the first grain is the lower one, and pairs are in order.
     filled : int64 (1,)
         How many there are.
@@ -74,8 +74,8 @@ def close_discs_workspace(size: int, reach: float, periods: tuple[float, float] 
     capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
     capacity = min(capacity, max(1, size * (size - 1) // 2))
     return CloseDiscs(
-        first=np.zeros(capacity, dtype=np.int32),
-        second=np.zeros(capacity, dtype=np.int32),
+        first=np.zeros(capacity, dtype=np.uint32),
+        second=np.zeros(capacity, dtype=np.uint32),
         filled=np.zeros(1, dtype=np.int64),
         built=np.zeros((2, size)),
         grains=np.full(1, -1, dtype=np.int64),
@@ -205,35 +205,37 @@ def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
 
 
 @compiled(inline=True)
-def _numbers(tables: CloseTables, row: int) -> tuple[float, float, float, float]:
+def _numbers(tables: CloseTables, row: int) -> tuple[float, float, float]:
     """Entries of a pair of species that the forces take."""
-    pairs = tables.pairs
-    return pairs[row, START], pairs[row, PER_PIECE], pairs[row, SMOOTH], pairs[row, END]
+    return tables.pairs[row, START], tables.pairs[row, PER_PIECE], tables.pairs[row, SMOOTH]
 
 
 @compiled(inline=True)
 def _numbers_of(
-    species: Array | None, tables: CloseTables, row: int, alike: tuple[float, float, float, float]
-) -> tuple[float, float, float, float]:
+    species: Array | None, tables: CloseTables, row: int, alike: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Those of a pair: where all grains are alike they stay in registers."""
     return alike if species is None else _numbers(tables, row)
 
 
 @compiled(inline=True)
-def _piece_of(tables: CloseTables, start: float, per_piece: float, u: float) -> tuple[int, float]:
-    """Piece of a table at r^2 = u, and the fraction of it that is passed."""
-    passed, last = (u - start) * per_piece, tables.pieces.shape[1] - 1
-    piece = max(int(passed), 0) if passed < last else last
-    return piece, passed - piece
+def _piece_of(tables: CloseTables, start: float, per_piece: float, u: float) -> tuple[np.uint64, float]:
+    """Piece of a table at r^2 = u, and the fraction of it that is passed.
+
+    Without a sign, an index takes no look at whether it counts from the end.
+    """
+    passed = min(max((u - start) * per_piece, 0.0), tables.pieces.shape[1] - 1.0)
+    piece = np.uint64(passed)
+    return piece, passed - np.floor(passed)
 
 
 @compiled(inline=True)
-def _piece_at(tables: CloseTables, row: int, u: float) -> tuple[int, float]:
+def _piece_at(tables: CloseTables, row: int, u: float) -> tuple[np.uint64, float]:
     return _piece_of(tables, tables.pairs[row, START], tables.pairs[row, PER_PIECE], u)
 
 
 @compiled(inline=True)
-def _cubic(tables: CloseTables, row: int, k: int, t: float) -> float:
+def _cubic(tables: CloseTables, row: int, k: np.uint64, t: float) -> float:
     """F/r that a piece adds, over the moments."""
     p = tables.pieces
     return p[row, k, 0] + t * p[row, k, 1] + t * t * (p[row, k, 2] + t * p[row, k, 3])
@@ -272,7 +274,7 @@ def _singular(tables: CloseTables, row: int, u: float) -> tuple[float, float, fl
 @compiled
 def _stiffness(discs: Discs, row: int, u: float) -> float:
     """Stiffness of a close pair less the bound that stands for it, over the moments."""
-    tables, force = discs.close, discs.series[FORCE]
+    tables, force = discs.close, 8.0 / 3.0 * discs.series[TERM]
     rho2 = u - tables.pairs[row, SHIFT]
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
     ratio = STRENGTH * fifth * (1.0 + force * fifth) + _cubic(tables, row, *_piece_at(tables, row, u))
@@ -310,34 +312,6 @@ def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.n
     return float(ratio.min()), int(i[ratio.argmin()])
 
 
-@compiled
-def _add_forces(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
-    """Add the forces of the pieces; return how many pairs have a singular part as well."""
-    x, y, tables, touching, p = arrays.x, arrays.y, discs.close, 0, 0
-    alike = _numbers(tables, 0)
-    while p < close.filled[0]:
-        # The grain's own sum stays in registers: a sum in memory waits for the one before it.
-        i, fx, fy = close.first[p], 0.0, 0.0
-        first = value_or_one(arrays.moments, i)
-        while p < close.filled[0] and close.first[p] == i:
-            j = close.second[p]
-            p += 1
-            dx, dy = _apart(close.periods, x, y, i, j)
-            u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
-            start, per_piece, smooth, end = _numbers_of(discs.species, tables, row, alike)
-            if u < end:
-                touching += u < smooth
-                piece, t = _piece_of(tables, start, per_piece, u)
-                ratio = first * value_or_one(arrays.moments, j) * _cubic(tables, row, piece, t)
-                fx += ratio * dx
-                fy += ratio * dy
-                arrays.fx[j] -= ratio * dx
-                arrays.fy[j] -= ratio * dy
-        arrays.fx[i] += fx
-        arrays.fy[i] += fy
-    return touching
-
-
 @compiled(inline=True)
 def _push(arrays: PairArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
     fx, fy = ratio * dx, ratio * dy
@@ -345,6 +319,24 @@ def _push(arrays: PairArrays, i: int, j: int, dx: float, dy: float, ratio: float
     arrays.fy[i] += fy
     arrays.fx[j] -= fx
     arrays.fy[j] -= fy
+
+
+@compiled
+def _add_forces(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
+    """Add the forces of the pieces; return how many pairs have a singular part as well."""
+    x, y, tables, touching = arrays.x, arrays.y, discs.close, 0
+    alike = _numbers(tables, 0)
+    # No branch: how many pairs a grain has is a guess that goes wrong.
+    for p in range(close.filled[0]):
+        i, j = close.first[p], close.second[p]
+        dx, dy = _apart(close.periods, x, y, i, j)
+        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+        start, per_piece, smooth = _numbers_of(discs.species, tables, row, alike)
+        touching += u < smooth
+        piece, t = _piece_of(tables, start, per_piece, u)
+        both = value_or_one(arrays.moments, i) * value_or_one(arrays.moments, j)
+        _push(arrays, i, j, dx, dy, both * _cubic(tables, row, piece, t))
+    return touching
 
 
 # By itself: most beds have no such pair, and its roots take longer than all else.

@@ -19,7 +19,14 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sweep import sweep_runs
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.pair_arrays import PairArrays, if_given, set_forces_to_nan, sum_scale, with_extremes
+from granular.pairs.pair_arrays import (
+    PairArrays,
+    force_scale,
+    if_given,
+    set_forces_to_nan,
+    sum_scale,
+    with_extremes,
+)
 from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.simd import INDEX, WIDTH, Code, constant
 from granular.pairs.stripe_lists import refresh_lists
@@ -145,9 +152,9 @@ def _copy_sum_to_grains(out: Array, sums: Array | None, scale: float, stripes: S
 
 @compiled
 def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
-    scale = sum_scale(asked.series)
-    _copy_sums_to_grains(asked.fx, stripes.fx, STRENGTH * scale, stripes, part)
-    _copy_sums_to_grains(asked.fy, stripes.fy, STRENGTH * scale, stripes, part)
+    scale, strength = sum_scale(asked.series), STRENGTH * force_scale(asked.series)
+    _copy_sums_to_grains(asked.fx, stripes.fx, strength, stripes, part)
+    _copy_sums_to_grains(asked.fy, stripes.fy, strength, stripes, part)
     _copy_sums_to_grains(asked.stiffness, stripes.stiffness, scale, stripes, part)
     _copy_sums_to_grains(asked.load, stripes.load, scale, stripes, part)
 

@@ -123,18 +123,18 @@ def _make_cut(code: Code, arrays: Arrays, radius: ir.Value, *, smooth: bool) -> 
     rest = b.fmul(ir.Constant(radius.type, 1.0 / scale), cube)
     part = None
     if smooth:
-        fifth = b.fdiv(cube, square)
-        part = SmoothSplit(
-            _scale_coefficients(code, FIFTH, fifth, square, scale),
-            _scale_coefficients(code, CUBE, cube, square, scale),
-        )
+        fifth, of_force = b.fdiv(cube, square), scale
+        energies = _scale_coefficients(code, CUBE, cube, square, scale)
         if far is not None:
-            fifth = b.fmul(far, fifth)
-            more = (
-                _scale_coefficients(code, SEVENTH, b.fdiv(fifth, square), square, scale),
-                _scale_coefficients(code, FIFTH_ENERGY, fifth, square, scale),
-            )
-            part = SmoothSplit(*(add_lanes(code, *both) for both in zip(part, more, strict=True)))
+            more = _scale_coefficients(code, FIFTH_ENERGY, b.fmul(far, fifth), square, scale)
+            energies = add_lanes(code, energies, more)
+            fifth, of_force = b.fdiv(fifth, arrays.force_scale), 1.0
+        forces = _scale_coefficients(code, FIFTH, fifth, square, of_force)
+        if far is not None:
+            seventh = b.fdiv(b.fmul(far, fifth), square)
+            more = _scale_coefficients(code, SEVENTH, seventh, square, of_force)
+            forces = add_lanes(code, forces, more)
+        part = SmoothSplit(forces, energies)
     return make_cut(code, square, rest, part, far)
 
 

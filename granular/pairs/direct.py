@@ -13,7 +13,15 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
-from granular.pairs.pair_arrays import PairArrays, clear_array, clear_sums, if_given, scale_array, sum_scale
+from granular.pairs.pair_arrays import (
+    PairArrays,
+    clear_array,
+    clear_sums,
+    force_scale,
+    if_given,
+    scale_array,
+    sum_scale,
+)
 from granular.pairs.plain_sums import plain_direct_sum
 
 PADDING = 1e70
@@ -119,9 +127,9 @@ def _direct_sum(
         _add_parts(buffers, 3, arrays.load)
         clear_array(arrays.extremes)
         _join_extremes(buffers, arrays.extremes)
-    scale = sum_scale(arrays.series)
-    scale_array(arrays.fx, STRENGTH * scale)
-    scale_array(arrays.fy, STRENGTH * scale)
+    scale, strength = sum_scale(arrays.series), STRENGTH * force_scale(arrays.series)
+    scale_array(arrays.fx, strength)
+    scale_array(arrays.fy, strength)
     scale_array(arrays.stiffness, scale)
     scale_array(arrays.load, scale)
     scale_array(arrays.extremes, scale)

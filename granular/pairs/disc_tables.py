@@ -4,12 +4,15 @@ All pairs are summed by (natural units, moments aside, rho^2 = r^2 - b)
 
     E = (1/4) (rho^-3 + c rho^-8),   F/r = (3/4) (rho^-5 + (8/3) c rho^-10),
 
-the dipoles' law at another distance with a term that takes nothing but two products, for rho^-5 is
-there. With b the far field is exact up to the second multipole, and c is what brings this law
-closest to that of `granular.pairs.discs` beyond a distance. Nearer pairs have the difference added,
-from a table of F/r in r^2 for each pair of species: cubic pieces, and the singular part at contact.
-Its energy is the integral of the same pieces. Below contact the force goes on with its value and
-slope.
+the dipoles' law at another distance with one more term. With s = rho^-5 it is a completed square,
+
+    s + (8/3) c s^2 = (8/3) c ((s + g)^2 - g^2),   g = 3/(16 c),
+
+so that it costs no more than dipoles. With b the far field is exact up to the second multipole, and c is
+what brings this law closest to that of `granular.pairs.discs` beyond a distance. Nearer pairs have the
+difference added, from a table of F/r in r^2 for each pair of species: cubic pieces, and the singular part
+at contact. Its energy is the integral of the same pieces. Below contact the force goes on with its value
+and slope.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ from granular.pairs.discs import (
     disc_shift,
     pair_shift,
 )
+from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
 
 TOLERANCE, RELATIVE = 8e-7, 8e-6
@@ -53,14 +57,18 @@ _REACHES = np.arange(1.3, 8.01, 0.05)
 _BEYOND = 40.0
 """Greatest distance looked at, over that of contact."""
 
-COMMON, FORCE, ENERGY_TERM, FAR, STIFFNESS = range(5)
-"""Entries of a series: b of all pairs (of alike discs); (8/3) c; c; the factor of r^-5 that the far
-field has beside r^-3; the greatest stiffness beyond the tables over that of dipoles at rho."""
+_LEAST_TERM = 0.004
+"""Of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
+
+COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS = range(6)
+"""Entries of a series: b of all pairs (of alike discs); c; g / `DISC_SCALE`; what sums of forces lack as
+a factor, besides `STRENGTH`; the factor of r^-5 that the far field has beside r^-3; the greatest
+stiffness beyond the tables over that of dipoles at rho."""
 
 START, PER_PIECE, CONTACT, HEIGHT, SINGULAR, LEAST, SMOOTH, END, SHIFT = range(9)
 """Entries of a pair of species: r^2 at which the table starts; pieces per D^2; r^2 at contact; z
 over a length of r^2, and factor, of the singular part; r^2 at which a run stops, from which on the
-pieces hold the singular part, and at which the table ends, infinite where that is all zero; b."""
+pieces hold the singular part, and at which the table ends; b."""
 
 
 class CloseTables(NamedTuple):
@@ -86,7 +94,7 @@ class Discs(NamedTuple):
 
     Attributes
     ----------
-    series : float64 (5,)
+    series : float64 (6,)
         See `COMMON` and the others.
     shift : float64 (m,) or None
         Part of each grain in b [D^2]; None where all are alike.
@@ -161,18 +169,16 @@ def _of_species(discs: tuple[Disc, ...]) -> Discs:
     """Law and tables, without what differs from grain to grain."""
     kinds = range(len(discs))
     pairs = {(i, j): _exact(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
-    c = _fit(list(pairs.values()))
+    c, centre = _completed_square(_fit(list(pairs.values())))
     begins = {key: _begin(pair, c) for key, pair in pairs.items()}
     made = {key: _table(pair.discs, begins[key], c) for key, pair in pairs.items()}
     tables = [made[min(i, j), max(i, j)] for i in kinds for j in kinds]
     # One piece of zeros behind each table: what is listed beyond it need not be left out.
     most = max(len(pieces) for _, pieces, _ in tables) + 1
-    if len(discs) == 1:
-        tables[0][0][END] = np.inf
     common = 2.0 * disc_shift(discs[0]) if len(discs) == 1 else 0.0
     slope = max(_greatest_stiffness(pair, begins[key], c) for key, pair in pairs.items())
     return Discs(
-        series=np.array([common, 8.0 / 3.0 * c, c, 0.0, slope]),
+        series=np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope]),
         shift=None,
         species=None,
         kinds=len(discs),
@@ -202,7 +208,7 @@ def _fit(pairs: Sequence[_Pair]) -> float:
         for _ in range(30):
             c = -float(weights * slopes @ at_zero / (weights * slopes @ slopes))
             errors = np.abs(at_zero + c * slopes)
-            if errors.max() <= 1.0:
+            if errors.max() <= 1.0 and abs(c) >= _LEAST_TERM:
                 return c
             weights *= errors / errors.max()
     height = max(disc.height / (2.0 * disc.radius) for pair in pairs for disc in pair.discs)
@@ -210,6 +216,15 @@ def _fit(pairs: Sequence[_Pair]) -> float:
         f"grains.magnets = 'cylinders': discs {height:.3g} times as high as wide differ from "
         f"dipoles beyond {_REACHES[-1]:g} diameters; take flatter ones, or 'dipoles'"
     )
+
+
+def _completed_square(c: float) -> tuple[float, float]:
+    """Return c, changed in its last digits, and g / `DISC_SCALE`, whose square is exact for that.
+
+    Then nothing is left at a distance where s is zero, as it is for padding.
+    """
+    centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
+    return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
 def _begin(pair: _Pair, c: float) -> float:

@@ -2,9 +2,9 @@
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
-factor `granular.pairs.simd.SCALE` (of discs `DISC_SCALE`), and the forces also 3/4. Of discs
-(`granular.pairs.disc_tables`)
-s = rho^-5, and it enters the force as s + (8/3) c s^2, the energy as rho^2 (s + c s^2).
+factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_tables`)
+s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), and the force as
+(s + g)^2 - g^2, whose sums lack a factor of their own.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.disc_tables import COMMON, ENERGY_TERM, FAR, FORCE
+from granular.pairs.disc_tables import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
 from granular.pairs.simd import (
     DISC_SCALE,
     INDEX,
@@ -39,21 +39,21 @@ class Sums(NamedTuple):
 
 
 class Series(NamedTuple):
-    """The law of all pairs of discs, in every lane: b of alike discs, and the factors of s^2."""
+    """The law of all pairs of discs, in every lane: b of alike discs, g, -g^2, and c of the energy."""
 
     common: Any
-    force: Any
+    centre: Any
+    rest: Any
     energy: Any
 
 
 def _series(code: Code, pointer: Any) -> Series | None:
     if pointer is None:
         return None
-    b, numbers = code.builder, []
-    for entry, factor in ((COMMON, 1.0), (FORCE, DISC_SCALE), (ENERGY_TERM, DISC_SCALE)):
-        number = code.scalar(pointer, ir.Constant(INDEX, entry))
-        numbers.append(code.splat(b.fmul(ir.Constant(number.type, factor), number)))
-    return Series(*numbers)
+    b, entries = code.builder, (COMMON, CENTRE, TERM)
+    common, centre, term = (code.splat(code.scalar(pointer, ir.Constant(INDEX, k))) for k in entries)
+    rest = b.fneg(b.fmul(centre, centre))
+    return Series(common, centre, rest, b.fmul(constant(DISC_SCALE), term))
 
 
 class Arrays:
@@ -73,6 +73,7 @@ class Arrays:
         self.series, self.shift = _series(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
         self.far = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FAR))
+        self.force_scale = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FORCE_SCALE))
 
 
 class Grains(NamedTuple):
@@ -259,11 +260,14 @@ def pair_contributions(
     argument, shift = r2, None
     if series is not None:
         shift = series.common if first.shift is None else b.fadd(first.shift, second.shift)
-        argument = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
+        # Without a cut-off nothing else needs r2.
+        within = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
+        argument = within if cut is None else b.fsub(r2, shift)
     s = _masked_fifth(code, argument, r2, lanes, cut, series)
     slope = energy = near = s
     if series is not None:
-        slope = near = b.fmul(s, code.fused_multiply_add(s, series.force, constant(1.0)))
+        root = b.fadd(s, series.centre)
+        slope = near = code.fused_multiply_add(root, root, series.rest)
         energy = code.fused_multiply_add(b.fmul(s, series.energy), s, s)
     cube = None
     if cut is not None and cut.smooth is not None:

@@ -10,6 +10,7 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
+from granular.pairs.disc_tables import FORCE_SCALE
 from granular.pairs.simd import DISC_SCALE, SCALE
 
 
@@ -31,7 +32,7 @@ class PairArrays(NamedTuple):
         the parts of a sum take a row for each part.
     load, weight : float64 (m,) or None
         ``load`` is overwritten by sum_j weight_j / r^3.
-    series : float64 (5,) or None
+    series : float64 (6,) or None
         Law of all pairs of discs, which stands for 1/r^3 and its slope; None for dipoles.
     shift : float64 (m,) or None
         Of unlike discs; see `granular.pairs.disc_tables.Discs`.
@@ -106,6 +107,12 @@ def value_or_one(values: Array | None, i: int) -> float:
 def sum_scale(series: Array | None) -> float:
     """Return the factor that sums lack before they are scaled."""
     return SCALE if series is None else DISC_SCALE
+
+
+@compiled(inline=True)
+def force_scale(series: Array | None) -> float:
+    """Return the factor that sums of forces lack, besides `granular.pairs.dipole.STRENGTH`."""
+    return SCALE if series is None else series[FORCE_SCALE]
 
 
 @compiled(inline=True)

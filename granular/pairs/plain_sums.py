@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.compiled import Array
 from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
-from granular.pairs.disc_tables import COMMON, ENERGY_TERM, FAR, FORCE
+from granular.pairs.disc_tables import COMMON, FAR, TERM
 from granular.pairs.pair_arrays import PairArrays
 
 PADDING = 1e60
@@ -32,7 +32,7 @@ def _law(arrays: PairArrays, i: int, j: int, r: float) -> _Law:
         return _Law(fifth, pair_energy(r) / ENERGY, fifth)
     rho2 = r * r - _shift(arrays, i, j)
     fifth = np.abs(rho2) ** -2.5
-    slope, cube = (1.0 + arrays.series[k] * fifth for k in (FORCE, ENERGY_TERM))
+    slope, cube = (1.0 + factor * arrays.series[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
     return _Law(slope * fifth, cube * rho2 * fifth, fifth)
 
 
