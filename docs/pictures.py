@@ -35,6 +35,7 @@ from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, whole_fall
 from reduced_models.designs.page import plot_maps
+from reduced_models.falls.theory import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, SmallSwing, solve_response
 from research.published.judging import judged
@@ -176,15 +177,7 @@ def draw_theory() -> None:
 
 def lattice_height(scene: Scene) -> float:
     """Where the triangular lattice carries the piston [m]."""
-    grain = scene.grains
-    volume = math.pi / 4.0 * DIAMETER**2 * grain.thickness
-    moment = grain.remanence * volume / (4e-7 * math.pi)
-    unit = 4e-7 * math.pi * moment**2 / (math.pi * DIAMETER**4)
-    assert scene.piston is not None
-    assert scene.piston.mass is not None
-    width, weight = scene.cell.width, scene.piston.mass * GRAVITY
-    over = 1.6674 * unit * width / (DIAMETER * weight)
-    return grain.count * DIAMETER**2 / width * over**0.4
+    return scene.grains.count * DIAMETER**2 / (scene.cell.width * lattice_at_rest(scene).density)
 
 
 def draw_effects() -> None:

@@ -179,6 +179,17 @@ def defects_on_the_move(found: Numbers) -> None:
     assert found["conserved"] > 0.9
 
 
+def real_magnets(found: Numbers) -> None:
+    # By the lattices; starts scatter by a few tenths of a per cent.
+    assert found["higher"] == pytest.approx(1.074, abs=0.015)
+    assert found["faster"] == pytest.approx(1.02, abs=0.02)
+    assert max(found["fall_errors"].values()) < 0.03
+    # A bed that is squeezed resists shear as well, of either kind.
+    ratios = found["over_lattice"]
+    assert ratios["discs"] == pytest.approx(ratios["dipoles"], rel=0.06)
+    assert 1.0 < ratios["dipoles"] < 1.3
+
+
 CHECKS: dict[str, Callable[[Numbers], None]] = {
     "01_first_bed": first_bed,
     "02_compression_and_structure": compression,
@@ -192,6 +203,7 @@ CHECKS: dict[str, Callable[[Numbers], None]] = {
     "10_why_a_bed_damps": why_a_bed_damps,
     "11_damper_at_work": damper_at_work,
     "12_defects_on_the_move": defects_on_the_move,
+    "13_real_magnets": real_magnets,
 }
 KEEP = """
 import pickle as _pickle
