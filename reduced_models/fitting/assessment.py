@@ -380,10 +380,10 @@ def _release_text(result: SearchResult, k: int) -> str:
     after = _rms(left[start:]) / swing
     if not start or after > SLIGHT:
         return ""
+    missed, until = float(np.abs(left[:start]).max()) / swing, time[start] - time[0]
     return (
-        f"the release stirs up more than the swing: within its first {1e3 * (time[start] - time[0]):.2g} ms "
-        f"the law misses up to {100 * float(np.abs(left[:start]).max()) / swing:.2g} % of it, and "
-        f"{100 * after:.2g} % (rms) after that"
+        f"the law misses {100 * missed:.2g} % of the swing in the release's first {1e3 * until:.2g} ms, "
+        f"{100 * after:.2g} % later"
     )
 
 

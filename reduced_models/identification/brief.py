@@ -33,7 +33,9 @@ def brief(result: Identification) -> str:
     if result.falls is not None:
         end.append(_fit_line(_falls_text(result.falls)))
     if doubts := _doubts(result):
-        end.append(_fit_line(f"to doubt: {doubts[0]}", f" ({len(doubts)} in all: --verbose)"))
+        first = f"to doubt: {doubts[0]}"
+        whole = len(doubts) == 1 and len(first) <= COLUMNS
+        end.append(first if whole else _fit_line(first, f" ({len(doubts)} in all: --verbose)"))
     laws = _law_lines(result.comparison)
     room = max(LINES - len(lines) - len(end), _FEWEST_LAWS + 2)
     return "\n".join([*lines, *laws[:room], *end])
@@ -124,7 +126,7 @@ def _law_lines(table: Comparison) -> list[str]:
         later = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
         lifts = [format_percent(record.relative) for record in row.records]
         rows.append((f"  {row.name}", str(row.parameters), later, *lifts))
-    rest = f"a piston at rest: {format_percent(table.at_rest)}"
+    rest = f"standing still: {format_percent(table.at_rest)}"
     return [
         _fit_line(f"errors on what no law has seen, in % of the rms swing ({rest}):"),
         *(_fit_line_of_table(line) for line in align_columns(rows).splitlines()),

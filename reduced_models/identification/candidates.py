@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -50,21 +51,29 @@ class Candidates(NamedTuple):
     ----------
     laws : tuple of Law
     screening : Screening
+    about_zero : bool
+        Whether the record has heights on both sides of zero, or at it.
     """
 
     laws: tuple[Law, ...]
     screening: Screening
+    about_zero: bool = False
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Those that cannot win, in words."""
-        least = max(self.screening.least, 1.0)
+        least, fitted = max(self.screening.least, 1.0), {law.name for law in self.laws}
         return tuple(
-            f"{name} was not fitted: at a glance it leaves {format_factor(misfit / least)} times what "
-            f"the best law leaves (limit {HOPELESS:g}); --law {name} fits it all the same"
+            f"{name} was not fitted: {self._reason(misfit / least)}; --law {name} fits it all the same"
             for name, misfit in self.screening.misfits.items()
-            if name not in {law.name for law in self.laws}
+            if name not in fitted
         )
+
+    def _reason(self, times: float) -> str:
+        if times > _BEYOND_WORDS:
+            return f"it cannot describe {'heights about zero' if self.about_zero else 'such a motion'}"
+        excess = format_factor(times)
+        return f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
 
 
 def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
@@ -80,7 +89,7 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
         return Candidates(tuple(driven_law(law, record, drive) for law in laws), Screening({}, 1.0))
     screening = screen_laws(record, laws)
     saved = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
-    return Candidates(saved, screening)
+    return Candidates(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
@@ -95,7 +104,7 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
-    if not drive.isidentifier() or drive in (*law.parameters, "gain", "z", "t", "pi", "e"):
+    if not _names_an_input(drive, law):
         raise InputError(f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u")
     size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
@@ -120,6 +129,19 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     )
 
 
+def _names_an_input(column: str, law: Law) -> bool:
+    return column.isidentifier() and column not in (*law.parameters, "gain", "z", "t", "pi", "e")
+
+
+def drive_option(column: str) -> str:
+    """Options of the command line by which a column drives all laws."""
+    if all(_names_an_input(column, LAWS[name]) for name in CANDIDATES):
+        return f"--input {column}"
+    if {",", "="} & set(column):
+        return "rename it in the file, then --input NAME"
+    return f"--columns {shlex.quote(f'drive={column}')} --input drive"
+
+
 def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
     """Columns that change in the course of the record, and that no law names."""
     named = {name for law in laws for name in law.inputs}
@@ -136,6 +158,7 @@ HOPELESS = 4.0
 """Misfit, over the least one, beyond which a law is left out."""
 CLEARLY_LESS = 0.7
 """Misfit of all terms of a library, over that of the best law, below which discovery may help."""
+_BEYOND_WORDS = 1e6  # a misfit by which a law is not defined there
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
 _DEGREE = 3  # of the library

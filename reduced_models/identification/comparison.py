@@ -250,7 +250,7 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float, *, at_n
     best = alike[0]
     words = (
         f"{best.name} is first: its test error is {format_percent(best.error)} of the rms swing "
-        f"(baseline, a piston at rest: {format_percent(at_rest)})"
+        f"(baseline, standing still: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += ", no better than rest, so only what the fits leave over judges the laws"

@@ -17,7 +17,7 @@ from granular.shared.errors import InputError
 from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.fitting.problem import require_positions
-from reduced_models.identification.candidates import candidates, driven_law, unused_columns
+from reduced_models.identification.candidates import candidates, drive_option, driven_law, unused_columns
 from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
@@ -288,7 +288,8 @@ def _notes(
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure]
     if run is None:
         notes += [
-            f"the column {sanitize(name)} was not used; as a drive of all laws: --input {sanitize(name)}"
+            f"the column {sanitize(name)} was not used; as a drive of all laws: "
+            f"{sanitize(drive_option(name))}"
             for name in unused_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
@@ -368,7 +369,7 @@ def suggest_next_steps(
     ]
     columns = unused_columns(record, [model.law for model in models])
     if run is None and columns:
-        words.append(f"drive the laws by a column that was not used: --input {columns[0]}")
+        words.append(f"drive the laws by a column that was not used: {drive_option(columns[0])}")
     if comparison.best.at_rest is not None:
         turns = float(record.time[-1] - record.time[0]) / comparison.best.at_rest.period
         if turns < _USEFUL_TURNS:

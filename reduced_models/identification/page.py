@@ -27,7 +27,7 @@ from reduced_models.identification.engineering import (
 from reduced_models.identification.pictures import downsample
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
-from reduced_models.models.model import ReducedModel
+from reduced_models.models.model import OPEN, ReducedModel
 
 __all__ = ["comparison_page"]
 
@@ -104,7 +104,8 @@ _MEANING_OF_PARTS = {
     "step": "Step: what twice the time step changes in the same fit (half of it, and the order of the "
     "method, where twice is too coarse); where it is not below the part of the starts, it shows how the "
     "bed packs, not the error of the step.",
-    "start": "Start: the standard deviation over random starts of the bed.",
+    "start": "Start: how far another random start of the bed may lie, with 95 %: the standard deviation "
+    "over those that were run, times Student's factor (4.3 for three).",
     "calibration": "Calibration: what the uncertainty of the sensor's scale and zero leaves open.",
 }
 
@@ -150,7 +151,7 @@ def add_comparison(page: Page, table: Comparison) -> None:
     page.table(header, cells)
     page.text(
         "Errors are root mean squares of record minus simulation over what the law has not seen, "
-        f"in rms swings; the baseline, a piston at rest, has {100 * table.at_rest:.3g} %, and the "
+        f"in rms swings; the baseline, standing still, has {100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
         "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
         "The test error is the root mean square over all that a law has not seen: "
@@ -251,7 +252,7 @@ def _quality_text(model: ReducedModel) -> str:
         )
     if quality.test_error_at_rest is not None:
         words += (
-            f" A piston that stays at the level of rest would score "
+            f" Standing still at the level of rest would score "
             f"{100 * quality.test_error_at_rest:.3g} % there; "
             "only a smaller error speaks for the law."
         )
@@ -268,8 +269,7 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         size = math.floor(math.log10(abs(value))) if value else 0
         # As many digits as the interval is worth, and no fewer than the equation has.
         digits = max(decimal_places(value, low, high), model.printed_digits - 1 - size)
-        # One that is much wider than the value is called open.
-        interval = "open" if high - low > 20.0 * abs(value) else format_interval(low, high, digits)
+        interval = "open" if high - low > OPEN * abs(value) else format_interval(low, high, digits)
         rows.append((parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
     return rows
 

@@ -308,7 +308,7 @@ def checked_price_text(run: Trajectory, rest: Quantity | None) -> str:
     spread, step = rest.parts.get("start"), rest.parts["step"]
     scatter = f"; starts scatter it by {spread / rest.value:.1g}" if spread else ""
     finer = f"twice as fine: {2.0 * seconds:.3g} s"
-    if spread is not None and step <= 2.0 * spread:
+    if spread is not None and step <= spread:
         finer += ", and no better where the starts decide"
     return (
         f"price: {seconds:.3g} s; rest height to {step / rest.value:.1g} by the step check{scatter}; {finer}"

@@ -65,9 +65,9 @@ class NoSwing(NamedTuple):
 
 _NO_LEVEL = NoSwing("no one level of rest is found near the record")
 JUMPS = NoSwing("the law jumps at rest, as dry friction does")
-_PUSHES = NoSwing("what pushes the piston there does not pull it back")
+_PUSHES = NoSwing("what pushes it away from there does not pull it back")
 _UNSTABLE = NoSwing("the level of rest is not stable")
-_CREEPS = NoSwing("the piston creeps back there without a swing")
+_CREEPS = NoSwing("it creeps back there without a swing")
 
 
 def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoSwing:

@@ -35,6 +35,8 @@ from reduced_models.records.sensor import Sensor, sensor_lines
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+OPEN = 20.0
+"""Width of an interval, over its value, from which on it is called open."""
 _MARGIN = 0.05  # of the range of heights seen
 _COLLOCATION = {
     "same": ", and so does a fit to accelerations",
@@ -423,7 +425,8 @@ class ReducedModel(FittedLaw):
                 continue
             low, high = self.intervals[name]
             unit = self.unit_of(name)
-            lines.append(f"  {name} = {value:.{digits}g} {unit}  [{low:.{digits}g}, {high:.{digits}g}]")
+            interval = "open" if high - low > OPEN * abs(value) else f"{low:.{digits}g}, {high:.{digits}g}"
+            lines.append(f"  {name} = {value:.{digits}g} {unit}  [{interval}]")
         lines += [f"  open: {direction}" for direction in self.undetermined]
         if self.at_rest is not None:
             rest = self.at_rest
@@ -453,7 +456,7 @@ class ReducedModel(FittedLaw):
             error = f"  test error {100.0 * self.quality.test_error:.3g} %"
             at_rest = ""
             if self.quality.test_error_at_rest is not None:
-                at_rest = f" (a piston at rest: {100.0 * self.quality.test_error_at_rest:.3g} %)"
+                at_rest = f" (standing still: {100.0 * self.quality.test_error_at_rest:.3g} %)"
             lines.append(f"{error}, on {self.quality.tested_text} that a first fit has not seen{at_rest}")
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")

@@ -94,7 +94,7 @@ def _cut(record: PistonRecord) -> list[PistonRecord]:
     start = parts[0].start
     if start > 0:
         warnings.warn(
-            f"before {record.time[start]:.4g} s the piston is moved to where it is held and "
+            f"before {record.time[start]:.4g} s what moves is moved to where it is held and "
             "released, and that is left out; to keep it: --between :",
             RecordWarning,
             stacklevel=3,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +14,13 @@ from granular.shared.errors import InputError
 from reduced_models.identification.candidates import (
     CANDIDATES,
     candidates,
+    drive_option,
     driven_law,
     screen_laws,
     unused_columns,
 )
 from reduced_models.laws.catalogue import LAWS
+from reduced_models.records.sources import read_record
 
 
 @pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
@@ -68,3 +72,28 @@ def test_a_column_that_drives() -> None:
     ):
         with pytest.raises(InputError, match=words):
             driven_law(LAWS["linear"], record, name)
+
+
+@pytest.mark.parametrize("name", ["pump", "angvel/rad/s", "pump/V DC", "lam"])
+def test_the_advice_to_drive_by_a_column_can_be_followed(name: str, tmp_path: Path) -> None:
+    time = np.linspace(0.0, 4.0, 400)
+    columns = [time, 0.2 * np.cos(7.0 * time), np.sin(3.0 * time)]
+    rows = [",".join(f"{one:.6f}" for one in row) for row in zip(*columns, strict=True)]
+    (tmp_path / "lab.csv").write_text("\n".join([f"time/s,angle/rad,{name}", *rows]))
+    record = read_record(tmp_path / "lab.csv")
+    (column,) = unused_columns(record, [])
+    options = shlex.split(drive_option(column))
+    named = dict([options[options.index("--columns") + 1].split("=")]) if "--columns" in options else {}
+    record = read_record(tmp_path / "lab.csv", columns=named)
+    for law in CANDIDATES:
+        assert driven_law(LAWS[law], record, options[-1]).inputs == (options[-1],)
+
+
+def test_heights_about_zero_are_the_reason_why_a_law_was_not_fitted() -> None:
+    time = np.linspace(0.0, 2.0, 1000)
+    swing = np.exp(-0.8 * time) * np.cos(21.8 * time)
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, len(time))
+    words = candidates(PistonRecord(time, 1e-3 * (swing + noise))).left_out
+    reason = "power-law-spring was not fitted: it cannot describe heights about zero"
+    assert any(one.startswith(reason) for one in words)
+    assert not any(",000,000" in one for one in words)
