@@ -23,7 +23,7 @@ from reduced_models.discovery.libraries import (
     propose_library,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
-from reduced_models.discovery.polishing import NAME, polish_candidate
+from reduced_models.discovery.polishing import polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, propose_structures
 from reduced_models.discovery.symbolic import has_operon
@@ -184,12 +184,11 @@ def discover(
                 weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
             )
         words = _method_text(method, form, ensemble, target if remembers else "")
-        name = NAME if remembers else f"{NAME} by {words}"
 
         def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
             candidate = with_memory(candidate_equation, proposed.memory, proposed.judge)
-            return polish_candidate(candidate, records, height_map, input, seed, name)
+            return polish_candidate(candidate, records, height_map, input, seed)
 
         count = 0 if target == "force" else polish
         front, chosen = polish_front(proposed.candidates, polish_one, count, proposed.judge, proposed.others)

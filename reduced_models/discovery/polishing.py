@@ -13,7 +13,14 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import complexity, sort_terms, split_terms, state_symbols, term_text
+from reduced_models.discovery.terms import (
+    complexity,
+    law_words,
+    sort_terms,
+    split_terms,
+    state_symbols,
+    term_text,
+)
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -28,7 +35,7 @@ _MOST_NUMBERS = 12
 _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
 _RESOLUTION = 4  # of laws with it, in the steps of smooth ones
 _MEMORY_RESOLUTION = 2  # of laws with a hidden state
-NAME = "discovered"
+_LONGEST_NAME = 80  # characters
 
 
 def polish_candidate(
@@ -37,7 +44,6 @@ def polish_candidate(
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
-    name: str = NAME,
 ) -> CandidateEquation:
     """Candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
@@ -51,8 +57,6 @@ def polish_candidate(
     column : str, optional
         Of the records, that is the input.
     seed : int
-    name : str
-        Of the law.
     """
     template, values = parametrise(candidate.expression)
     if len(values) > _MOST_NUMBERS:
@@ -62,11 +66,10 @@ def polish_candidate(
     memory = candidate.memory
     if memory is not None:
         values |= dict(zip(memory.state.scales, memory.scales, strict=True))
-    law = law_from_template(smooth_sign(template, records, height_map), values, column, name)
+    law = law_from_template(smooth_sign(template, records, height_map), values, column, law_name(candidate))
     if memory is not None:
         law = dataclasses.replace(
             law,
-            name=f"{name}, with a {memory.state.name}",
             equation=memory.state.within(law.equation),
             positive=memory.state.scales,
             resolution=max(_MEMORY_RESOLUTION, law.resolution),
@@ -88,6 +91,19 @@ def polish_candidate(
     return dataclasses.replace(
         candidate, expression=expression, complexity=nodes, models=models, memory=memory
     )
+
+
+def law_name(candidate: CandidateEquation) -> str:
+    """Name of a law by its terms; how it was found does not matter to who reads of it."""
+    terms = candidate.terms
+    if candidate.memory is not None:
+        terms = {term: value for term, value in (terms or {}).items() if not term.driven}
+        words = [word for word in (law_words(terms), candidate.memory.state.name) if word]
+        return " + ".join(words)
+    name = law_words(terms) if terms else ""
+    if not name or len(name) > _LONGEST_NAME:
+        return f"discovered formula of {len(parametrise(candidate.expression)[1])} numbers"
+    return name
 
 
 def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
@@ -122,9 +138,7 @@ def smooth_sign(template: sympy.Expr, records: Sequence[PistonRecord], height_ma
     return template.subs(sympy.sign(v), sympy.tanh(sympy.Float(steepness, 4) * v))
 
 
-def law_from_template(
-    template: sympy.Expr, values: dict[str, float], column: str | None = None, name: str = NAME
-) -> Law:
+def law_from_template(template: sympy.Expr, values: dict[str, float], column: str | None, name: str) -> Law:
     """Law z'' = template, whose fit starts near the given values."""
     import sympy
 

@@ -187,7 +187,8 @@ def _make_row(
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
-    return Row(law.name, models, count, stretches, judged, *_total_test_error(models, judged))
+    error, spread = _total_test_error(models, judged)
+    return Row(law.name, models, count, stretches, judged, error, standard_error=spread)
 
 
 def _rank_rows(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:

@@ -56,11 +56,11 @@ class Row:
     stretches: tuple[float, ...] = ()
     records: tuple[RollOut, ...] = ()
     error: float = math.inf
-    standard_error: float = 0.0
     deviance: float = math.inf
     aic: float = math.inf
     bic: float = math.inf
     failure: str = ""
+    standard_error: float = 0.0
 
     @property
     def blow_ups(self) -> int:

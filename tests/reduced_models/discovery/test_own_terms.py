@@ -16,6 +16,7 @@ from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover, fit
 from reduced_models.discovery.choice import polish_front
 from reduced_models.discovery.libraries import LIBRARIES, library_terms
+from reduced_models.discovery.polishing import law_name
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import score_subsets
 from reduced_models.discovery.terms import (
@@ -312,3 +313,23 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     assert front[chosen].model is model
     front, chosen = polish_front(candidates, polish, 0, judge)
     assert front[chosen] is candidates[0]
+
+
+@pytest.mark.parametrize(
+    ("equation", "words"),
+    [
+        ("-0.1*v - 2.0*z + 3.0", "viscous + linear spring"),
+        ("-0.1*v - 0.2*sign(v) - 2.0*z + 0.3*z**3", "viscous + dry friction + softening"),
+        ("-0.1*Abs(v)*v - 2.0*z - 0.3*z**3", "quadratic drag + hardening"),
+        ("0.2*v - 0.2*z**2*v - z", "negative viscous + viscous by z**2 + linear spring"),
+        ("-0.1*v + z - z**3", "viscous + two wells"),
+        ("-0.1*v - z + 0.2*z**2", "viscous + asymmetric spring"),
+        ("-0.1*v - 2.0*sin(z) + 0.7*u", "viscous + u + sin(z)"),
+    ],
+)
+def test_a_law_is_called_by_its_terms(equation: str, words: str) -> None:
+    z, v, u = state_symbols()
+    names = {"z": z, "v": v, "u": u, "sign": sympy.sign, "Abs": sympy.Abs, "sin": sympy.sin}
+    expression = sympy.sympify(equation, locals=names)
+    candidate = CandidateEquation(expression, 1, 1.0, 1.0)
+    assert law_name(candidate) == words
