@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -156,7 +157,11 @@ def identify(options: Any) -> None:
         help="linear (default), bootstrap (resampled records) or profile (right also where "
         "parameters are bounded or trade places)",
     ),
-    option("--drift", action="store_true", help="let the records' zero drift slowly"),
+    option(
+        "--drift",
+        action=argparse.BooleanOptionalAction,
+        help="let the records' zero drift slowly, or not; by the residuals if not given",
+    ),
     option(
         "--measured",
         metavar="SENSOR",

@@ -67,13 +67,19 @@ VIOLENT = 500.0
 """Accelerations above this [m/s^2], fifty times gravity, are noted."""
 LAG = 0.1
 """Fraction of the interval between samples: a shorter lag is not reported."""
+_DRIFT_FOUND = (
+    "the record's zero drifts, as a random walk next to its noise: fitted with that, which the "
+    "intervals allow for; drift=False (fit --no-drift on the command line) leaves it out"
+)
 _LET_DRIFT = "fit with drift=True (fit --drift on the command line)"
 NOISE_TIMES, NOTABLE = 3.0, 0.05
 """A residual above so many noise levels, and above this fraction of the swing, is noted."""
 
 
-def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
+def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
     """Reduced model of each record of a fit, with intervals, quality and notes.
+
+    ``drift_was_found`` where the residuals said that the records' zero walks, and nobody else.
 
     Raises
     ------
@@ -147,8 +153,11 @@ def make_models(result: SearchResult) -> tuple[ReducedModel, ...]:
             intervals = at_least_linear(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _make_model(result, k, intervals, at_rest, motions)
+        notes = (*model.notes, _DRIFT_FOUND) if drift_was_found else model.notes
         models.append(
-            dataclasses.replace(model, undetermined=undetermined, covariance_names=names, covariance=matrix)
+            dataclasses.replace(
+                model, undetermined=undetermined, covariance_names=names, covariance=matrix, notes=notes
+            )
         )
     return tuple(models)
 
@@ -333,7 +342,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     if abs(quality.lag) > LAG * interval and quality.swinging > FRACTION:
         words += f"; the solution lags by {quality.lag:.2g} s"
     words += quality.shifts_text
-    if _sensor_drifts(quality):
+    if sensor_drifts(quality):
         return f"{words}) but drift slowly, so the level of rest is known less; {_LET_DRIFT}"
     if quality.swinging > FRACTION:
         return f"{words}) and swing with the motion, so the law is not right; try another law"
@@ -341,7 +350,8 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     return f"{words}), so the law is not right, or the noise is not white; try another law{drift}"
 
 
-def _sensor_drifts(quality: Quality) -> bool:
+def sensor_drifts(quality: Quality) -> bool:
+    """Tell residuals that are slower than the motion and stronger there than white noise."""
     return quality.drift > DRIFT and quality.slow > quality.swinging
 
 
@@ -357,7 +367,7 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
             "(reduced_models.cut_at_release)"
         )
-    drift = f", or {_LET_DRIFT} if the record's zero may drift" if _sensor_drifts(quality) else ""
+    drift = f", or {_LET_DRIFT} if the record's zero may drift" if sensor_drifts(quality) else ""
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 

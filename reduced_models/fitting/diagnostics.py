@@ -53,7 +53,7 @@ def residual_structure(
         and of Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909); ``lag`` [s], ``slow``,
         ``swinging``, ``drift``.
     """
-    from scipy.stats import chi2, norm
+    from scipy.stats import norm
 
     count = len(residuals)
     power = float((residuals**2).sum())
@@ -61,21 +61,30 @@ def residual_structure(
         return {"whiteness": 1.0, "signs": 1.0, "lag": 0.0, "slow": 0.0, "swinging": 0.0, "drift": 1.0}
     size = 1 << (2 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
-    lags = min(_MOST_LAGS, count // 10)
-    correlation = np.fft.irfft(spectrum, size)[1 : lags + 1] / power
-    box = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
     speed = float((velocity**2).sum())
     lines = np.fft.rfftfreq(size, float(time[-1] - time[0]) / (count - 1)) * period
     slow = float(spectrum[lines < _SLOW].sum() / spectrum.sum())
     swinging = float(spectrum[(lines >= _SLOW) & (lines <= _FAST)].sum() / spectrum.sum())
     return {
-        "whiteness": float(chi2.sf(box, lags)),
+        "whiteness": ljung_box(residuals),
         "signs": float(2.0 * norm.sf(abs(_runs_test_score(residuals)))),
         "lag": float(residuals @ velocity) / speed if speed > 0.0 else 0.0,
         "slow": slow,
         "swinging": swinging,
         "drift": slow / float((lines < _SLOW).mean()),
     }
+
+
+def ljung_box(residuals: np.ndarray) -> float:
+    """Probability that white noise is correlated as much as residuals (n,) that are not all zero."""
+    from scipy.stats import chi2
+
+    count = len(residuals)
+    size, lags = 1 << (2 * count - 1).bit_length(), min(_MOST_LAGS, count // 10)
+    sums = np.fft.irfft(np.abs(np.fft.rfft(residuals, size)) ** 2, size)
+    correlation = sums[1 : lags + 1] / sums[0]
+    box = count * (count + 2.0) * float((correlation**2 / (count - np.arange(1, lags + 1))).sum())
+    return float(chi2.sf(box, lags))
 
 
 def autocorrelation_time(values: np.ndarray) -> float:

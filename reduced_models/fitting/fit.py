@@ -21,7 +21,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.fitting.assessment import make_models
+from reduced_models.fitting.assessment import make_models, sensor_drifts
+from reduced_models.fitting.diagnostics import ljung_box
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
 from reduced_models.fitting.history import checked_histories, fit_with_histories, is_history
 from reduced_models.fitting.options import (
@@ -48,12 +49,14 @@ from reduced_models.laws.law import Law, law_from_text
 from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
+from reduced_models.models.quality import SURE
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_drive
 from reduced_models.records.sensor import Quantity, Sensor, chosen_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
 _CLEARLY = 0.98  # of the spline's error, for another to be taken
 _DRIFT_ROUNDS = 3
+_MOST_GAIN = 0.5  # of a walk that is found without being asked for
 _LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 P = ParamSpec("P")
@@ -105,7 +108,7 @@ def fit(
     loss: LossName = "linear",
     initial: Initial | PistonRecord | Sequence[PistonRecord] | None = None,
     input_interpolation: Interpolation | None = None,
-    drift: bool = False,
+    drift: bool | None = None,
     measured: Quantity | Sensor | None = None,
 ) -> tuple[ReducedModel, ...]:
     """Fit a law to a record, or to several together.
@@ -163,8 +166,9 @@ def fit(
     input_interpolation : str, optional
         What an input does between samples: ``"spline"``, ``"linear"``, ``"previous"`` (it keeps its
         last value) or ``"band-limited"``; otherwise that with the least held-out error.
-    drift : bool
-        Whether the records' zero may drift, as a random walk; intervals then allow for it.
+    drift : bool, optional
+        Whether the records' zero may drift, as a random walk; intervals then allow for it. If not
+        given, it may where the residuals are such a walk next to white noise, and a note says so.
     measured : str or Sensor, optional
         What is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or ``"base_force"``, or a
         `Sensor` with gain, offset and filter; that of which the record holds the measurement if not
@@ -206,7 +210,7 @@ def fit(
     """
     records = as_records(record)
     if is_force_fit(law, measured, records[0]):
-        others = (map, tuple(own), intervals, weights, noise, loss, initial, input_interpolation, drift)
+        others = (map, tuple(own), intervals, weights, noise, loss, initial, input_interpolation, bool(drift))
         if others != ("auto", (), "linear", None, None, "linear", None, None, False):
             raise InputError(
                 "the motion is prescribed, and the force is fitted: leave out map, own, intervals, "
@@ -289,7 +293,10 @@ def fit(
         result = fit_with_histories(result, histories)
     if drift:
         result = _fit_with_drift(result)
-    models = make_models(solve_on_verified_grids(result))
+    result = solve_on_verified_grids(result)
+    models = make_models(result)
+    if drift is None and intervals != "profile" and _residuals_walk(result, models):
+        models = make_models(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
     return models
@@ -362,6 +369,19 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
         joint = dataclasses.replace(joint, grids=grids)
         theta = joint.refit(theta, result.problem.samples, tolerance=1e-6)
     return result.with_training(joint, theta)
+
+
+def _residuals_walk(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
+    """Tell whether residuals of a record drift, and are a random walk next to white noise."""
+    for model, residuals in zip(models, result.joint.residuals(result.theta), strict=True):
+        if not sensor_drifts(model.quality):
+            continue
+        gain = _least_squares_gain(residuals)
+        left = remove_random_walk(residuals, gain)
+        # What a wrong law leaves is smooth: it is followed by a gain near one, or is not white then.
+        if gain < _MOST_GAIN and ljung_box(left) > SURE:
+            return True
+    return False
 
 
 def _least_squares_gain(residuals: np.ndarray) -> float:

@@ -281,14 +281,14 @@ def _quality(
     noises = [
         noise_level(force, item.time) for force, item in zip(problem.forces, problem.records, strict=True)
     ]
-    error = None
+    error, end = None, record.time[-1]
     if test_fraction > 0.0:
         error = _test_error(problem, result, test_fraction)
     return Quality(
         residual=residual,
         relative=residual / problem.sizes[2],
         test_error=error,
-        test_from=None if error is None else float(record.time[-1]) * (1.0 - test_fraction),
+        test_swings=[] if error is None else [((1.0 - test_fraction) * float(end), float(end))],
         starts=result.starts,
         converged=result.converged,
         samples=len(left),

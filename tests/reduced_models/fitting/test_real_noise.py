@@ -20,7 +20,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "correlated": {},
     "long memory": {},
     "Student's t": {},
-    "drift": {"drift": True},
+    "drift": {},  # found by the residuals
     "outliers": {"loss": "soft_l1"},
 }
 
@@ -106,15 +106,25 @@ def swing(values: np.ndarray) -> np.ndarray:
 def test_drift_is_noted_and_modelled(
     made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
 ) -> None:
-    """The note names the argument and the command's option; both do what it says."""
+    """Found by the residuals, unless it is refused; the notes name the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
+    with pytest.warns(UserWarning, match=r"zero drifts.* drift=False \(fit --no-drift on the command"):
+        found = fit(record, "linear", starts=2)
     with pytest.warns(UserWarning, match=r"drift slowly.* drift=True \(fit --drift on the command"):
-        fit(record, "linear", starts=2)
+        fit(record, "linear", starts=2, drift=False)
     record.to_csv(tmp_path / "record.csv")
     words = ("fit", str(tmp_path / "record.csv"), "--law", "linear", "--starts", "2")
-    assert "drift slowly" in command("reduced_models", *words).stdout
+    assert "zero drifts" in command("reduced_models", *words).stdout
+    assert "drift slowly" in command("reduced_models", *words, "--no-drift").stdout
     assert "drift" not in command("reduced_models", *words, "--drift").stdout
     modelled = fit(record, "linear", starts=2, drift=True)
     assert not any("drift" in note for note in modelled.notes)
+    assert found.parameters == pytest.approx(modelled.parameters, rel=1e-4)
     low, high = modelled.intervals["g0"]
     assert low < -1.0 < high
+
+
+@pytest.mark.parametrize("kind", ["white", "correlated", "Student's t"])
+def test_no_drift_is_found_in_other_noise(made: Callable[..., PistonRecord], kind: str) -> None:
+    (model,) = fits(kind, made("linear", level=0.0).height, 1)
+    assert not any("zero drifts" in note for note in model.notes)
