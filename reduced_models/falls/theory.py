@@ -246,7 +246,7 @@ def _outside_text(scene: Scene, late: float) -> str:
 
 
 class _Swing(NamedTuple):
-    """What a small swing hangs on: the piston's weight [N], rest [m], g, and the bed's numbers."""
+    """Inputs of a small swing: the piston's weight [N], rest [m], g, and the bed's numbers."""
 
     weight: float
     rest: float

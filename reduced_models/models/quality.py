@@ -120,14 +120,14 @@ class Quality:
 
     @property
     def tested_text(self) -> str:
-        """What a law is judged on, in words."""
+        """Test samples that a law is judged on, in words."""
         if len(self.test_swings) > 1:
             return f"{len(self.test_swings)} swings"
         return "the end of the motion (too few swings to spread)"
 
     @property
     def shifts_text(self) -> str:
-        """How far the figures move without the test swings, in words; empty where none is known."""
+        """Shifts of the figures without the test swings, in words; empty where none is known."""
         if not self.shifts:
             return ""
         moves = (f"{name.replace('_', ' ')} by {100.0 * by:.1g} %" for name, by in self.shifts.items())
