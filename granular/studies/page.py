@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.html import Page, format_number
@@ -34,17 +35,12 @@ def study_page(study: Study) -> Page:
     Page
         Pictures and the table [SI], with warnings and errors of the cases.
     """
-    table, scene = study.table, study.cases[0].scene
-    varied, figures = _columns(study, table)
-    failed, doubtful = len(study.failed), int(table["warning"].notna().sum()) if "warning" in table else 0
+    table, varied = study.table, study.varied
+    figures = _figures_that_vary(table, varied)
     page = Page(
-        f"Study of {scene.name}",
+        f"Study of {study.cases[0].scene.name}",
         f"{len(table)} cases, varied in {', '.join(varied) or 'nothing'}. All values are in SI.",
     )
-    if failed:
-        page.note(f"{failed} cases failed: see the column error.")
-    if doubtful:
-        page.note(f"{doubtful} cases are in doubt: see the column warning.")
     axis = _horizontal_axis(varied, table)
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
@@ -55,33 +51,43 @@ def study_page(study: Study) -> Page:
             f"Figures of the cases over {axis}, lines through the means of repeated cases.{left}",
         )
     page.section("Cases")
-    columns = [name for name in table.columns if name != "key"]
+    columns = [name for name in table.columns if name not in _LAST]
     page.table(
-        [_label(study, name) for name in columns],
-        [[_cell(value) for value in row] for row in table[columns].head(MOST_ROWS).to_numpy()],
+        ["case", *(_label(study, name) for name in columns)],
+        [[k, *map(_cell, row)] for k, row in enumerate(table[columns].head(MOST_ROWS).to_numpy(), 1)],
     )
     if len(table) > MOST_ROWS:
         page.text(f"The first {MOST_ROWS} of {len(table)} cases; table.csv has all of them.")
+    for name, title in (("error", "Cases that failed"), ("warning", "Cases in doubt")):
+        if name in table and table[name].notna().any():
+            page.section(title)
+            page.listing(_shared_texts(table[name]))
     page.footer("Made with " + ", ".join(f"{name} {value}" for name, value in versions().items()))
     return page
 
 
-def _columns(study: Study, table: pandas.DataFrame) -> tuple[list[str], list[str]]:
-    """Columns of what is varied, and of the figures that are numbers and not all alike."""
-    varied = list(dict.fromkeys(name for case in study.cases for name in case.changes))
-    figures = [
+def _shared_texts(column: pandas.Series[Any]) -> list[str]:
+    """Texts with the numbers of their cases, each once."""
+    cases: dict[str, list[str]] = {}
+    for k, text in enumerate(column, 1):
+        if isinstance(text, str):
+            cases.setdefault(text, []).append(str(k))
+    return [f"{', '.join(numbers)}: {text}" for text, numbers in cases.items()]
+
+
+def _figures_that_vary(table: pandas.DataFrame, varied: Sequence[str]) -> list[str]:
+    return [
         name
         for name in table.columns
         if name not in varied and name not in _LAST and _is_number(table[name]) and table[name].nunique() > 1
     ]
-    return varied, figures
 
 
 def _is_number(column: pandas.Series[Any]) -> bool:
     return column.dtype.kind in "iuf"
 
 
-def _horizontal_axis(varied: list[str], table: pandas.DataFrame) -> str | None:
+def _horizontal_axis(varied: Sequence[str], table: pandas.DataFrame) -> str | None:
     """Varied number with most values."""
     numbers = [name for name in varied if name != _SEED and _is_number(table[name])]
     return max(numbers, key=lambda name: table[name].nunique(), default=None)

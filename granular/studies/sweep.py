@@ -32,7 +32,7 @@ from granular.methods import Method
 from granular.run.variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.sections import Quantity, find_field, unknown
+from granular.schema.sections import Integer, Quantity, find_field, unknown
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.messages import sanitize
@@ -86,7 +86,7 @@ class Study:
         import pandas
 
         rows = [
-            {**_si_changes(case), **outcome["figures"], **_doubts(outcome), "key": case.key}
+            {**_si_changes(case, self.varied), **outcome["figures"], **_doubts(outcome), "key": case.key}
             for case, outcome in zip(self.cases, self.outcomes, strict=True)
         ]
         table = pandas.DataFrame(rows)
@@ -94,6 +94,11 @@ class Study:
         table = table[[name for name in table.columns if name not in last] + last]
         table.attrs["units"] = {name: self.units[name] for name in table.columns if name in self.units}
         return table
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Dotted keys and settings that a case changes."""
+        return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
     def units(self) -> dict[str, str]:
@@ -134,13 +139,16 @@ class Study:
         return str(table.rename(columns=names).to_csv(index=False))
 
 
-def _si_changes(case: Case) -> dict[str, Any]:
-    """Return the changes of a case, quantities as numbers in SI."""
-    result = dict(case.changes)
-    for key in result:
+def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
+    """Return a case's values of all that the study varies, quantities as numbers in SI."""
+    result = {}
+    for key in keys:
         found = find_field(case.scene, key)
-        if found is not None and isinstance(found[1], Quantity):
+        quantity = found is not None and isinstance(found[1], Quantity | Integer)
+        if found is not None and (quantity or key not in case.changes):
             result[key] = found[0]
+        else:
+            result[key] = case.changes.get(key, case.settings.get(key))
     return result
 
 

@@ -177,14 +177,16 @@ def _search(
 def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next.
 
-    The damping goes with the drag; the frequency, which a bed that falls into another order changes
-    faster or more slowly than the maps, takes a secant step on logarithms.
+    The damping goes with the drag, and its error in the maps is the mean over the rounds, since starts
+    scatter by more; the frequency, which a bed that falls into another order changes faster or more slowly
+    than the maps, takes a secant step on logarithms.
     """
     last = rounds[-1]
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
         aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
-    return aim, last.promise.damping_ratio * target.damping / last.mean("damping_ratio")
+    errors = [math.log(one.mean("damping_ratio") / one.promise.damping_ratio) for one in rounds]
+    return aim, target.damping * math.exp(-sum(errors) / len(errors))
 
 
 def _frequency_response_slope(rounds: Sequence[DesignRound]) -> float:

@@ -251,7 +251,7 @@ def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
                 "disc magnet, magnetised along its axis",
                 str(len(own)),
                 f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
-                f"remanence {remanence:g} T",
+                f"remanence {remanence:g} T{_grade_text(remanence)}",
                 f"{1e3 * own[0]:.3g} g each, {own.sum():.3g} kg in all",
             )
         )
@@ -274,6 +274,12 @@ def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
         )
     )
     return rows
+
+
+def _grade_text(remanence: float) -> str:
+    """Grade that has this remanence [T], in brackets; empty where none has."""
+    grades = [name for name, (low, high) in GRADES.items() if low <= remanence <= high]
+    return f" ({grades[0]})" if grades else ""
 
 
 def _gap_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:

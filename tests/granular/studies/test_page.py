@@ -15,9 +15,12 @@ import pytest
 from granular import Study, Trajectory, load_scene, sweep
 from granular.__main__ import main
 from granular.commands.console import launch
+from granular.studies.cases import make_cases
 from granular.studies.page import study_page
 
 GRID = {"piston.mass": ["6 kg", 7.5], "arrangement.seed": [1, 2], "effects.drag": [{"coefficient": 0.1}]}
+
+SETTINGS: dict[str, Any] = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
 
 
 def doubtful(run: Trajectory) -> dict[str, float]:
@@ -49,10 +52,18 @@ def test_a_table_is_in_si_and_names_its_units(study: Study) -> None:
     assert list(read["warning"].isna()) == [True, True, False, False]
 
 
+def test_a_case_that_leaves_a_key_has_the_scenes_value(study: Study) -> None:
+    cases = [*study.cases[:1], *make_cases(load_scene("damper"), {}, [{"dt": 1e-4}], SETTINGS, doubtful)]
+    table = Study(tuple(cases), study.outcomes[:2], 0).table
+    assert list(table["piston.mass"]) == [6.0, 7.5]
+    assert list(table["dt"]) == [1e-5, 1e-4]
+
+
 def test_a_page_shows_what_varies_over_what_is_varied(study: Study) -> None:
     text = study_page(study).render()
     assert "4 cases" in text
-    assert "2 cases are in doubt" in text
+    assert "<h2>Cases in doubt</h2>" in text
+    assert "<li>3, 4: a piston of 7.5 kg is heavy</li>" in text
     assert "over piston.mass" in text
     assert text.count("<svg") == 1
     assert "<th>piston.mass [kg]</th>" in text
@@ -77,11 +88,8 @@ def test_the_command_writes_both(
 
 
 def test_cases_that_failed_have_a_page_too() -> None:
-    from granular.studies.cases import make_cases
-
-    settings: dict[str, Any] = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-    cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], settings, doubtful)
+    cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], SETTINGS, doubtful)
     lost: dict[str, Any] = {"figures": {}, "error": "StepError: step 3"}
     text = study_page(Study(tuple(cases), (lost, lost), 0)).render()
-    assert "2 cases failed" in text
+    assert "<li>1, 2: StepError: step 3</li>" in text
     assert "<svg" not in text
