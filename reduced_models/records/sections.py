@@ -205,7 +205,10 @@ def knocks(record: PistonRecord) -> list[tuple[float, float]]:
     growth = peaks[1:] / np.maximum(before, 1e-300)
     noise = _SIGMAS * noise_level(record.height, time)
     seen = peaks[1:] - before > noise
-    grown, steady = np.flatnonzero((growth > _GROWN) & seen), (growth <= _STEADY) | ~seen
+    grows, steady = (growth > _GROWN) & seen, (growth <= _STEADY) | ~seen
+    # what grows across the end of a window grows in the next one too
+    grows[1:] |= grows[:-1] & ~steady[1:]
+    grown = np.flatnonzero(grows)
     events = np.split(grown, np.flatnonzero(np.diff(grown) > 1) + 1) if len(grown) else []
     apart = np.diff(grown)[np.diff(grown) > 1]
     if len(events) > 1 and not (np.delete(steady, grown).all() and apart.min() >= _LEAST_PERIODS):

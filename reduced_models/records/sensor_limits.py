@@ -16,6 +16,9 @@ _LEAST_CLIPPED = 6
 """Samples at a sensor's limit from which on a record is clipped."""
 _RUN = 3
 """Of these in a row: two may be the same by chance of rounding."""
+_LEAST_NOISE, _SAME = 1e-4, 0.3
+"""Noise over the range of a record that hides no hold, and fraction of equal neighbours in a sensor that
+rounds: from there on a single run of equal samples may be a hold."""
 _JUMP = 8.0
 """Times the usual step, of all and of those about them, by which lost samples are away."""
 _MOST_LOST = 0.2
@@ -123,18 +126,23 @@ def clipped_samples(record: PistonRecord) -> np.ndarray:
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
     several = False
+    free = (height > height.min()) & (height < height.max())
+    if free.sum() < LEAST_SAMPLES:
+        return at_limit
+    noisy = noise_level(height[free], record.time[free]) > _LEAST_NOISE * float(np.ptp(height))
+    noisy &= float((np.diff(height[free]) == 0.0).mean()) < _SAME
     for limit in (height.min(), height.max()):
         here = height == limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
         lengths = edges[1::2] - edges[::2]
         long = lengths >= _RUN
-        # A hold is one long run; peaks that are cut off are several.
-        several |= bool(long.sum() >= 2 and lengths[long].sum() >= _LEAST_CLIPPED)
+        # A hold is one long run; peaks that are cut off are several. In noise no hold is one number.
+        several |= bool((long.sum() >= 2 or noisy) and lengths[long].sum() >= _LEAST_CLIPPED)
         if long.any():
             at_limit |= here
     at_limit &= several
-    if not at_limit.any() or (~at_limit).sum() < LEAST_SAMPLES:
-        return np.zeros_like(at_limit)
+    if not at_limit.any():
+        return at_limit
     warnings.warn(
         f"{int(at_limit.sum())} samples stand at the limit of the sensor (clipped) and are left out; {KEEP}",
         RecordWarning,
