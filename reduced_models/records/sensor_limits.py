@@ -16,6 +16,8 @@ _LEAST_CLIPPED = 6
 """Samples at a sensor's limit from which on a record is clipped."""
 _RUN = 3
 """Of these in a row: two may be the same by chance of rounding."""
+_RARE = 4.0
+"""Samples at a limit over those of the next number inside, from which on a peak is cut off there."""
 _LEAST_NOISE, _SAME = 1e-4, 0.3
 """Noise over the range of a record that hides no hold, and fraction of equal neighbours in a sensor that
 rounds: from there on a single run of equal samples may be a hold."""
@@ -126,13 +128,18 @@ def clipped_samples(record: PistonRecord) -> np.ndarray:
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)
     several = False
+    # noise shows where the sensor does not stand at its limits
     free = (height > height.min()) & (height < height.max())
     if free.sum() < LEAST_SAMPLES:
         return at_limit
     noisy = noise_level(height[free], record.time[free]) > _LEAST_NOISE * float(np.ptp(height))
     noisy &= float((np.diff(height[free]) == 0.0).mean()) < _SAME
-    for limit in (height.min(), height.max()):
+    values = np.unique(height)
+    for limit, inside in ((values[0], values[1]), (values[-1], values[-2])):
         here = height == limit
+        # a turning point of a sensor that rounds has nearly half as many samples a step further in
+        if here.sum() <= _RARE * (height == inside).sum():
+            continue
         edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
         lengths = edges[1::2] - edges[::2]
         long = lengths >= _RUN
