@@ -1,4 +1,4 @@
-"""The command ``example``: made records to try the other commands on."""
+"""The command ``example``: records to try the other commands on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from granular.commands.options import OUTPUT
 
 @command(
     "example",
-    "write made records, as instruments write them, to try the other commands on",
+    "write records as instruments write them, made ones and a real one, to try the other commands on",
     option(
         "-o", "--out", default="lab", metavar="DIR", help="directory for them (lab); nothing is overwritten"
     ),

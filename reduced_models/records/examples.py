@@ -1,6 +1,7 @@
-"""Made records as instruments write them, each with the ``record.toml`` that says how it is read.
+"""Records as instruments write them, each with the ``record.toml`` that says how it is read.
 
-Every motion follows from a law with known numbers, which `EXAMPLES` states, and from seeded noise.
+All but the pendulum's are made: every motion follows from a law with known numbers, which `EXAMPLES`
+states, and from seeded noise.
 """
 
 from __future__ import annotations
@@ -19,19 +20,20 @@ from reduced_models.records.sources import make_directory, show_path
 
 
 class Example(NamedTuple):
-    """A made record.
+    """A record to try the commands on.
 
     Attributes
     ----------
-    columns : callable
-        Makes the columns (n,) by their headings, with noise of the generator that it is given.
+    columns : callable or Path
+        Makes the columns (n,) by their headings, with noise of the generator that it is given; or the
+        file of a real record.
     options : mapping of str to any
         Fields of `granular.readers.options.ReadOptions` that go into the description.
     truth : str
-        Law and numbers that the motion was made with.
+        Law and numbers that the motion was made with, or what it is a record of.
     """
 
-    columns: Callable[[np.random.Generator], dict[str, np.ndarray]]
+    columns: Callable[[np.random.Generator], dict[str, np.ndarray]] | Path
     options: Mapping[str, Any]
     truth: str
 
@@ -66,10 +68,13 @@ def write_examples(out: str | Path) -> dict[str, str]:
                 "give another directory (-o)"
             )
     for seed, (name, example) in enumerate(EXAMPLES.items()):
-        columns = example.columns(np.random.default_rng(seed))
-        rows = zip(*columns.values(), strict=True)
-        lines = [",".join(columns), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
-        write_text(files[name], "\n".join([*lines, ""]))
+        if isinstance(example.columns, Path):
+            write_text(files[name], example.columns.read_text(encoding="utf-8"))
+        else:
+            columns = example.columns(np.random.default_rng(seed))
+            rows = zip(*columns.values(), strict=True)
+            lines = [",".join(columns), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+            write_text(files[name], "\n".join([*lines, ""]))
         options = ReadOptions(**example.options)
         write_description(files[name].with_suffix(".toml"), files[name], options)
     return {files[name].name: example.truth for name, example in EXAMPLES.items()}
@@ -156,6 +161,18 @@ EXAMPLES = {
         _force_stroke,
         {"columns": {"stroke": "stroke", "force": "load cell"}},
         "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
+    ),
+    # The board divided the 4000 counts of a turn by 360 in whole numbers: its degrees are eleven counts.
+    "pendulum": Example(
+        Path(__file__).with_name("pendulum.csv"),
+        {
+            "skip": 27,
+            "rate": "1000 Hz",
+            "columns": {"angle": 1},
+            "scale": "3960 deg/4000 deg",
+            "between": (0.15, 5.0),
+        },
+        "a real pendulum with dry friction, as it was published; the file names source and licence",
     ),
 }
 """Examples by the names of their files."""

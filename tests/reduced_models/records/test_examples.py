@@ -42,7 +42,7 @@ def test_the_same_files_come_again(lab: Path, tmp_path: Path) -> None:
 def test_each_description_is_read(name: str, lab: Path) -> None:
     record = read_record(lab / f"{name}.toml")
     assert len(record) > 1000
-    assert record.angle == (name == "encoder")
+    assert record.angle == (name in ("encoder", "pendulum"))
     assert (record.force is not None) == (name in ("driven", "force-stroke"))
 
 
@@ -99,3 +99,14 @@ def test_a_damper_on_a_dynamometer(lab: Path) -> None:
     drag, stiffness = np.linalg.lstsq(columns, record.force, rcond=None)[0]
     assert drag == pytest.approx(120.0, rel=1e-3)
     assert stiffness == pytest.approx(900.0, rel=2e-3)
+
+
+def test_a_real_pendulum_has_dry_friction(lab: Path) -> None:
+    """Its source and its licence go with it; degrees of the board were eleven counts of 4000 a turn."""
+    head = (lab / "pendulum.csv").read_text(encoding="utf-8").splitlines()[:28]
+    assert any("https://github.com/" in line for line in head)
+    assert any("Permission is hereby granted" in line for line in head)
+    found = fit(read_record(lab / "pendulum.toml"), "pendulum-coulomb", starts=4)
+    assert found.parameters["omega"] == pytest.approx(10.96, rel=2e-3)
+    assert found.parameters["friction"] == pytest.approx(2.0, rel=0.1)
+    assert found.quality.relative < 0.012
