@@ -161,7 +161,7 @@ class Design:
         notes = []
         gap = min(check.fall_gap for check in self.checks)
         contact = 1.0 if self.target.small_share == 0.0 else ASPECT
-        if gap < contact:
+        if gap < contact and self.target.magnets == "dipoles":
             notes.append(
                 f"in the fall two grains came as near as {gap:.3g} of a grain's diameter, and the "
                 "scene has no contact between grains; drop the piston from lower down"
