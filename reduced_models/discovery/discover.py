@@ -83,7 +83,7 @@ def discover(
         ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
         side. ``"sindy"``: a sparse sum of the terms of a physical library, powers of z times 1, z',
         |z'| z' and sign(z'). ``"operon"``: symbolic regression in z, z', |z'| and sign(z') by
-        pyoperon. ``"pysr"``: the same by PySR, which needs Julia.
+        pyoperon. ``"pysr"``: sparse sums, and symbolic regression by PySR, which needs Julia.
     form : "weak" or "strong"
         For ``"sindy"``: all subsets of the library, on integrals that need no derivative of the
         record (but for drag and friction); or thresholded least squares on an estimate of z''.
@@ -155,7 +155,7 @@ def discover(
     known = _known_terms(library, terms, degree, input)
     allowed = program_functions(functions, method)
     method, lacking = _installed_method(method, functions)
-    sparse = method in ("auto", "sindy")
+    sparse = method != "operon"
     search = None
     if method != "sindy":
         search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)

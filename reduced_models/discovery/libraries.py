@@ -48,7 +48,7 @@ LIBRARIES = MappingProxyType(
     {
         PHYSICAL: ((), "powers of z times 1, z', |z'| z' and sign(z')"),
         "polynomial": (
-            ("1", "z", "z**2", "z**3", "z**4", "z**5", "z'", "z*z'", "z**2*z'", "z'**2", "z'**3"),
+            ("1", "z", "z**2", "z**3", "z**4", "z**5", "z'", "z*z'", "z**2*z'", "z'**2", "z*z'**2", "z'**3"),
             "springs and dampings that are polynomials of z and z'",
         ),
         "trigonometric": (

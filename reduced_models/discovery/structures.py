@@ -13,6 +13,7 @@ import numpy as np
 from reduced_models.discovery.hidden_states import Memory
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.selection import (
+    MOST_TERMS,
     Judge,
     ScoredTerms,
     all_subsets,
@@ -185,8 +186,30 @@ def symbolic_candidates(
     groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_subsets(1)
     ranked, judge = score_subsets(weak, terms, union, groups)
     candidates = [make_candidate(item) for item in _unique_subsets(ranked)]
-    candidates += [_judge_expression(item, judge) for item, parts in sums if parts is None]
+    candidates += [left for item, parts in sums if parts is None for left in _pruned(item, judge)]
     return candidates, judge
+
+
+def _pruned(expression: sympy.Expr, judge: Judge) -> list[CandidateEquation]:
+    """Candidates of an expression that is no sum of terms, and of it with fewer addends.
+
+    The addends' coefficients are fitted again each time; numbers within them stay as they are.
+    """
+    import sympy
+
+    addends = sympy.Add.make_args(sympy.expand(expression))
+    candidates = [_judge_expression(expression, judge)]
+    if not 1 < len(addends) <= MOST_TERMS:
+        return candidates
+    columns = judge.whitening @ np.stack([judge.weak.integral(item) for item in addends], axis=1)
+    if not np.isfinite(columns).all():
+        return candidates
+    target = judge.whitening @ judge.weak.target
+    for chosen in eliminate_backward(columns, target, range(len(addends))):
+        factors = np.linalg.lstsq(columns[:, chosen], target, rcond=1e-12)[0]
+        parts = (sympy.Float(factor) * addends[k] for k, factor in zip(chosen, factors, strict=True))
+        candidates.append(_judge_expression(sympy.Add(*parts), judge))
+    return candidates
 
 
 def _unique_subsets(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:

@@ -270,17 +270,14 @@ def _quality(
     test_fraction: float,
 ) -> Quality:
     """Quality of a fit, whose residuals (n,) are in N."""
-    residual, longest = (
-        float(np.sqrt((left**2).mean())),
-        max(range(len(linear)), key=lambda k: len(linear[k][0])),
-    )
+    residual = float(np.sqrt((left**2).mean()))
+    longest = max(range(len(linear)), key=lambda k: len(linear[k][0]))
     record, mine = problem.records[longest], linear[longest][0]
     period = 2.0 * math.pi * problem.sizes[0] / problem.sizes[1]
     stroke = result.data[longest].stroke
     structure = residual_structure(record.time, mine, np.gradient(stroke.velocity, record.time), period)
-    noises = [
-        noise_level(force, item.time) for force, item in zip(problem.forces, problem.records, strict=True)
-    ]
+    pairs = zip(problem.forces, problem.records, strict=True)
+    noises = [noise_level(force, item.time) for force, item in pairs]
     error, end = None, record.time[-1]
     if test_fraction > 0.0:
         error = _test_error(problem, result, test_fraction)
@@ -296,6 +293,8 @@ def _quality(
         noise=float(np.sqrt(np.mean(np.square(noises)))),
         correlation=autocorrelation_time(mine),
         collocation="none",
+        test_standard_error=None,
+        shifts={},
         **structure,
     )
 

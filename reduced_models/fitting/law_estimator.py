@@ -43,13 +43,15 @@ class LawEstimator:
         Parameters of an equation that are above zero.
     loss : "linear", "soft_l1" or "huber"
         What residuals cost: their squares, or less where they are far beyond the noise.
+    inputs : tuple of str
+        Inputs of the law, such as a force, that the columns of X behind the time hold.
 
     Attributes
     ----------
     model_ : ReducedModel
         After `fit`.
     n_features_in_ : int
-        1, the time.
+        1, the time, and the inputs.
     """
 
     model_: ReducedModel
@@ -63,6 +65,7 @@ class LawEstimator:
         bounds: Bounds | None = None,
         positive: tuple[str, ...] = (),
         loss: LossName = "linear",
+        inputs: tuple[str, ...] = (),
     ) -> None:
         self.law = law
         self.starts = starts
@@ -70,6 +73,7 @@ class LawEstimator:
         self.bounds = bounds
         self.positive = positive
         self.loss = loss
+        self.inputs = inputs
 
     def __repr__(self) -> str:
         given = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
@@ -88,7 +92,7 @@ class LawEstimator:
         dict
             Arguments by name.
         """
-        names = ("law", "starts", "test_fraction", "bounds", "positive", "loss")
+        names = ("law", "starts", "test_fraction", "bounds", "positive", "loss", "inputs")
         return {name: getattr(self, name) for name in names}
 
     def set_params(self, **parameters: Any) -> Self:
@@ -120,8 +124,8 @@ class LawEstimator:
 
         Parameters
         ----------
-        X : array (n,) or (n, 1)
-            Times [s], in any order.
+        X : array (n,), (n, 1) or (n, 1 + inputs)
+            Times [s], in any order, and the inputs then.
         y : array (n,)
             Heights [m].
 
@@ -136,23 +140,27 @@ class LawEstimator:
             If they make no record (two heights at one time, a value that is not finite), or the law
             cannot be fitted to it.
         """
-        times, heights = _time_vector(X), _height_vector(y)
-        if len(times) != len(heights):
-            raise InputError(f"{len(times)} times for {len(heights)} heights; give one for each")
-        order = np.argsort(times, kind="stable")
-        record = PistonRecord(times[order], heights[order])
-        self.model_ = fit(record, **self.get_params())
-        self.n_features_in_ = 1
-        self._start = float(record.time[0])
+        table, heights = self._table(X), _height_vector(y)
+        if len(table) != len(heights):
+            raise InputError(f"{len(table)} times for {len(heights)} heights; give one for each")
+        order = np.argsort(table[:, 0], kind="stable")
+        self._seen = table[order]
+        extra = dict(zip(self.inputs, self._seen[:, 1:].T, strict=True))
+        columns = {"time": self._seen[:, 0], "height": heights[order], **extra}
+        options = {name: value for name, value in self.get_params().items() if name != "inputs"}
+        self.model_ = fit(PistonRecord.from_columns(columns), **options)
+        self.n_features_in_ = 1 + len(self.inputs)
         return self
 
     def predict(self, X: Any) -> np.ndarray:
         """Heights (n,) [m] at times X (n,) or (n, 1) [s] from the start of the fitted record on.
 
+        Between the fitted record and these times the inputs are interpolated.
+
         Parameters
         ----------
-        X : array (n,) or (n, 1)
-            Times [s], in any order.
+        X : array (n,), (n, 1) or (n, 1 + inputs)
+            Times [s], in any order, and the inputs then.
 
         Returns
         -------
@@ -167,26 +175,47 @@ class LawEstimator:
         """
         if not hasattr(self, "model_"):
             raise _not_fitted_error("the estimator has seen no data; call fit first")
-        wanted = _time_vector(X)
+        table = self._table(X)
+        wanted, start = table[:, 0], float(self._seen[0, 0])
         if not len(wanted):
             raise InputError("there are no times; give at least one")
-        if wanted.min() < self._start:
+        if wanted.min() < start:
             raise InputError(
-                f"predict starts where the fitted record does, at {self._start:g} s; give times "
+                f"predict starts where the fitted record does, at {start:g} s; give times "
                 "from there on: TimeSeriesSplit makes such folds"
             )
-        grid = np.unique(np.concatenate([[self._start], wanted]))
+        # An input acts from the record's start on: what it was then belongs to the motion.
+        rows = np.vstack([self._seen if self.inputs else self._seen[:1], table])
+        grid, first = np.unique(rows[:, 0], return_index=True)
         if len(grid) == 1:
             return np.full(len(wanted), self.model_.initial[0])
-        return self.model_.simulate(grid).height[np.searchsorted(grid, wanted)]
+        inputs = dict(zip(self.inputs, rows[first, 1:].T, strict=True))
+        return self.model_.simulate(grid, inputs=inputs).height[np.searchsorted(grid, wanted)]
+
+    def _table(self, given: Any) -> np.ndarray:
+        """Return times and inputs (n, 1 + inputs) of a table, or of a vector of times."""
+        array, size = _real_array(given, "the times X"), 1 + len(self.inputs)
+        names = " and ".join(("the time", *self.inputs))
+        if array.ndim == 2 and array.shape[1] == 0:
+            raise InputError(f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: {names}")
+        if array.ndim == 1 and size == 1:
+            array = array[:, None]
+        if array.ndim != 2:
+            raise InputError(f"X has the shape {array.shape}; give (n,) times, or (n, {size}): {names}")
+        if array.shape[1] != size:
+            raise InputError(
+                f"X has {array.shape[1]} features, but LawEstimator is expecting {size} features as "
+                f"input: {names}"
+            )
+        return array
 
     def score(self, X: Any, y: Any) -> float:
         """Coefficient of determination R^2 of the prediction; 0 where the heights are all one.
 
         Parameters
         ----------
-        X : array (n,) or (n, 1)
-            Times [s], in any order.
+        X : array (n,), (n, 1) or (n, 1 + inputs)
+            Times [s], in any order, and the inputs then.
         y : array (n,)
             Heights [m].
 
@@ -210,20 +239,6 @@ class LawEstimator:
             regressor_tags=RegressorTags(poor_score=True),  # on tables that are no motion in time
             input_tags=InputTags(one_d_array=True),
         )
-
-
-def _time_vector(given: Any) -> np.ndarray:
-    """Return the times (n,) of a column or a vector."""
-    array = _real_array(given, "the times X")
-    if array.ndim == 2 and array.shape[1] == 0:
-        raise InputError(f"0 feature(s) (shape={array.shape}) while a minimum of 1 is required: the time")
-    if array.ndim == 2 and array.shape[1] != 1:
-        raise InputError(
-            f"X has {array.shape[1]} features, but LawEstimator is expecting 1 features as input: the time"
-        )
-    if array.ndim not in (1, 2):
-        raise InputError(f"the times X have the shape {array.shape}; give (n,) or (n, 1)")
-    return array.reshape(len(array))
 
 
 def _height_vector(given: Any) -> np.ndarray:

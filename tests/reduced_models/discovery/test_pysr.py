@@ -10,11 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import discover
 from reduced_models.discovery import julia
+from reduced_models.discovery.selection import all_subsets, score_subsets
+from reduced_models.discovery.structures import _pruned
+from reduced_models.discovery.terms import physical_library
+from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.laws.height_map import HeightMap
 
 TIME = np.linspace(0.0, 20.0, 400)
 RECORD = PistonRecord(TIME, np.cos(TIME))
@@ -331,3 +337,38 @@ def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch)
     found = discover(PistonRecord(TIME, swing + noise), "pysr", target="height")
     assert "jacobi_cn" in found.best.text
     assert found.best.error == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PySR was seen to choose eight terms, with |z'|, for the four of a Van der Pol-like law."""
+    from scipy.integrate import solve_ivp
+
+    import reduced_models.discovery.julia as adapter
+
+    time = np.linspace(0.0, 30.0, 1500)
+    swing = solve_ivp(
+        lambda _, state: (state[1], -(state[0] ** 2 - 1.0) * state[1] * 0.8 - state[0] - 0.2 * state[0] ** 3),
+        (0.0, 30.0),
+        (2.0, 0.0),
+        t_eval=time,
+        rtol=1e-9,
+    ).y[0]
+    noisy = swing + 0.01 * swing.std() * np.random.default_rng(0).normal(size=len(time))
+    z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
+    crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
+    crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
+    monkeypatch.setattr(adapter, "require_julia", lambda: None)
+    monkeypatch.setattr(adapter, "pysr_expressions", lambda *_: [crowded])
+    found = discover(PistonRecord(time, noisy), "pysr", polish=0)
+    assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
+
+
+def test_addends_that_hold_numbers_are_pruned_too() -> None:
+    weak = weak_form(estimate_motion(RECORD, HeightMap(), "savitzky-golay"))
+    library = physical_library(1)
+    _, judge = score_subsets(weak, library, library, all_subsets(2))
+    z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))
+    candidates = _pruned(-1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), judge)
+    best = min(candidates, key=lambda candidate: candidate.criterion)
+    assert best.terms is not None
+    assert {term.text for term in best.terms} == {"z"}

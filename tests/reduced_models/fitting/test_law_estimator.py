@@ -123,6 +123,23 @@ def test_bounds_and_loss_are_those_of_a_fit() -> None:
     assert held.model_.parameters["lam"] == pytest.approx(0.3)
 
 
+def test_inputs_stand_behind_the_time() -> None:
+    from scipy.signal import lsim
+
+    time = np.linspace(0.0, 12.0, 400)
+    force = 3.0 * np.sin(1.5 * time) + np.sin(5.0 * time)
+    height = lsim(([0.5], [1.0, 0.4, 16.0]), force, time)[1]
+    table = np.column_stack([time, force])
+    law = "z'' + c*z' + k*z = force/m"
+    estimator = LawEstimator(law, starts=2, test_fraction=0.0, inputs=("force",))
+    estimator.fit(table[:250], height[:250])
+    assert estimator.n_features_in_ == 2
+    assert estimator.model_.parameters["m"] == pytest.approx(2.0, rel=1e-3)
+    assert estimator.score(table[250:], height[250:]) > 0.9999
+    with pytest.raises(InputError, match="the time and force"):
+        estimator.predict(time)
+
+
 def test_before_a_fit_it_is_an_error_of_both() -> None:
     exceptions = pytest.importorskip("sklearn.exceptions")
     with pytest.raises(InputError, match="call fit first"):
