@@ -68,6 +68,11 @@ class EquivalentDamping:
         """A tenth of the greatest swing [m]."""
         return 0.2 * self.amplitude
 
+    @property
+    def swings_at_tenth(self) -> bool:
+        """True where damping leaves a swing of that amplitude."""
+        return self.tenth_ratio < 1.0
+
 
 @dataclasses.dataclass(frozen=True)
 class AtRest:
@@ -109,11 +114,10 @@ class AtRest:
             rows.append(("damping_ratio", self.damping_ratio, ""))
         else:
             at_half, at_tenth = (f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth))
-            rows += [
-                (at_half, self.damping_ratio, ""),
-                (at_tenth, item.tenth_ratio, ""),
-                ("friction", item.friction, "m/s^2"),
-            ]
+            rows.append((at_half, self.damping_ratio, ""))
+            if item.swings_at_tenth:
+                rows.append((at_tenth, item.tenth_ratio, ""))
+            rows.append(("friction", item.friction, "m/s^2"))
             known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}
             known |= {"friction": item.intervals["friction"]}
         return "\n".join(

@@ -438,14 +438,12 @@ class ReducedModel(FittedLaw):
             else:
                 words += f"{rest.damping_ratio:.4g}"
             item = rest.equivalent
-            if rest.peaks is None and item is not None and "size" in self.untold:
-                words += f" at half of the swing and {item.tenth_ratio:.4g} at a tenth"
-            elif rest.peaks is None and item is not None:
-                words += (
-                    f" at {item.amplitude:.3g} {self.unit} and {item.tenth_ratio:.4g} at "
-                    f"{item.tenth:.3g} {self.unit}"
-                )
-                if item.friction > 0.0:
+            if rest.peaks is None and item is not None:
+                sized = "size" not in self.untold
+                half = f"{item.amplitude:.3g} {self.unit}" if sized else "half of the swing"
+                tenth = f"{item.tenth:.3g} {self.unit}" if sized else "a tenth"
+                words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.swings_at_tenth
+                if sized and item.friction > 0.0:
                     words += f", friction {item.friction:.4g} {self.unit}/s^2"
             lines.append(words)
         elif self.no_swing:

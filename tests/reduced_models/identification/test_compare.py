@@ -162,7 +162,7 @@ def test_a_decay_that_rests_early_tells_its_law(name: str) -> None:
     (model,) = table.rows[0].models
     assert len(model.quality.test_swings) > 2
     assert model.quality.test_swings[-1][1] < 25.0
-    assert "a piston at rest" in table.verdict
+    assert "standing still" in table.verdict
 
 
 @pytest.mark.long

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from granular.shared.errors import RecordError
+from reduced_models import fit
+from reduced_models.identification.engineering import engineering_quantities
 from reduced_models.records.backbone import driven_backbone, free_backbone
 
 SEEDS = range(10)
@@ -100,3 +103,31 @@ def test_noise_alone_has_no_backbone() -> None:
     noise = np.random.default_rng(0).normal(0.0, 1.0, 4000)
     with pytest.raises(RecordError, match="extremes"):
         free_backbone(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        "coulomb",
+        *(
+            pytest.param(law, marks=pytest.mark.long)
+            for law in ("linear", "viscous-coulomb", "viscous-quadratic")
+        ),
+    ],
+)
+@pytest.mark.parametrize(
+    "kind", [KINDS[0], *(pytest.param(kind, marks=pytest.mark.long) for kind in KINDS[1:])]
+)
+def test_no_law_has_more_than_critical_damping_for_what_swings(kind: str, law: str) -> None:
+    """Whatever law is fitted, also one that is wrong; the seed has the most friction of all."""
+    record, *_ = decay(kind, 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = fit(record, law, starts=2, test_fraction=0.0)
+    ratios = [
+        figure.value
+        for figure in engineering_quantities(model, angle=False, mass=None)
+        if figure.name.startswith("damping ratio")
+    ]
+    assert all(ratio < 100.0 for ratio in ratios)
+    assert law == "linear" or ratios
