@@ -169,9 +169,9 @@ found = discover(training, method="sindy", library="physical")
 print(found)
 
 # %% [markdown]
-# ## Prediction of what was held out
+# ## Prediction of what no law has seen
 #
-# Errors over the whole held-out record, over its rms swing. A piston that simply stays at rest
+# Errors over the whole test record, over its rms swing. A piston that simply stays at rest
 # scores 100 %.
 
 # %%
@@ -221,7 +221,7 @@ for name, error in fall_errors.items():
 winner = ranked[0]
 source_error = errors["van-der-pol-like"]
 gain = source_error / errors["polynomial-spring"]
-print(f"The held-out lift is predicted best by {winner}, to {100 * errors[winner]:.2g} %.")
+print(f"The test lift is predicted best by {winner}, to {100 * errors[winner]:.2g} %.")
 print(f"The published Van der Pol-like law is off by {100 * source_error:.3g} %, the linear")
 print(f"oscillator by {100 * errors['linear']:.3g} %; a spring that stiffens as the bed is")
 print(f"squeezed, polynomial with drag, is {gain:.0f} times better.")
