@@ -152,7 +152,8 @@ print(f"least distance of the mixture: {least_distance:.2f} D; published {publis
 # ## Order
 #
 # Ψ₆ and the regularity of the hexagons (1 for a perfect one) at full compression. The regularity
-# counts hexagonal cells only; the ± is its deviation over the cells.
+# counts hexagonal cells only; the ± is its deviation over the cells. Starts scatter: six of big
+# grains alone came to 0.920 to 0.944, all below the published 0.98.
 
 # %%
 orders, regularities, deviations, hexagons = {}, {}, {}, {}
