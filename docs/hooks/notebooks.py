@@ -19,6 +19,7 @@ NOTEBOOKS = ROOT / "notebooks"
 IN_BROWSER = ("01_first_bed", "04_damper_to_equation", "05_laboratory_record")
 """Notebooks with links to run them elsewhere, once the sources have a public address."""
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
+LINK = re.compile(r"\]\(\.\./\.\./notebooks/(\w+)\.ipynb\)")
 PICTURES = {"image/png": "png", "image/gif": "gif"}
 FRAME = re.compile(r'<iframe srcdoc="([^"]*)"')
 """A page that a cell shows: sliders, or a run in motion."""
@@ -33,6 +34,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for name, content in pictures.items():
             add(files, config, f"notebooks/{name}", content)
     return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Lead links to notebooks, which work where the sources are shown, to their pages."""
+    return LINK.sub(r"](../notebooks/\1.md)", markdown)
 
 
 def browser_links(stem: str, source: str) -> str:
