@@ -230,8 +230,8 @@ known_weight.plot(record)
 plt.show()
 
 # %% [markdown]
-# Own laws take part in `compare` like any other. They are ranked by how they predict the last
-# third of the record, which none has seen.
+# Own laws take part in `compare` like any other. They are ranked by how they predict every third
+# swing, which their fits have not seen.
 
 # %%
 with warnings.catch_warnings():
