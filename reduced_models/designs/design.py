@@ -35,8 +35,9 @@ from reduced_models.designs.study import check_columns, check_figures
 from reduced_models.records.sources import METHOD
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
-CENTRED = 0.5
-"""Fraction of these that the mean of the checks may be off by, without one more correction."""
+CENTRED, CENTRING = 0.5, 3
+"""Fraction of these that the mean of the checks may be off by, without one more correction; and the
+proposals of one number of grains after which it may."""
 SEEDS = (2, 3, 4)
 """Random starts of the checks; the study took the first."""
 CORRECTIONS = 5
@@ -157,17 +158,19 @@ def _search(
                     break
                 raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
             rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
-            result, last = Design(target, tuple(rounds)), met
+            result = Design(target, tuple(rounds))
             if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 met = result
-            if last is not None or (
-                met is not None and met.centred(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE)
-            ):
+                if met.centred(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE):
+                    break
+            if met is not None and len(rounds) - first >= CENTRING:
                 break
             if met is None and len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
                 break
             aim = _corrected_target(target, rounds[first:])
         if met is not None:
+            best = met.rounds[-1]
+            met = Design(target, (*(other for other in rounds if other is not best), best))
             if out is not None:
                 met.save(out, chosen)
             return met
