@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -31,6 +31,14 @@ UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
 """Columns that tell of a motion without a position, and how often they are integrated."""
+
+
+class Table(Protocol):
+    """A Series or DataFrame of pandas, or a DataArray or Dataset of xarray."""
+
+    def equals(self, other: Any, /) -> bool:
+        """Return True for a table of the same numbers."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

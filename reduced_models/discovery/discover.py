@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from granular.run.record import PistonRecord
+from granular.run.record import PistonRecord, Table
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.progress import stage_reporter
@@ -35,7 +35,7 @@ from reduced_models.discovery.weak_form import (
     force_weak_form,
     weak_form,
 )
-from reduced_models.fitting.problem import require_positions
+from reduced_models.fitting.problem import as_records, require_positions
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
 
@@ -50,7 +50,7 @@ METHODS: tuple[Method, ...] = ("auto", "sindy", "operon", "pysr")
 
 
 def discover(
-    record: PistonRecord | Sequence[PistonRecord],
+    record: PistonRecord | Table | Sequence[PistonRecord | Table],
     method: Method = "auto",
     *,
     form: Literal["weak", "strong"] = "weak",
@@ -77,7 +77,7 @@ def discover(
 
     Parameters
     ----------
-    record : PistonRecord, or a sequence of them
+    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
         Several obey the same equation, with the same numbers, each from its own initial state.
     method : str
         ``"auto"``: what ``"sindy"`` and, where pyoperon is installed, ``"operon"`` propose, side by
@@ -143,7 +143,7 @@ def discover(
     InputError
         If an option is out of its range, or a program that the method needs is not installed.
     """
-    records = [record] if isinstance(record, PistonRecord) else list(record)
+    records = as_records(record)
     require_positions(records, "discover")
     terms, functions = _as_texts(terms), _as_texts(functions)
     _check_arguments(method, form, target, degree, polish, ensemble, effort)

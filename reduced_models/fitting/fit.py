@@ -18,7 +18,7 @@ from typing import Any, Concatenate, Literal, ParamSpec, Protocol, cast, overloa
 
 import numpy as np
 
-from granular.run.record import PistonRecord
+from granular.run.record import PistonRecord, Table
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.assessment import make_models, sensor_drifts
@@ -60,17 +60,19 @@ _MOST_GAIN = 0.5  # of a walk that is found without being asked for
 _LEAST_GAIN = 1e-4  # a walk that gains as much as the noise in ten thousand samples
 
 P = ParamSpec("P")
-Records = PistonRecord | Sequence[PistonRecord]
+Records = PistonRecord | Table | Sequence[PistonRecord | Table]
 
 
 class _FitFunction(Protocol[P]):
     """A fit of one record, which gives a model, or of several, which gives one for each."""
 
     @overload
-    def __call__(self, record: PistonRecord, /, *args: P.args, **kwargs: P.kwargs) -> ReducedModel: ...
+    def __call__(
+        self, record: PistonRecord | Table, /, *args: P.args, **kwargs: P.kwargs
+    ) -> ReducedModel: ...
     @overload
     def __call__(
-        self, record: Sequence[PistonRecord], /, *args: P.args, **kwargs: P.kwargs
+        self, record: Sequence[PistonRecord | Table], /, *args: P.args, **kwargs: P.kwargs
     ) -> tuple[ReducedModel, ...]: ...
 
 
@@ -82,14 +84,14 @@ def _unwrap_single_record(
     @functools.wraps(function)
     def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
         models = function(record, *args, **kwargs)
-        return models[0] if isinstance(record, PistonRecord) else models
+        return models if isinstance(record, Sequence) else models[0]
 
     return cast("_FitFunction[P]", fit_records)
 
 
 @_unwrap_single_record
 def fit(
-    record: PistonRecord | Sequence[PistonRecord],
+    record: Records,
     law: str | Law | ForceLaw = "linear",
     *,
     map: HeightMap | Literal["auto", "fitted"] = "auto",  # noqa: A002
@@ -115,7 +117,7 @@ def fit(
 
     Parameters
     ----------
-    record : PistonRecord, or a sequence of them
+    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
         Samples may be irregular and have gaps.
     law : str or Law
         A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a

@@ -218,21 +218,32 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
     return dataclasses.replace(record, height=np.where(far, medians, height))
 
 
+def as_record(source: Any) -> Any:
+    """Record in a table of pandas or xarray; anything else as it is.
+
+    Raises
+    ------
+    RecordError
+        If a table holds no record.
+    """
+    return PistonRecord.from_table(source) if hasattr(source, "equals") else source
+
+
 def as_records(record: Any) -> list[PistonRecord]:
-    """One record, or a sequence of them, as a list.
+    """One record or table, or a sequence of them, as a list of records.
 
     Raises
     ------
     InputError
         If it is neither.
     """
-    if isinstance(record, PistonRecord):
-        return [record]
+    if isinstance(one := as_record(record), PistonRecord):
+        return [one]
     if isinstance(record, Sequence) and not isinstance(record, str):
-        records = list(record)
+        records = [as_record(item) for item in record]
         if not records:
             raise InputError("there is no record to fit; give at least one")
-        if all(isinstance(record, PistonRecord) for record in records):
+        if all(isinstance(item, PistonRecord) for item in records):
             return records
     kind = type(record).__name__
     raise InputError(

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from granular.run.record import PistonRecord
+from granular.run.record import PistonRecord, Table
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import format_factor
 from reduced_models.fitting.fit import fit, resolve_law
@@ -41,7 +41,7 @@ _NO_BETTER = 0.9
 
 
 def compare(
-    record: PistonRecord | Sequence[PistonRecord],
+    record: PistonRecord | Table | Sequence[PistonRecord | Table],
     laws: str | Law | ReducedModel | Sequence[str | Law | ReducedModel],
     test_fraction: float = TEST_FRACTION,
     test_records: Sequence[PistonRecord] = (),
@@ -53,7 +53,7 @@ def compare(
 
     Parameters
     ----------
-    record : PistonRecord, or a sequence of them
+    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
         To train on.
     laws : str, Law or ReducedModel, or a sequence of them
         Names, equations, laws, or models whose structure is fitted again, from their parameters;

@@ -12,11 +12,11 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from granular.run.record import PistonRecord
+from granular.run.record import PistonRecord, Table
 from granular.shared.errors import InputError
 from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
-from reduced_models.fitting.problem import require_positions
+from reduced_models.fitting.problem import as_record, require_positions
 from reduced_models.identification.candidates import candidates, drive_option, driven_law, unused_columns
 from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 
 def identify(
-    source: str | Path | Scene | Trajectory | PistonRecord,
+    source: str | Path | Scene | Trajectory | PistonRecord | Table,
     out: str | Path | None = None,
     *,
     laws: Sequence[str | Law] | None = None,
@@ -73,9 +73,9 @@ def identify(
 
     Parameters
     ----------
-    source : str, Path, Scene, Trajectory or PistonRecord
+    source : str, Path, Scene, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
-        an object. A scene is simulated first.
+        an object; or a table of a record, of pandas or xarray. A scene is simulated first.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. A run of the same scene that
         lies there already is used, or gone on with.
@@ -133,7 +133,7 @@ def identify(
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
-    opened = prepare_source(source, options)
+    opened = prepare_source(as_record(source), options)
     lift = laws is None or len(laws) > 1
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):

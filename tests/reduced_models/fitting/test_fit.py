@@ -37,6 +37,19 @@ def errors(model: ReducedModel) -> np.ndarray:
     return np.array([abs(model.parameters[name] / value - 1.0) for name, value in TRUE.items()])
 
 
+def test_a_table_is_a_record() -> None:
+    """A Series over a TimedeltaIndex, and a DataArray, give the model of their record."""
+    import pandas
+    import xarray
+
+    series = pandas.Series(CLEAN, index=pandas.to_timedelta(TIME, unit="s"))
+    array = xarray.DataArray(CLEAN, dims="time", coords={"time": TIME}, name="height")
+    given: list[Any] = [PistonRecord(TIME, CLEAN), series, array]
+    alpha = [fit(one, "van-der-pol-like", starts=2).parameters["alpha"] for one in given]
+    assert alpha == pytest.approx([TRUE["alpha"]] * 3, rel=1e-6)
+    assert len(fit([series], "van-der-pol-like", starts=2)) == 1
+
+
 def test_solution_agrees_with_scipy() -> None:
     from scipy.integrate import solve_ivp
 

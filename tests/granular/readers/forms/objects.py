@@ -23,6 +23,8 @@ def in_memory() -> dict[str, Any]:
         "DataFrame with index": indexed,
         "DataArray": array,
         "Dataset": array.to_dataset(),
+        "Series over a TimedeltaIndex": pandas.Series(HEIGHT, index=pandas.to_timedelta(TIME, unit="s")),
+        "DataArray over a TimedeltaIndex": array.assign_coords(time=pandas.to_timedelta(TIME, unit="s")),
         "mapping": {"t": TIME, "z": HEIGHT},
         "read back": pandas.read_csv(io.StringIO(frame.to_csv(index=False))),
     }
