@@ -50,6 +50,10 @@ class StoreError(InputError):
     """A file or a run directory cannot be written, or a run directory not read or resumed."""
 
 
+class BudgetError(InputError):
+    """A computation was not done within the time that it was given."""
+
+
 class MissingError(InputError, ImportError):
     """A distribution that is needed is not installed."""
 

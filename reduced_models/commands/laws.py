@@ -62,7 +62,7 @@ TEST_FRACTION = option(
     type=quantity_reader("1"),
     default=0.3,
     metavar="S",
-    help="fraction of the record, at its end, that the fit does not see: 0.3 (default) or '30 %%'",
+    help="fraction of the swings that judge the laws, by fits without them: 0.3 (default) or '30 %%'",
 )
 STARTS = option("--starts", type=int, default=16, help="how many starting points each fit tries (16)")
 
@@ -82,6 +82,13 @@ STARTS = option("--starts", type=int, default=16, help="how many starting points
         "--mass", metavar="M", help="mass of what moves [kg], for stiffness and damping (a scene has its own)"
     ),
     STARTS,
+    option(
+        "--budget",
+        type=quantity_reader("s"),
+        default=300.0,
+        metavar="T",
+        help="processor time for fits and discovery [s]; what comes later is left out, and said (300)",
+    ),
     option("--no-checks", action="store_true", help="skip the runs that show step error and scatter"),
     option(
         "--dt",
@@ -122,7 +129,7 @@ def identify(options: Any) -> None:
         checks=not options.no_checks,
         progress=not options.quiet,
         announce=None if options.quiet else lambda first: print_above_bar(first_words(first)),
-        **pick_options(options, "drive", "method", "threads", "starts"),
+        **pick_options(options, "drive", "method", "threads", "starts", "budget"),
     )
     show_result(result, options, None if options.verbose else brief(result))
 

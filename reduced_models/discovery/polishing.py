@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.shared.errors import GranularError
+from granular.shared.errors import BudgetError, GranularError
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import (
     complexity,
@@ -78,6 +78,8 @@ def polish_candidate(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
             models = fit(records, law, map=height_map, starts=STARTS, test_fraction=0.0, seed=seed)
+    except BudgetError:
+        raise
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     import sympy

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from granular.run.record import PistonRecord, Table
-from granular.shared.errors import InputError
+from granular.shared.errors import BudgetError, InputError
 from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.fitting.problem import as_record, require_positions
@@ -27,6 +27,7 @@ from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
+from reduced_models.least_squares.levenberg_marquardt import time_budget
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import (
     METHOD,
@@ -40,6 +41,8 @@ from reduced_models.records.sources import (
 
 GLANCED = "sindy"
 """Method of a discovery that nobody asked for: it needs nothing beyond what a fit needs."""
+BUDGET = 300.0
+"""Processor time for discovery and fits [s], ten times what a damper's swing takes."""
 POOR = 0.05
 """Held-out error, in rms swings, from which a law is poor where the noise is less than that."""
 _NOISE_TIMES = 3.0
@@ -64,6 +67,7 @@ def identify(
     method: str = METHOD,
     threads: int | None = None,
     starts: int = STARTS,
+    budget: float = BUDGET,
     checks: bool = True,
     executor: Executor | None = None,
     progress: bool = True,
@@ -97,6 +101,9 @@ def identify(
         of prices, and the automatic one of scenes that it does not hold.
     starts : int
         Random starts of each fit.
+    budget : float
+        Processor time for discovery and fits [s]. Laws whose turn comes later are left out, and a
+        note names them; half of it is for a discovery.
     checks : bool
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter, and with another lift, which all
@@ -130,6 +137,8 @@ def identify(
     """
     _check_arguments(laws, mass)
     check_options(starts=starts)
+    if not budget > 0.0:
+        raise InputError(f"budget = {budget:g} s; give a time above 0")
     target = make_directory(out)
     clock = _Stopwatch()
     options = RunOptions(changes or {}, STEP if dt is None else dt, method, threads, progress)
@@ -149,7 +158,7 @@ def identify(
             record = run.piston()
         mass = _moving_mass(mass, record, run)
         clock.lap("record" if run is None else "simulation")
-        result = _fit_laws(record, run, laws, discovery, drive, mass, starts, clock)
+        result = _fit_laws(record, run, laws, discovery, drive, mass, starts, budget, clock)
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):
             warnings.warn(note, stacklevel=2)
@@ -211,6 +220,7 @@ def _fit_laws(
     drive: str | None,
     mass: float | None,
     starts: int,
+    budget: float,
     clock: _Stopwatch,
 ) -> Identification:
     """Laws of a record, fitted and compared; arguments as of `identify`."""
@@ -224,13 +234,21 @@ def _fit_laws(
     else:
         wanted = [_with_drive(law, record, drive) for law in laws]
     clock.lap("a glance at the laws")
-    if discovery is not None:
-        from reduced_models.discovery.discover import discover
+    words = (
+        f"not done when the budget of {budget:g} s of processor was spent; for more: "
+        f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
+    )
+    with time_budget(budget, words):
+        if discovery is not None:
+            from reduced_models.discovery.discover import discover
 
-        wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
-        clock.lap(f"discovery by {discovery}")
-
-    comparison = compare(record, wanted, starts=starts)
+            try:
+                with time_budget(0.5 * budget, words):
+                    wanted.append(discover(record, method=cast("Any", discovery), input=drive).model)
+            except BudgetError as spent:
+                left_out += (f"discovery by {discovery}: {spent}",)
+            clock.lap(f"discovery by {discovery}")
+        comparison = compare(record, wanted, starts=starts)
     clock.lap("fits and comparison")
     names = [law_name(law) for law in wanted]
     sound = [row for row in comparison.rows if row.models]

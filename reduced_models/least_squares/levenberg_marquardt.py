@@ -8,14 +8,19 @@ the law.
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
 import functools
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import lineax
 import numpy as np
 import optimistix
 
+from granular.shared.errors import BudgetError
 from reduced_models.jax_setup import jax
 
 jnp = jax.numpy
@@ -39,6 +44,29 @@ _TRUST: optimistix.ClassicalTrustRegion[Any] = optimistix.ClassicalTrustRegion(
 _DESCENT: optimistix.DampedNewtonDescent[Any] = optimistix.DampedNewtonDescent(
     linear_solver=lineax.Cholesky()
 )
+
+
+_END: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
+
+
+@contextlib.contextmanager
+def time_budget(seconds: float, words: str) -> Iterator[None]:
+    """Let searches begun within it end with `BudgetError` once their processor time is spent.
+
+    Time of the processor, so that other work on the machine does not change what comes out; of two
+    budgets, one within the other, the one that ends first counts.
+    """
+    token = _END.set(min(_END.get(), (time.process_time() + seconds, words)))
+    try:
+        yield
+    finally:
+        _END.reset(token)
+
+
+def _check_budget() -> None:
+    end, words = _END.get()
+    if time.process_time() > end:
+        raise BudgetError(words)
 
 
 class Prior(NamedTuple):
@@ -110,16 +138,23 @@ def levenberg_marquardt(
     Returns
     -------
     theta, cost : float64 (s, p), (s,)
+
+    Raises
+    ------
+    BudgetError
+        If a `time_budget` is spent.
     """
     if bounds is None:
         bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     # Each start has its own where one has: profiles hold another entry in each.
     bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
     wanted = np.ones(len(start), dtype=bool) if waiting is None else waiting
+    _check_budget()
     best = _evaluate_point(normal, np.clip(start, *bounds))
     sizes = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
+        _check_budget()
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
         moved, gain = map(np.asarray, _next_vectors(best, start, precision, sizes, bounds))
