@@ -25,6 +25,7 @@ from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import pair_energy
+from granular.pairs.disc_tables import TOUCH, Discs
 from granular.pairs.pair_arrays import value_or_one
 from granular.schema.sections import quantity
 
@@ -174,8 +175,13 @@ class ContactLaw(NamedTuple):
         """Square of the highest angular frequency in an impact at that speed."""
         barrier = 0.0
         if constants.acting.dipole is not None:
-            barrier = pair_energy(law.narrowest) * constants.least_moment**2
+            barrier = _energy_at_touch(constants.acting.discs, law) * constants.least_moment**2
         return impact_stiffness(law, speed, constants.least_mass, barrier)
+
+
+@compiled(inline=True)
+def _energy_at_touch(discs: Discs | None, law: ContactLaw) -> float:
+    return pair_energy(law.narrowest) if discs is None else discs.collision[TOUCH, 0]
 
 
 @compiled

@@ -14,7 +14,9 @@ from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
+from granular.pairs.close_discs import head_on_disc_stiffness
 from granular.pairs.dipole import head_on_stiffness
+from granular.pairs.disc_tables import Discs
 from granular.protocol.motion import Motion
 
 _collision = greatest_of_hooks("collision", "speed constants")
@@ -35,9 +37,16 @@ def highest_collision_frequency(constants: Constants, speed: float) -> float:
     """
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
-        square = head_on_stiffness(speed, constants.least_mass, constants.least_moment)
+        square = _head_on(constants.acting.discs, speed, constants.least_mass, constants.least_moment)
     laws = constants.acting.laws
     return math.sqrt(max(square, _collision(laws, laws, speed, constants)))
+
+
+@compiled(inline=True)
+def _head_on(discs: Discs | None, speed: float, mass: float, moment: float) -> float:
+    if discs is None:
+        return head_on_stiffness(speed, mass, moment)
+    return head_on_disc_stiffness(discs, speed, mass, moment)
 
 
 @compiled

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
+from granular.effects.dipole import grain_discs
 from granular.export.frames import iterate_frames, open_run
 from granular.export.lammps_script import (
     NEAREST_PAIR,
@@ -33,6 +34,8 @@ from granular.export.lammps_script import (
 )
 from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.pairs import dipole
+from granular.pairs.disc_tables import SQUARES, STIFFNESSES, make_discs, stiffness_over_dipoles
+from granular.pairs.discs import Disc
 from granular.run.directory import is_run
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
@@ -188,6 +191,7 @@ def _compressed_frequency(deck: Deck, start: _Start) -> float:
     unit = deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.assignment()[start.grains]
+    cylinders = deck.scene.grains.magnets == "cylinders"
     charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
     height = deck.height if start.height is None else start.height
     heights = [each_leg.path.lowest for each_leg in deck.legs if each_leg.path is not None]
@@ -201,6 +205,7 @@ def _compressed_frequency(deck: Deck, start: _Start) -> float:
             width,
             height * fraction / unit,
             pairs=deck.cut is not None,
+            discs=tuple(grain_discs(deck.scene.grains, unit)[k] for k in species) if cylinders else (),
         )
         for fraction in (1.0, min(fractions))
     )
@@ -218,6 +223,7 @@ def _highest_run_collision_frequency(deck: Deck, start: _Start) -> float:
         deck.masses,
         set(deck.sides.values()),
         pairs=deck.cut is not None,
+        discs=grain_discs(deck.scene.grains, deck.scales.length),
     )
 
 
@@ -249,10 +255,12 @@ def _pair_tables(deck: Deck) -> Iterator[str]:
     if deck.cut is None:
         return
     nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
+    discs = grain_discs(deck.scene.grains, deck.scales.length)
     for first, second in deck.pairs():
         charge = deck.charges[first - 1] * deck.charges[second - 1]
         name = pair_table_name(first, second)
-        yield from pair_table(name, charge, nearest, deck.cut, deck.scales).lines("FPRIME")
+        pair = (discs[first - 1], discs[second - 1]) if discs else None
+        yield from pair_table(name, charge, nearest, deck.cut, deck.scales, pair).lines("FPRIME")
 
 
 def _wall_tables(deck: Deck) -> Iterator[str]:
@@ -293,6 +301,7 @@ def highest_mode_frequency(
     height: float,
     *,
     pairs: bool,
+    discs: Sequence[Disc] = (),
 ) -> float:
     """Bound of the highest angular frequency of a bed [1/tau], by Gershgorin's theorem.
 
@@ -308,12 +317,20 @@ def highest_mode_frequency(
         Width and height of the cell [D].
     pairs : bool
         Whether grains repel each other.
+    discs : sequence of Disc
+        Each grain as a disc; empty where grains are dipoles.
     """
     from scipy.spatial import cKDTree
 
     near = cKDTree(position).query_pairs(REACH if pairs else 0.0, output_type="ndarray")
     i, j = near[:, 0], near[:, 1]
-    fifth = np.linalg.norm(position[i] - position[j], axis=1) ** -5.0
+    r = np.linalg.norm(position[i] - position[j], axis=1)
+    fifth = r**-5.0
+    if discs:
+        of_pairs = [(discs[first], discs[second]) for first, second in near]
+        for pair in set(of_pairs):
+            alike = np.array([other == pair for other in of_pairs])
+            fifth[alike] *= stiffness_over_dipoles(r[alike], pair)
     size = len(position)
     sums = np.bincount(i, charge[j] * fifth, size) + np.bincount(j, charge[i] * fifth, size)
     # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
@@ -330,7 +347,13 @@ def highest_mode_frequency(
 
 
 def collision_frequency(
-    speed: float, charges: Sequence[float], masses: Sequence[float], laws: set[str], *, pairs: bool
+    speed: float,
+    charges: Sequence[float],
+    masses: Sequence[float],
+    laws: set[str],
+    *,
+    pairs: bool,
+    discs: Sequence[Disc] = (),
 ) -> float:
     """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
 
@@ -341,6 +364,11 @@ def collision_frequency(
         ratio = charge / mass
         at = speed / math.sqrt(ratio)
         squares += [ratio * _WALLS[law].turning_stiffness(at) for law in laws]
-        if pairs:
+        if pairs and not discs:
             squares.append(dipole.head_on_stiffness(speed, mass, charge))
+        elif pairs:
+            meeting = make_discs(discs, np.zeros(0, dtype=np.int64), 8).collision
+            strength = charge * ratio
+            at = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
+            squares.append(strength * meeting[STIFFNESSES, at])
     return math.sqrt(max(squares, default=0.0))

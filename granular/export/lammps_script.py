@@ -12,6 +12,8 @@ import numpy as np
 from granular.effects import wall_experimental, wall_infinite
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole
+from granular.pairs.disc_tables import contact_slope, continued_law
+from granular.pairs.discs import Disc
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
@@ -32,61 +34,73 @@ WALL_EXPONENTS = {"experimental": 3.5, "infinite": 3.0}
 _PAIR_EXPONENT = 4.0
 
 
-class PowerLawTable(NamedTuple):
-    """A power law from the nearest to the farthest distance.
+class ForceTable(NamedTuple):
+    """A law from the nearest to the farthest distance.
 
     Attributes
     ----------
     name : str
     distance, energy, force : float64 (ROWS,)
         [m], [J], [N]
-    exponent : float
-        The force falls as its inverse power of the distance.
+    slopes : tuple of float
+        d(force)/d(distance) at both ends [N/m].
     """
 
     name: str
     distance: np.ndarray
     energy: np.ndarray
     force: np.ndarray
-    exponent: float
+    slopes: tuple[float, float]
 
     def lines(self, slopes: str) -> Iterator[str]:
         """Section of a table file; ``slopes`` is its keyword for the slopes at both ends."""
-        slope = -self.exponent * self.force / self.distance
-        yield f"{self.name}\nN {ROWS} {slopes} {slope[0]:.17g} {slope[-1]:.17g}\n\n"
+        first, last = self.slopes
+        yield f"{self.name}\nN {ROWS} {slopes} {first:.17g} {last:.17g}\n\n"
         columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
         for number, row in enumerate(zip(*columns, strict=True), start=1):
             yield "{} {:.17g} {:.17g} {:.17g}\n".format(number, *row)
         yield "\n"
 
 
-def pair_table(name: str, charge: float, nearest: float, farthest: float, scales: Scales) -> PowerLawTable:
-    """Dipole repulsion of two grains, with ``charge`` the product of theirs, up to ``farthest``.
+def pair_table(
+    name: str,
+    charge: float,
+    nearest: float,
+    farthest: float,
+    scales: Scales,
+    discs: tuple[Disc, Disc] | None = None,
+) -> ForceTable:
+    """Repulsion of two dipoles or discs, with ``charge`` the product of theirs, up to ``farthest``.
 
     Distances are in units D.
     """
     r = np.geomspace(nearest, farthest, ROWS)
     energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
-    return _law_table(name, r, charge * energy, charge * force, _PAIR_EXPONENT, scales)
+    slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
+    if discs is not None:
+        energy, force = (dipole.ENERGY * values for values in continued_law(r, discs))
+        slopes = np.array([dipole.ENERGY * contact_slope(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]])
+    return _law_table(name, r, charge * energy, charge * force, charge * slopes, scales)
 
 
 def wall_table(
     name: str, law: str, charge: float, nearest: float, farthest: float, scales: Scales
-) -> PowerLawTable:
+) -> ForceTable:
     """Repulsion of a grain of that charge from a wall; see `pair_table`."""
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
     strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
     force = charge * strength / w**exponent
-    return _law_table(name, w, force * w / (exponent - 1.0), force, exponent, scales)
+    slopes = -exponent * force[[0, -1]] / w[[0, -1]]
+    return _law_table(name, w, force * w / (exponent - 1.0), force, slopes, scales)
 
 
 def _law_table(
-    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, exponent: float, scales: Scales
-) -> PowerLawTable:
-    return PowerLawTable(
-        name, distance * scales.length, energy * scales.energy, force * scales.force, exponent
-    )
+    name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, slopes: np.ndarray, scales: Scales
+) -> ForceTable:
+    first, last = (slopes * (scales.force / scales.length)).tolist()
+    distance, energy = distance * scales.length, energy * scales.energy
+    return ForceTable(name, distance, energy, force * scales.force, (first, last))
 
 
 PAIR_BITS, WALL_ROWS = 16, 100_000
@@ -139,11 +153,6 @@ def check_scene(scene: Scene) -> None:
                 f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
                 f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
             )
-    if scene.grains.magnets != "dipoles":
-        raise InputError(
-            f"grains.magnets = {scene.grains.magnets!r} cannot be exported to LAMMPS, whose tables "
-            "are those of dipoles; set it to 'dipoles' or run the scene here"
-        )
     if scene.pair_method == "verlet-list":
         raise InputError(
             "pairs.method = 'verlet-list' cannot be exported to LAMMPS, whose lists miss no pair; "

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import STRENGTH
+from granular.pairs.dipole import STRENGTH, head_on_stiffness
 from granular.pairs.disc_tables import (
     CONTACT,
     END,
@@ -23,8 +23,10 @@ from granular.pairs.disc_tables import (
     SHIFT,
     SINGULAR,
     SMOOTH,
+    SQUARES,
     START,
     STIFFNESS,
+    STIFFNESSES,
     TERM,
     CloseTables,
     Discs,
@@ -291,6 +293,18 @@ def _energy_beyond(tables: CloseTables, row: int, u: float) -> float:
     """Energy that a table adds, over the moments."""
     singular = _singular(tables, row, u)[1] if u < tables.pairs[row, SMOOTH] else 0.0
     return _energy(tables, row, u) + singular
+
+
+@compiled
+def head_on_disc_stiffness(discs: Discs, speed: float, mass: float, moment: float) -> float:
+    """`granular.pairs.dipole.head_on_stiffness` of discs; the stiffest species counts."""
+    strength = moment * (moment / mass)
+    squares = discs.collision[SQUARES]
+    square = speed * speed / strength
+    if square < squares[0]:
+        return head_on_stiffness(speed, mass, moment)
+    last = min(np.searchsorted(squares, square), squares.size - 1)
+    return strength * discs.collision[STIFFNESSES, last]
 
 
 @compiled(inline=True)

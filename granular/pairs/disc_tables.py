@@ -89,6 +89,12 @@ class CloseTables(NamedTuple):
     energies: np.ndarray
 
 
+TOUCH, SQUARES, STIFFNESSES = range(3)
+"""Rows about two alike discs that meet head-on: the energy at contact in the first entry [F* D], over
+the squared moment; squared speeds, rising, and the greatest squared angular frequency up to there,
+both times the mass over the squared moment. The greatest over the species, and of energies the least."""
+
+
 class Discs(NamedTuple):
     """The grains as discs; see the head of this file.
 
@@ -105,6 +111,8 @@ class Discs(NamedTuple):
     reach : float
         Distance at which the longest table ends [D].
     close : CloseTables
+    collision : float64 (3, n)
+        See `TOUCH` and the others.
     """
 
     series: np.ndarray
@@ -113,6 +121,7 @@ class Discs(NamedTuple):
     kinds: int
     reach: float
     close: CloseTables
+    collision: np.ndarray
 
 
 class _Pair(NamedTuple):
@@ -188,7 +197,22 @@ def _of_species(discs: tuple[Disc, ...]) -> Discs:
             np.array([np.pad(p, ((0, most - len(p)), (0, 0))) for _, p, _ in tables]),
             np.array([np.pad(e, (0, most + 1 - len(e))) for _, _, e in tables]),
         ),
+        collision=_collisions([pairs[k, k] for k in kinds]),
     )
+
+
+def _collisions(pairs: Sequence[_Pair]) -> Samples:
+    """Entries of `Discs.collision`, from pairs of alike discs; down to where a run stops."""
+    rows = []
+    for pair in pairs:
+        r = np.append(pair.r[::-1], pair.r[0] * np.linspace(1.0, CLOSEST, 20)[1:])
+        energy, force = continued_law(r, pair.discs)
+        slopes = np.maximum.accumulate(np.abs(np.gradient(force, r)))
+        rows.append((0.25 * energy, 0.5 * slopes))
+    squares = np.unique(np.concatenate([energy for energy, _ in rows]))
+    found = [slopes[np.minimum(np.searchsorted(energy, squares), len(r) - 1)] for energy, slopes in rows]
+    touch = min(0.25 * float(pair.energy[0]) for pair in pairs)
+    return np.array([np.full(len(squares), touch), squares, np.max(found, axis=0)])
 
 
 def _exact(first: Disc, second: Disc) -> _Pair:
@@ -258,7 +282,7 @@ def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float
     factor, z = contact_singularity(*discs)
     # x = r - contact is (r^2 - contact^2) / (2 contact) and what is smoother.
     factor, z = STRENGTH / 3.0 * factor / (contact * (2.0 * contact) ** 1.5), 2.0 * contact * z
-    rest = _difference(nodes, discs, contact, c) * _smooth_end(nodes, begin**2, end)
+    rest = _difference(nodes, discs, c) * _smooth_end(nodes, begin**2, end)
     smooth = touch + _SINGULAR_PIECES * width
     singular = factor * _power(nodes - touch, z, 1.5)
     turned = np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True))
@@ -287,12 +311,26 @@ def _power(x: Samples, z: float, exponent: float) -> Samples:
     return np.asarray(((x + 1j * z) ** exponent).real * ((x > 0.0) | (z > 0.0)))
 
 
-def _difference(u: Samples, discs: tuple[Disc, Disc], contact: float, c: float) -> Samples:
+def _difference(u: Samples, discs: tuple[Disc, Disc], c: float) -> Samples:
     """F/r of the discs less that of the law of all pairs [F*/D]."""
     r = np.sqrt(u)
-    _, force = disc_energy_and_force(np.maximum(r, contact), *discs)
-    force += np.minimum(r - contact, 0.0) * contact_slope(*discs)
+    _, force = continued_law(r, discs)
     return np.asarray(STRENGTH / 3.0 * (force - _law(r, pair_shift(*discs), c)[1]) / r)
+
+
+def stiffness_over_dipoles(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
+    """Stiffness of two discs over that of dipoles, by which the time step of a deck is chosen."""
+    grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
+    slopes = np.gradient(continued_law(grid, discs)[1], grid)
+    return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
+
+
+def continued_law(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
+    """`disc_energy_and_force`, which below contact goes on with the value and slope of the force."""
+    contact = contact_distance(*discs)
+    energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
+    below, slope = np.minimum(r - contact, 0.0), contact_slope(*discs)
+    return energy - below * (force + 0.5 * slope * below), force + slope * below
 
 
 def contact_slope(first: Disc, second: Disc) -> float:

@@ -12,7 +12,7 @@ from granular.compiled import entry
 from granular.pairs import close_discs, direct
 from granular.pairs.close_discs import CloseDiscs, close_discs_workspace
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.disc_tables import CLOSEST, STIFFNESS, Discs, make_discs
+from granular.pairs.disc_tables import CLOSEST, STIFFNESS, TOUCH, Discs, continued_law, make_discs
 from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, disc_shift, pair_shift
 from granular.pairs.pair_arrays import PairArrays
 from granular.shared.errors import InputError
@@ -21,6 +21,7 @@ MU0 = 4e-7 * np.pi
 COIN, SMALL, THIN, TALL = Disc(0.5, 0.5), Disc(0.35, 0.4), Disc(0.5, 0.2), Disc(0.5, 1.0)
 
 add_close_discs = entry(close_discs.add_close_discs)
+head_on_disc_stiffness = entry(close_discs.head_on_disc_stiffness)
 direct_sum = entry(direct.direct_sum)
 
 
@@ -197,6 +198,18 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
     greatest = np.linalg.eigvalsh(0.5 * (np.array(columns) + np.array(columns).T)).max()
     bound = Bed(positions, discs).sums()[2].max()
     assert greatest <= bound <= 3.0 * greatest
+
+
+@pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
+def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -> None:
+    """Two of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
+    discs, step = make_discs([COIN], np.zeros(2, dtype=np.int64), 8), 1e-4
+    energy, force = continued_law(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
+    mass, moment = 0.7, 0.8
+    speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
+    known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
+    assert known <= head_on_disc_stiffness(discs, speed, mass, moment) * 1.01 <= 1.25 * known
+    assert discs.collision[TOUCH, 0] == pytest.approx(0.25 * continued_law(np.ones(1), (COIN, COIN))[0][0])
 
 
 @pytest.mark.parametrize("periods", [None, (14.0, 11.0), (5.5, 40.0)])
