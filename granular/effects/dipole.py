@@ -23,8 +23,11 @@ class Dipole(Force):
 
 def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
     """Return the disc of each species, in units of a length [m]; none of dipoles."""
-    if grains.magnets == "dipoles":
-        return ()
+    return () if grains.magnets == "dipoles" else species_discs(grains, length)
+
+
+def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
+    """Return the disc of each species, in units of a length [m]."""
     heights = grains.of_species("thickness") / length
     radii = [0.5 * species.diameter / length for species in grains.species]
     return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))

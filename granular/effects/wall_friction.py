@@ -50,16 +50,15 @@ class WallFriction(Flow):
         sides = [] if walls is None else [getattr(walls, side) for side in _SIDES]
         if not any(sides):
             raise FieldError("there is no side wall to rub at; give effects.walls", "effects", self.key)
-        if any(side is not None and side.law == "slab" for side in sides):
-            raise FieldError("a slab has no law of the distance; take 'infinite'", "effects", self.key)
+        if any(side is not None and side.law in ("slab", "discs") for side in sides):
+            raise FieldError(
+                "slabs and discs have no law of the distance alone; take 'infinite'", "effects", self.key
+            )
 
     def law(self, setting: EffectContext) -> WallFrictionLaw:
         """Law in natural units; it takes the drag along."""
-        scales, width = setting.scales, setting.cell.width
         walls, other = setting.effects["walls"], setting.effects.get("drag")
-        left, right = (
-            None if side is None else side.law_of(width, scales) for side in (walls.left, walls.right)
-        )
+        left, right = (None if side is None else side.law_of(setting) for side in (walls.left, walls.right))
         rate, kind, rates = (None, None, None) if other is None else other.rates(setting)
         return WallFrictionLaw(
             self.coefficient,

@@ -14,10 +14,12 @@ import numpy as np
 
 from granular.effects.custom_functions import Kind as OwnKind
 from granular.effects.custom_law import CustomWallLaw
+from granular.effects.dipole import species_discs
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.force import Force
 from granular.effects.formula import Formula, Functions
 from granular.effects.registry import WALL_LAWS, find_wall_law
+from granular.effects.wall_discs import DiscWall, disc_wall_tables
 from granular.effects.wall_experimental import ExperimentalWall
 from granular.effects.wall_infinite import InfiniteWall
 from granular.effects.wall_side import SIDES
@@ -28,7 +30,7 @@ from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Kind, Section, nested, quantity, section_field, unknown
 
-LAWS = ("experimental", "infinite", "slab")
+LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
 """Law of a wall whose energy is written as a formula."""
 
@@ -84,12 +86,17 @@ class Wall(Section):
     ----------
     law : str
         ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
-        [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17].
+        [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an
+        endless row of magnets of the first species (`granular.effects.wall_discs`), to which grains
+        are discs whatever ``grains.magnets`` is.
     length : float or None
         Length of a slab [m], from the corner at the origin. Must be given for a slab at the side;
         the bottom and the piston are as long as the cell is wide.
     gap_start, gap_end : float or None
         A gap in a bottom slab, along x [m]: two slabs, between which grains flow out.
+    pitch : float
+        Distance of two magnets of a row of discs [m]; the corner at the origin lies half way between
+        two.
     own : section or None
         Of a law of one's own; in a scene its keys stand next to ``law``. See
         `granular.effects.custom`.
@@ -99,6 +106,7 @@ class Wall(Section):
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
+    pitch: float | None = quantity("m", above=0.0, default=None, optional=True)
     own: Any = section_field(MadeSection(True), default=None)
 
     @classmethod
@@ -131,19 +139,27 @@ class Wall(Section):
             raise FieldError("a law of one's own needs its parameters", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
             raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
+        if (self.law == "discs") != (self.pitch is not None):
+            raise FieldError("a row of discs has a pitch, and no other wall has one", "pitch")
         if (self.gap_start is None) != (self.gap_end is None):
             raise FieldError("give both ends of the gap", "gap_start")
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
             raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
 
-    def law_of(self, width: float, scales: Scales) -> Any:
-        """Law in natural units, for a cell of that width [m]."""
+    def law_of(self, setting: EffectContext) -> Any:
+        """Law in natural units."""
+        scales, width = setting.scales, setting.cell.width
         if self.own is not None:
             return self.own.law(scales)
         if self.law == "experimental":
             return ExperimentalWall()
         if self.law == "infinite":
             return InfiniteWall()
+        if self.pitch is not None:
+            discs = species_discs(setting.grains, scales.length)
+            tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length)
+            # Each wall has its own, since grains that leave are taken out of it.
+            return DiscWall(tables, setting.species.copy() if len(discs) > 1 else None)
         ends = [0.0, width if self.length is None else self.length]
         if self.gap_start is not None and self.gap_end is not None:
             ends = [0.0, self.gap_start, self.gap_end, ends[1]]
@@ -180,6 +196,7 @@ class Walls(Force):
         """Raise `FieldError` unless slabs fit the cell and the piston's height."""
         try:
             self._check_size(cell.width, None if piston is None else piston.height)
+            self._check_pitch(grains.species[0].diameter)
         except FieldError as error:
             raise error.within("effects", self.key) from None
 
@@ -197,6 +214,13 @@ class Walls(Force):
                     "would come behind the slab",
                     side,
                     "length",
+                )
+
+    def _check_pitch(self, diameter: float) -> None:
+        for side, wall in zip(SIDES, self.sides, strict=True):
+            if wall is not None and wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
+                raise FieldError(
+                    f"{wall.pitch:g} m must be at least the magnets' diameter, {diameter:g} m", side, "pitch"
                 )
 
     @property
@@ -219,5 +243,4 @@ class Walls(Force):
 
     def law(self, setting: EffectContext) -> WallLaws:
         """Laws in natural units; see `Wall.law_of`."""
-        width, scales = setting.cell.width, setting.scales
-        return WallLaws(*(None if wall is None else wall.law_of(width, scales) for wall in self.sides))
+        return WallLaws(*(None if wall is None else wall.law_of(setting) for wall in self.sides))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from granular.effects.wall_discs import DiscWall
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import State
 from granular.pairs.direct import PADDING
@@ -18,6 +19,7 @@ def constants_per_grain(constants: Constants) -> list[np.ndarray]:
     result = [constants.masses, constants.moments, acting.weight]
     if acting.discs is not None:
         result += [acting.discs.shift, acting.discs.species]
+    result += [law.species for law in acting.walls if isinstance(law, DiscWall)]
     result += [values for law in acting.laws for values in law]
     return [values for values in result if isinstance(values, np.ndarray)]
 

@@ -1,6 +1,6 @@
 """A scene as an input deck of LAMMPS, which runs it on many processors.
 
-Carried over: dipole repulsion and walls as tables (any number of species), gravity, viscous drag,
+Carried over: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity, viscous drag,
 shaking, and a prescribed piston. Refused, because LAMMPS has no match: dry friction, contact,
 slabs, a free piston, and stages that end at rest or at a force. See ``docs/large-scale.md``.
 

@@ -150,8 +150,8 @@ def check_scene(scene: Scene) -> None:
         wall = None if walls is None else getattr(walls, side)
         if wall is not None and wall.law not in WALL_EXPONENTS:
             raise InputError(
-                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: near its "
-                f"ends it depends on two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
+                f"effects.walls.{side}.law = {wall.law!r} cannot be exported to LAMMPS: it depends on "
+                f"two coordinates; take {' or '.join(map(repr, WALL_EXPONENTS))}"
             )
     if scene.pair_method == "verlet-list":
         raise InputError(

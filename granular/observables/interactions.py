@@ -129,7 +129,7 @@ def wall_interactions(
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, side in enumerate(acting):
         w, along, (nx, ny) = seen[side]
-        normal, tangential = _wall_force_components(getattr(laws, side), w, along)
+        normal, tangential = _wall_force_components(getattr(laws, side), w, along, system.species[here])
         branches[:, k] = w[:, None] * [nx, ny]
         # Positive along the wall is the direction of x, or of y at the sides.
         forces[:, k] = normal[:, None] * [nx, ny] + tangential[:, None] * [abs(ny), abs(nx)]
@@ -216,10 +216,17 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
     return push
 
 
-def _wall_force_components(law: Any, w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _wall_force_components(
+    law: Any, w: np.ndarray, along: np.ndarray, species: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Force on grains of moment 1 away from the wall, and along it."""
-    from granular.effects import wall_slab
+    from granular.effects import wall_discs, wall_slab
 
+    if isinstance(law, wall_discs.DiscWall):
+        seen = zip(species.tolist(), w.tolist(), along.tolist(), strict=True)
+        found = [wall_discs.energy_and_forces(law.tables, *one)[1:] for one in seen]
+        normal, tangential = np.array(found).reshape(-1, 2).T
+        return normal, tangential
     if not isinstance(law, wall_slab.SlabWall):
         force = _callable_kernel(type(law).force)
         return np.array([force(law, width) for width in w], dtype=float), np.zeros(len(w))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from granular import Scene, evaluate, simulate
+from granular.effects.dipole import grain_discs
 from granular.pairs.dipole import STRENGTH
+from granular.pairs.disc_tables import continued_law
 from granular.pairs.discs import Disc, disc_energy_and_force
 from granular.schema.scales import Scales
 from granular.shared.errors import OutsideError
@@ -98,6 +101,41 @@ def test_energy_is_conserved_with_the_square_of_the_step(small_bed: Scene) -> No
         residuals.append(np.abs(total - total[0]).max())
     order = np.polyfit(np.log(steps), np.log(residuals), 1)[0]
     assert order == pytest.approx(2.0, abs=0.15)
+
+
+def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
+    """All pairs, each by its own discs and by the moments that its grains have."""
+    species = [
+        {"name": "disc", "diameter": "6 mm", "share": 0.5},
+        {"name": "flat", "diameter": "4 mm", "thickness": "2 mm", "remanence": "1.1 T", "share": 0.5},
+    ]
+    scene = small_bed.replace(**{"grains.species": species, "grains.spread": 0.05, "pairs.method": "direct"})
+    scene = scene.replace(**{"effects.walls": None, "effects.gravity": None, "piston": None})
+    scene = discs(scene, **NO_CONTACT)
+    grains, length = scene.grains, Scales.of(scene.grains).length
+    positions = lattice(grains.count, 10, 1.25)
+    kind = grains.assignment()
+    moments = grains.moment_ratios()[kind] * grains.spread_factors()
+    shapes = grain_discs(grains, length)
+    apart = positions[:, None] - positions
+    r = np.hypot(*np.moveaxis(apart, 2, 0))
+    push = np.zeros_like(r)
+    for pair in itertools.product(range(2), range(2)):
+        chosen = (kind[:, None] == pair[0]) & (kind == pair[1]) & (r > 0.0)
+        push[chosen] = continued_law(r[chosen], (shapes[pair[0]], shapes[pair[1]]))[1] / (3.0 * r[chosen])
+    known = (moments[:, None, None] * moments[:, None] * push[..., None] * apart).sum(axis=1)
+    assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
+
+
+def test_run_that_goes_on_has_the_bits_of_one_left_alone(small_bed: Scene, tmp_path: Path) -> None:
+    """Though lists of close pairs are made anew."""
+    changes = {"effects.drag.coefficient": 0.0, "effects.contact.restitution": 1.0}
+    scene = discs(small_bed, **changes, **{"arrangement.speed": "0.5 m/s"})
+    whole = simulate(scene, dt=8e-5, t_end=0.04, out=tmp_path / "whole", progress=False)
+    simulate(scene, dt=8e-5, t_end=0.0165, out=tmp_path / "parts", progress=False)
+    parts = simulate(scene, dt=8e-5, t_end=0.04, out=tmp_path / "parts", resume=True, progress=False)
+    for name in ("position", "velocity", "pair_energy"):
+        np.testing.assert_array_equal(whole.dataset[name].values[-1], parts.dataset[name].values[-1])
 
 
 @pytest.mark.long

@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.effects import wall_experimental, wall_infinite, wall_slab
+from granular.effects import wall_discs, wall_experimental, wall_infinite, wall_slab
+from granular.pairs.disc_tables import continued_law
+from granular.pairs.discs import Disc, pair_shift
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -102,14 +104,106 @@ def test_stiffest_turn_at_a_slab_is_that_at_its_end() -> None:
     assert found == pytest.approx(wall_infinite.stiffness(turn), rel=0.01)
 
 
+COIN, SMALL = Disc(0.5, 0.5), Disc(0.3, 0.5)
+
+
+def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
+    """Energy and forces away from a row of coins and along it, magnet by magnet."""
+    x = along - pitch * (np.arange(-4000, 4000) + 0.5)
+    r = np.hypot(x, w + COIN.radius)
+    near = r < 40.0
+    energy, force = np.zeros((2, len(r)))
+    energy[near], force[near] = continued_law(r[near], (disc, COIN))
+    rho2 = r[~near] ** 2 - pair_shift(disc, COIN)
+    energy[~near], force[~near] = rho2**-1.5, 3.0 * r[~near] * rho2**-2.5
+    across = force * (w + COIN.radius) / r
+    return 0.25 * np.array([energy.sum(), across.sum(), (force * x / r).sum()])
+
+
+@pytest.mark.parametrize(("disc", "pitch"), [(COIN, 1.0), (COIN, 1.5), (SMALL, 1.0)])
+def test_row_of_discs_is_the_sum_over_its_magnets(disc: Disc, pitch: float) -> None:
+    """Within 1e-7 of energy and force where a grain touches, and 1e-3 of the force right there."""
+    tables = wall_discs.disc_wall_tables((disc,), COIN, 1.0, pitch)
+    touch = np.array(wall_discs.energy_and_forces(tables, 0, disc.radius, 0.5 * pitch))[[0, 1, 1]]
+    random = np.random.default_rng(3)
+    for gap in (0.0, 0.02, 0.1, 0.3, 1.0, 3.0, 12.0):
+        for along in random.uniform(0.0, 9.0, 3):
+            found = wall_discs.energy_and_forces(tables, 0, disc.radius + gap, along)
+            off = np.abs(found - row_sum(disc, disc.radius + gap, along, pitch)) / touch
+            assert (off <= (1e-7 if gap >= 0.1 else 1e-3)).all()
+            assert off[0] <= 1e-6
+
+
+def test_row_of_discs_far_away_is_the_infinite_wall() -> None:
+    tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.5)
+    for w in (20.0, 80.0):
+        normal, middle = wall_discs.energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
+        factor = 1.0 + 2.0 * pair_shift(COIN, COIN) / middle**2
+        assert normal * 1.5 == pytest.approx(factor * wall_infinite.force(middle), rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
+def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_is_a_bound(w: float) -> None:
+    tables, h = wall_discs.disc_wall_tables((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
+    touch, hessians = wall_discs.energy_and_forces(tables, 0, 0.5, 0.6)[1], []
+    for along in np.linspace(0.0, 1.2, 9):
+        for axis in (0, 1):
+            step = h * np.eye(2)[axis]
+            near = [wall_discs.energy_and_forces(tables, 0, *([w, along] + k * step)) for k in (-2, -1, 1, 2)]
+            slope = (8.0 * (near[1][0] - near[2][0]) - near[0][0] + near[3][0]) / (12.0 * h)
+            known = wall_discs.energy_and_forces(tables, 0, w, along)[1 + axis]
+            assert slope == pytest.approx(known, abs=1e-8 * touch)
+            hessians.append([(near[1][k] - near[2][k]) / (2.0 * h) for k in (1, 2)])
+    greatest = np.abs(np.linalg.eigvals(np.array(hessians).reshape(-1, 2, 2))).max()
+    assert greatest <= wall_discs.stiffness(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
+
+
+def test_stiffest_turn_at_a_row_of_discs_is_between_its_magnets() -> None:
+    tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
+    speed = np.sqrt(2.0 * wall_discs.energy_and_forces(tables, 0, 0.7, 0.0)[0])
+    found = entry(wall_discs.DiscWall.turning_stiffness)(wall_discs.DiscWall(tables, None), speed)
+    known = wall_discs.stiffness(tables, 0, 0.7)
+    assert known * 0.999 <= found <= 1.1 * known
+
+
+RIPPLE = """
+pitch  gap  of a row  w^-3.5  w^-3  ripple
+1 D    0    1.67      0.50    1.00  9.8 %
+1 D    0.5  0.372     0.121   0.296  0.5 %
+1 D    1    0.142     0.044   0.125  0.03 %
+1.5 D  0    1.11      0.50    1.00  35 %
+1.5 D  0.5  0.247     0.121   0.296  6.3 %
+1.5 D  1    0.095     0.044   0.125  1.1 %
+"""
+
+
+def test_rows_of_discs_beside_the_other_walls() -> None:
+    """The figures of the documentation: mean forces [F*] and by how much they vary along the wall.
+
+    The other laws are taken at the same distance from the magnets' middle.
+    """
+    for line in RIPPLE.strip().splitlines()[1:]:
+        pitch, gap, mean, experimental, infinite, ripple = (
+            float(word) for word in line.replace("D", "").replace("%", "").split()
+        )
+        tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, pitch)
+        along = pitch * np.arange(32) / 32
+        force = np.array([wall_discs.energy_and_forces(tables, 0, 0.5 + gap, x)[1] for x in along])
+        assert force.mean() == pytest.approx(mean, rel=6e-3)
+        assert 50.0 * np.ptp(force) / force.mean() == pytest.approx(ripple, rel=0.1)
+        assert wall_experimental.force(1.0 + gap) == pytest.approx(experimental, rel=6e-3)
+        assert wall_infinite.force(1.0 + gap) == pytest.approx(infinite, rel=6e-3)
+
+
 def walled(law: str, **more: object) -> Scene:
     """The damper's bed with slabs or other walls on all sides."""
-    side = {"law": law, **({"length": "75 D"} if law == "slab" else {})}
-    walls = {"left": side, "right": side, "bottom": {"law": law}, "top": {"law": law}}
+    more_keys = {"slab": {"length": "75 D"}, "discs": {"pitch": "1.5 D"}}.get(law, {})
+    side, level = {"law": law, **more_keys}, {"law": law, **(more_keys if law == "discs" else {})}
+    walls = {"left": side, "right": side, "bottom": level, "top": level}
     return load_scene("bed").replace(**{"effects.walls": walls, **more})
 
 
-@pytest.mark.parametrize("law", ["infinite", "slab"])
+@pytest.mark.parametrize("law", ["infinite", "slab", "discs"])
 def test_scene_force_is_minus_gradient(law: str) -> None:
 
     scene = walled(law, **{"effects.dipole": None, "effects.gravity": None})
@@ -127,7 +221,7 @@ def test_scene_force_is_minus_gradient(law: str) -> None:
 
 
 @pytest.mark.long  # quick: ledgers in plain Python
-@pytest.mark.parametrize("law", ["infinite", "slab"])
+@pytest.mark.parametrize("law", ["infinite", "slab", "discs"])
 def test_energy_is_kept_between_the_walls(law: str) -> None:
     # No drag, by its coefficient: the bed at rest on slabs is then compiled code already.
     scene = walled(law, **{"effects.drag.coefficient": 0.0, "grains.count": 60})
@@ -162,6 +256,8 @@ def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
         ({"left": "slab"}, "effects.walls.left.length: must be given"),
         ({"left": {"law": "slab", "length": -1}}, "above 0 m"),
         ({"bottom": {"law": "infinite", "length": 0.1}}, "only a slab has a length"),
+        ({"bottom": "discs"}, "a row of discs has a pitch"),
+        ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "at least the magnets' diameter"),
         ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "only the bottom"),
         ({"bottom": {"law": "slab", "gap_start": 0.1}}, "both ends of the gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.2, "gap_end": 0.1}}, "above gap_start"),

@@ -1,0 +1,298 @@
+"""A wall of discs: an endless row of upright magnets like the grains, side by side.
+
+The row's middle line lies one radius behind the wall's face, so that a grain that touches the face
+touches a magnet. With W the distance from that line and x along it, the energy is the sum over the row
+of that of two discs (`granular.pairs.discs`), below their contact with the force that goes on. It
+repeats with the pitch p, and so is a series
+
+    E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
+
+whose terms fall as exp(-2 pi m W / p) (Poisson's sum): the row is summed once, for each species, and
+the few terms that count where a grain touches are kept, as tables of W^2 A_m in 1/W. Far away A_0 is
+the infinite wall's energy over p/D. Forces are slopes of the tables, so that energy is conserved.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline, make_interp_spline
+
+from granular.compiled import Array, compiled, entry
+from granular.effects.wall_side import Side
+from granular.pairs.dipole import ENERGY
+from granular.pairs.disc_tables import contact_slope, continued_law
+from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, pair_shift
+
+PIECES, PHASES, SUMMED = 300, 64, 60.0
+"""Pieces of a table in 1/W; places along the pitch at which the row is summed, and the distance along
+the row up to which this is done one by one [D]."""
+
+LEFT_OUT, NOTHING = 1e-7, 1e-8
+"""Greatest energy of the terms that are left out where a grain touches, and of those that are skipped
+far away, over the mean one."""
+
+
+class DiscWallTables(NamedTuple):
+    """The row as each species sees it.
+
+    Attributes
+    ----------
+    pieces : float64 (kinds, terms, PIECES, 6)
+        W^2 A_m over the moment [F* D^3]: coefficients in the fraction of a piece in 1/W that is passed.
+    per_piece : float
+        Pieces per 1/W [D].
+    smooth : float64 (kinds,)
+        1/W below which the first term alone counts [1/D].
+    wave, depth : float
+        2 pi / p [1/D]; distance of the row's line behind the face [D].
+    turning : float64 (2, n)
+        Squared speeds, rising, of grains that turn, and the greatest stiffness up to there.
+    """
+
+    pieces: Array
+    per_piece: float
+    smooth: Array
+    wave: float
+    depth: float
+    turning: Array
+
+
+@compiled(inline=True)
+def _place(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
+    """1/W, the piece, the fraction of it that is passed, and the terms that count."""
+    gap = w + tables.depth
+    # Behind the face, or at no number, where the grain is reported to be.
+    if not gap > 0.5 * tables.depth:
+        gap = 0.5 * tables.depth
+    v = 1.0 / gap
+    passed = v * tables.per_piece
+    piece = min(int(passed), PIECES - 1)
+    terms = 1 if v < tables.smooth[kind] else tables.pieces.shape[1]
+    return v, piece, passed - piece, terms
+
+
+@compiled(inline=True)
+def _value(p: Array, t: float) -> float:
+    return p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * (p[4] + t * p[5]))))
+
+
+@compiled(inline=True)
+def _slope(p: Array, t: float) -> float:
+    return p[1] + t * (2.0 * p[2] + t * (3.0 * p[3] + t * (4.0 * p[4] + t * 5.0 * p[5])))
+
+
+@compiled(inline=True)
+def _curvature(p: Array, t: float) -> float:
+    return 2.0 * p[2] + t * (6.0 * p[3] + t * (12.0 * p[4] + t * 20.0 * p[5]))
+
+
+@entry
+def energy_and_forces(
+    tables: DiscWallTables, kind: int, w: float, along: float
+) -> tuple[float, float, float]:
+    """Energy [F* D], and forces away from the wall and along it [F*], of a grain of moment 1."""
+    v, piece, t, terms = _place(tables, kind, w)
+    wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
+    if terms > 1:
+        cosine, sine = np.cos(wave * along), np.sin(wave * along)
+    energy, normal, tangential = 0.0, 0.0, 0.0
+    for m in range(terms):
+        p = tables.pieces[kind, m, piece]
+        value, slope = _value(p, t), _slope(p, t) * tables.per_piece
+        energy += v * v * value * c
+        normal += v * v * v * (2.0 * value + v * slope) * c
+        tangential += m * wave * v * v * value * s
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+    return energy, normal, tangential
+
+
+@entry
+def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
+    """Bound of the stiffness [F*/D] of a grain of moment 1, wherever it stands along the wall."""
+    v, piece, t, terms = _place(tables, kind, w)
+    across, along, mixed = 0.0, 0.0, 0.0
+    for m in range(terms):
+        p, k = tables.pieces[kind, m, piece], m * tables.wave
+        value, slope = _value(p, t), _slope(p, t) * tables.per_piece
+        bend = _curvature(p, t) * tables.per_piece * tables.per_piece
+        across += v**4 * abs(6.0 * value + 6.0 * v * slope + v * v * bend)
+        along += k * k * v * v * abs(value)
+        mixed += k * v**3 * abs(2.0 * value + v * slope)
+    return max(across, along) + mixed
+
+
+class DiscWall(NamedTuple):
+    """The row as the kernels take it.
+
+    Attributes
+    ----------
+    tables : DiscWallTables
+    species : int64 (n,) or None
+        Species of each grain; None where there is one.
+    """
+
+    tables: DiscWallTables
+    species: Array | None
+
+    @staticmethod
+    @compiled(inline=True)
+    def add_forces(
+        law: DiscWall,
+        count: int,
+        moments: Array | None,
+        side: Side,
+        force: Array,
+        normal: Array,
+        tangential: Array,
+    ) -> int:
+        """Add the forces away from the wall; those along it are left in ``tangential``."""
+        outside = 0
+        for i in range(count):
+            w = side.sign * (side.position[i] - side.offset)
+            kind = _kind(law.species, i)
+            _, normal[i], tangential[i] = energy_and_forces(law.tables, kind, w, side.along[i])
+            if moments is not None:
+                normal[i] *= moments[i]
+            force[i] += side.sign * normal[i]
+            outside += not w > 0.0
+        return outside
+
+    @staticmethod
+    @compiled
+    def add_tangential_forces(
+        law: DiscWall, count: int, moments: Array | None, along_force: Array, tangential: Array
+    ) -> None:
+        """Add the forces along the wall."""
+        for i in range(count):
+            ratio = 1.0
+            if moments is not None:
+                ratio = moments[i]
+            along_force[i] += ratio * tangential[i]
+
+    @staticmethod
+    @compiled
+    def measure(law: DiscWall, count: int, side: Side, slopes: Array, energies: Array) -> None:
+        """As of `granular.effects.wall_side.add_distance_energies`."""
+        for i in range(count):
+            w = side.sign * (side.position[i] - side.offset)
+            kind = _kind(law.species, i)
+            energies[i] = energy_and_forces(law.tables, kind, w, side.along[i])[0]
+            slopes[i] += stiffness(law.tables, kind, w)
+
+    @staticmethod
+    @compiled
+    def turning_stiffness(law: DiscWall, speed: float) -> float:
+        """Greatest stiffness up to where a grain of any species turns, between two magnets."""
+        squares = law.tables.turning[0]
+        return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
+
+
+@compiled(inline=True)
+def _kind(species: Array | None, i: int) -> int:
+    return 0 if species is None else species[i]
+
+
+@functools.cache
+def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float) -> DiscWallTables:
+    """Sum the row once for each species.
+
+    Parameters
+    ----------
+    discs : tuple of Disc
+        Each species, in units of D.
+    magnet : Disc
+        A magnet of the row.
+    moment : float
+        Its moment over that of the first species.
+    pitch : float
+        Distance of two magnets [D], at least their diameter.
+    """
+    depth, wave = magnet.radius, 2.0 * np.pi / pitch
+    v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
+    amplitudes = [_amplitudes(v, disc, magnet, pitch) for disc in discs]
+    touch = [int(np.argmin(np.abs(v - 1.0 / (depth + disc.radius)))) for disc in discs]
+    left = [np.cumsum(np.abs(a[::-1, k]))[::-1] / a[0, k] for a, k in zip(amplitudes, touch, strict=True)]
+    terms = max(int(np.flatnonzero(rest > LEFT_OUT).max()) + 1 for rest in left)
+    pieces = np.array([[_pieces(v, row) for row in a[:terms]] for a in amplitudes])
+    smooth = []
+    for a in amplitudes:
+        loud = np.flatnonzero(np.abs(a[1:terms]).sum(axis=0) > NOTHING * a[0])
+        smooth.append(v[max(int(loud.min(initial=PIECES)) - 1, 0)])
+    tables = DiscWallTables(
+        ENERGY * moment * pieces, PIECES * depth, np.array(smooth), wave, depth, np.zeros((2, 1))
+    )
+    w = 1.0 / v[1:] - depth
+    squares, slopes = [], []
+    for kind, a in enumerate(amplitudes):
+        least = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
+        squares.append(np.maximum.accumulate(least))
+        found = [stiffness(tables, kind, float(one)) for one in w]
+        slopes.append(np.maximum.accumulate(found))
+    every = np.unique(np.concatenate(squares))
+    greatest = [
+        slope[np.minimum(np.searchsorted(square, every), len(slope) - 1)]
+        for square, slope in zip(squares, slopes, strict=True)
+    ]
+    return tables._replace(turning=np.array([every, np.max(greatest, axis=0)]))
+
+
+def _amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
+    """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
+    shift, w = pair_shift(disc, magnet), 1.0 / v[1:]
+    energy = _pair_energy(disc, magnet)
+    each_way = int(np.ceil(SUMMED / pitch))
+    places = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
+    sums = np.empty((PHASES, len(v)))
+    for k, one in enumerate(w):
+        r2 = places**2 + one**2
+        # Beyond, the sum is an integral.
+        a = one**2 - shift
+        ends = np.abs(np.array([places[:, -1], places[:, 0]])) + 0.5 * pitch
+        if a > 0.0:
+            root = np.sqrt(ends**2 + a)
+            rest = (1.0 / (root * (root + ends))).sum(axis=0) / pitch
+        else:
+            rest = (0.5 / ends**2).sum(axis=0) / pitch
+        sums[:, k + 1] = one**2 * (energy(np.sqrt(r2)).sum(axis=1) + rest)
+    sums[:, 0] = 2.0 / pitch
+    result = np.fft.rfft(sums, axis=0).real / PHASES
+    # The corner lies half way between two magnets.
+    result[1:] *= 2.0 * (-1.0) ** np.arange(1, len(result))[:, None]
+    result[1:, 0] = 0.0
+    return np.asarray(result)
+
+
+def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
+    """Energy of two discs over that of dipoles at D, quickly at many distances."""
+    pair, contact = (disc, magnet), contact_distance(disc, magnet)
+    shift, slope = pair_shift(disc, magnet), contact_slope(disc, magnet)
+    # With r = contact / (1 - t^2) what is singular at contact is smooth.
+    t = np.linspace(0.0, np.sqrt(1.0 - 1.0 / 40.0), 500)
+    r = contact / (1.0 - t * t)
+    near = CubicSpline(t, disc_energy_and_force(r, *pair)[0] * r**3)
+    first, force = (float(values[0]) for values in continued_law(np.array([contact]), pair))
+
+    def energy(r: np.ndarray) -> np.ndarray:
+        t = np.sqrt(1.0 - np.minimum(contact / r, 1.0))
+        factor = np.where(t < near.x[-1], near(np.minimum(t, near.x[-1])), 1.0 + 1.5 * shift / r**2)
+        below = np.minimum(r - contact, 0.0)
+        pressed = first - below * (force + 0.5 * slope * below)
+        return np.where(below < 0.0, pressed, factor / r**3)
+
+    return energy
+
+
+def _pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Coefficients of a quintic spline, in the fraction of a piece that is passed (PIECES, 6)."""
+    spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0
+    columns = []
+    for order in range(6):
+        factorial *= max(order, 1)
+        # Inside of the pieces: the last derivative jumps at their ends.
+        at = v[:-1] if order < 5 else v[:-1] + 0.5 * width
+        columns.append(spline.derivative(order)(at) * width**order / factorial if order else spline(at))
+    return np.stack(columns, axis=1)
