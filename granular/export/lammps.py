@@ -1,8 +1,9 @@
 """A scene as an input deck of LAMMPS, which runs it on many processors.
 
-Carried over: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity, viscous drag,
-shaking, and a prescribed piston. Refused, because LAMMPS has no match: dry friction, contact,
-slabs, a free piston, and stages that end at rest or at a force. See ``docs/large-scale.md``.
+Carried over: repulsion of dipoles or discs, and walls, as tables (any number of species), gravity,
+viscous drag, shaking, and a prescribed piston. Refused, because LAMMPS has no match: dry friction,
+contact, walls that depend on two coordinates, a free piston, and stages that end at rest or at a force.
+See ``docs/large-scale.md``.
 
 The tables make the forces exact to some 1e-7; time steps are those of ``stormer-verlet`` here,
 drag included.
