@@ -67,15 +67,15 @@ def _equation_lines(result: Identification) -> list[str]:
     model = result.best
     count = sum(not row.failure for row in result.comparison.rows)
     choice = f"the best of {count} laws" if count > 1 else "the law"
-    unit = "angle in radians" if model.angle else "height in metres"
+    meaning = f"z is the {'angle in radians' if model.angle else 'height in metres'}"
     if model.law.mapped:
-        unit = f"{model.map_text(_LEAST_DIGITS)}, a pure number"
+        meaning = f"{model.map_text(_LEAST_DIGITS)}, a pure number,"
     values = [
         f"{name} = {value:.{max(_LEAST_DIGITS, model.printed_digits)}g} {model.unit_of(name)}"
         for name, value in model.parameters.items()
     ]
     return [
-        _fit_line(f"{choice} is {model.law.name}, where z is the {unit} and ' the rate of change:"),
+        _fit_line(f"{choice} is {model.law.name}, where {meaning} and ' the rate of change:"),
         *_wrap(model.law.equation),
         *_wrap("with " + ", ".join(value.removesuffix(" 1") for value in values)),
     ]
@@ -89,7 +89,7 @@ def _wrap(words: str) -> list[str]:
 
 def _figure_lines(result: Identification) -> list[str]:
     """Rest, frequency, damping and stiffness with their total errors."""
-    known = {figure.name: figure for figure in result.figures}
+    known = {figure.name: figure for figure in result.shown_figures}
     if not known:
         return ["it has no level of rest near the record, so no small swing can be told"]
     meanings = {

@@ -64,6 +64,8 @@ class Quantity(NamedTuple):
     def text_with_error(self) -> str:
         """Number, total error and unit."""
         value, error = format_fixed(self.value, self.digits), self.total_error
+        if not error:  # a law or a map fixes it
+            return self.text if self.value else f"0 {self.unit}".rstrip()
         if not math.isfinite(error):
             return f"{value}, open {self.unit}".rstrip()
         width = f"{error:.2g}" if "e" in value else f"{round(error, self.digits):.{max(0, self.digits)}f}"

@@ -104,7 +104,7 @@ class OwnSwing:
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: by it nothing swings"
         if self.agrees:
-            frequency, damping = (f"{_next_power_of_ten(100.0 * value):g} %" for value in self.differences)
+            frequency, damping = (f"{_round_bound(100.0 * value):g} %" for value in self.differences)
             return (
                 f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
             )
@@ -189,12 +189,14 @@ class OwnSwing:
         return row
 
 
+_LEAST_BOUND = 0.01  # per cent
 _FLAT = 0.02  # of a value, that a picture shows at least
 
 
-def _next_power_of_ten(value: float) -> float:
-    """Power of ten from a hundredth on that is no less."""
-    return max(0.01, float(10.0 ** math.ceil(math.log10(max(value, 1e-9)))))
+def _round_bound(value: float) -> float:
+    """Least number of 0.01, 0.02, 0.05, 0.1 and so on that is no less."""
+    size = 10.0 ** math.floor(math.log10(max(value, _LEAST_BOUND)))
+    return next(step * size for step in (1.0, 2.0, 5.0, 10.0) if max(value, _LEAST_BOUND) <= step * size)
 
 
 def amplitude_text(size: float, units: Units) -> str:

@@ -23,7 +23,12 @@ from reduced_models.identification.elliptic import (
     elliptic_text,
     solve_elliptic_motion,
 )
-from reduced_models.identification.engineering import Quantity, small_swing_sentence, swing_text
+from reduced_models.identification.engineering import (
+    DAMPING_RATIO,
+    Quantity,
+    small_swing_sentence,
+    swing_text,
+)
 from reduced_models.identification.own_swing import OwnSwing
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
@@ -121,6 +126,13 @@ class Identification:
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
+    def shown_figures(self) -> tuple[Quantity, ...]:
+        """Figures to print: a damping ratio that names its amplitude is the record's own, if it tells one."""
+        if self.own is None:
+            return self.figures
+        return tuple(one for one in self.figures if not one.name.startswith(f"{DAMPING_RATIO} at "))
+
+    @property
     def subject(self) -> str:
         """Noun for what moves, with its article."""
         if self.run is not None and self.run.scene.piston is not None:
@@ -163,7 +175,7 @@ class Identification:
         """Own swing, the law's swing with its error, and falls: a paragraph each."""
         words = [] if self.own is None else [self.own.text]
         if self.figures:
-            swing = swing_text(self.figures, self.subject, self.mass)
+            swing = swing_text(self.shown_figures, self.subject, self.mass)
             words.append(f"{swing} {best_error_text(self.comparison.rows[0])}")
         else:
             words.append(self.comparison.verdict)
@@ -179,7 +191,7 @@ class Identification:
             "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
             "own": None if self.own is None else self.own.to_plain(),
-            "figures": {figure.name: figure.to_plain() for figure in self.figures},
+            "figures": {figure.name: figure.to_plain() for figure in self.shown_figures},
             "figures_law": self.figures_law,
             "notes": list(self.notes),
             "time_step": None if self.run is None else step_text(self.run),
@@ -203,7 +215,7 @@ class Identification:
         if self.figures:
             lines.append(f"{small_swing_sentence(self.shown)} about rest, by {self.figures_law}:")
         lines += [
-            f"  {figure.name}: {figure.text_with_error}{_parts_text(figure)}" for figure in self.figures
+            f"  {figure.name}: {figure.text_with_error}{_parts_text(figure)}" for figure in self.shown_figures
         ]
         if self.averaging is not None:
             lines.append(self.averaging.text)
@@ -225,7 +237,7 @@ class Identification:
         if self.own is not None:
             self.own.add_to(page)
         averaging = "" if self.averaging is None else self.averaging.text
-        blocks.add_engineering(page, self.figures, self.shown, self.mass, averaging)
+        blocks.add_engineering(page, self.shown_figures, self.shown, self.mass, averaging)
         pictures.add_record(page, self.record, self.best)
         if self.falls is not None:
             blocks.add_falls(page, self.falls)

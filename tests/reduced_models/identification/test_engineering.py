@@ -124,12 +124,12 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
 def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) -> None:
     """In the table, on the page and in the plain data: no figure of swings that none saw."""
     found = identify(made("coulomb"), laws=["coulomb"], progress=False)
-    (_, wide), (_, narrow) = [
-        (one.name, one.value) for one in found.figures if one.name.startswith("damping ratio")
-    ]
-    assert 1.0 < wide < 5.0
-    assert narrow == pytest.approx(5.0 * wide, rel=0.05)
-    friction = found.shown.parameters["friction"]
+    own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
+    friction, omega = found.shown.parameters["friction"], math.tau / found.shown.at_rest.period
+    for amplitude, ratio in own.items():
+        assert ratio == pytest.approx(200.0 * friction / (math.pi * omega**2 * amplitude), rel=0.1)
+    assert found.own.agrees
+    assert not any(one.name.startswith("damping ratio") for one in found.shown_figures)
     for told in (str(found), found.summary):
         assert "damping ratio" in told.lower()
         assert "friction" in told
