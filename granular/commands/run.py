@@ -93,6 +93,8 @@ example:
 study.toml:
   scene = "damper"
   dt = "auto*2"
+  [changes]                    # in every case
+  "effects.drag.coefficient" = "0.2 kg/s"
   [grid]                       # all combinations
   "piston.mass" = [6.0, 7.5]
   "arrangement.seed" = [1, 2, 3]

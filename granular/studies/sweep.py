@@ -109,9 +109,9 @@ class Study:
             units |= {f"{stage.name}.end": "s", f"{stage.name}.height": "m"}
         for case in self.cases:
             for key in case.changes:
-                found = find_field(case.scene, key)
-                if found is not None and isinstance(found[1], Quantity):
-                    units[key] = found[1].unit
+                field = find_field(case.scene, key)
+                if field is not None and isinstance(field[1], Quantity):
+                    units[key] = field[1].unit
         return {name: unit for name, unit in units.items() if unit != "1"}
 
     @property
@@ -143,10 +143,10 @@ def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
     """Return a case's values of all that the study varies, quantities as numbers in SI."""
     result = {}
     for key in keys:
-        found = find_field(case.scene, key)
-        quantity = found is not None and isinstance(found[1], Quantity | Integer)
-        if found is not None and (quantity or key not in case.changes):
-            result[key] = found[0]
+        field = find_field(case.scene, key)
+        quantity = field is not None and isinstance(field[1], Quantity | Integer)
+        if field is not None and (quantity or key not in case.changes):
+            result[key] = field[0]
         else:
             result[key] = case.changes.get(key, case.settings.get(key))
     return result

@@ -143,11 +143,11 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
     InputError
         If there is no such key, it holds no quantity, or its value is not above 0.
     """
-    found = find_field(scene, key)
-    if found is None:
+    field = find_field(scene, key)
+    if field is None:
         scene.replace(**{key: 1.0})  # says which key there is instead
         raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
-    value, kind = found
+    value, kind = field
     if not isinstance(kind, Quantity):
         raise InputError(f"{key} is no quantity; calibrate a number such as piston.mass")
     if value is None or not value > 0.0:

@@ -188,7 +188,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
         aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
-    errors = [math.log(one.mean("damping_ratio") / one.promise.damping_ratio) for one in rounds]
+    errors = [math.log(made.mean("damping_ratio") / made.promise.damping_ratio) for made in rounds]
     return aim, target.damping * math.exp(-sum(errors) / len(errors))
 
 
