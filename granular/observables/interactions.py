@@ -16,7 +16,6 @@ import numpy as np
 
 from granular.effects.dipole import grain_discs
 from granular.observables.frame import check_positions, is_present
-from granular.pairs.disc_tables import contact_slope
 from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, pair_shift
 from granular.shared.errors import InputError
 
@@ -187,6 +186,8 @@ def _over_dipoles(
 def _disc_factor(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
     from scipy.interpolate import CubicSpline
+
+    from granular.pairs.disc_tables import contact_slope
 
     contact, shift = contact_distance(first, second), pair_shift(first, second)
     # Its singular part at contact is smooth in the root of the gap.
