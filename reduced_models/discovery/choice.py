@@ -117,6 +117,8 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
 
 
 def _number_count(candidate: CandidateEquation) -> int:
+    if candidate.models:  # numbers within terms, and a hidden state's, count too
+        return len(candidate.models[0].parameters)
     return len(parametrise(candidate.expression)[1])
 
 

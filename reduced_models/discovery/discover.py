@@ -23,6 +23,7 @@ from reduced_models.discovery.libraries import (
     propose_library,
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
+from reduced_models.discovery.open_terms import OpenTerms, split_open_terms
 from reduced_models.discovery.polishing import polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, propose_structures
@@ -38,6 +39,7 @@ from reduced_models.discovery.weak_form import (
 from reduced_models.fitting.problem import as_records, require_positions
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.derivatives import DerivativeMethod
+from reduced_models.records.inputs import column_names
 
 Method = Literal["auto", "sindy", "operon", "pysr"]
 _NO_OPERON = (
@@ -105,9 +107,9 @@ def discover(
         that yields or relaxes (`reduced_models.discovery.memory`).
     terms : sequence of str
         Own terms next to the library's, in z, z' and the input's column: ``"sin(z)"``,
-        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient, and
-        numbers within it stay as they are. A sum is taken apart, and each of its terms gets a
-        coefficient of its own, in place of the number that stands before it.
+        ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers within it stay
+        as they are, and names stand for numbers to be found: ``"max(0, z - d)"``. A sum is taken
+        apart, and each of its terms gets a coefficient of its own, in place of the number before it.
     functions : sequence of str
         What symbolic regressions may use next to sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
@@ -152,7 +154,8 @@ def discover(
     remembers = _is_single_library(library, MEMORY)
     if remembers:
         _check_memory(target, form, ensemble, input, map)
-    known = _known_terms(library, terms, degree, input)
+    plain, open_terms = split_open_terms(() if remembers else terms, input, column_names(records[0]))
+    known = _known_terms(library, plain, degree, input)
     allowed = program_functions(functions, method)
     method, lacking = _installed_method(method, functions)
     sparse = method != "operon"
@@ -179,22 +182,26 @@ def discover(
             _, known, height_map, weak, library_note = _choose_library(
                 records, library, terms, known, derivative, input, map, degree
             )
+            known = (*known, *_settled_terms(weak, known, open_terms))
             now("sparse sums of terms" if search is None else "symbolic regression")
             proposed = propose_structures(
                 weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
             )
+            candidates = open_terms.priced(proposed.candidates, weak.samples)
+            proposed = proposed._replace(candidates=candidates)
         words = _method_text(method, form, ensemble, target if remembers else "")
 
         def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
             candidate = with_memory(candidate_equation, proposed.memory, proposed.judge)
-            return polish_candidate(candidate, records, height_map, input, seed)
+            return polish_candidate(candidate, records, height_map, input, seed, open_terms)
 
         count = 0 if target == "force" else polish
         front, chosen = polish_front(proposed.candidates, polish_one, count, proposed.judge, proposed.others)
         now("done")
     judge = proposed.judge
-    sure = None if remembers else weigh_evidence(front[chosen], proposed.candidates, judge, seed)
+    rivals = open_terms.alike(proposed.candidates, front[chosen])
+    sure = None if remembers else weigh_evidence(front[chosen], rivals, judge, seed)
     notes = (
         library_note,
         *proposed.notes,
@@ -247,6 +254,13 @@ def _choose_library(
         proposal = Proposal("", known, height_map, weak_form(*motions), "")
     _check_finite(proposal.weak, proposal.terms)
     return proposal
+
+
+def _settled_terms(weak: WeakForm, known: Sequence[AnyTerm], open_terms: OpenTerms) -> list[AnyTerm]:
+    """Open terms with the numbers that leave least next to the known ones."""
+    terms = open_terms.settle(weak, known)
+    _check_finite(weak, terms)
+    return terms
 
 
 def _height_map(

@@ -12,6 +12,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import BudgetError, GranularError
+from reduced_models.discovery.open_terms import OpenTerms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import (
     complexity,
@@ -44,6 +45,7 @@ def polish_candidate(
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
+    open_terms: OpenTerms | None = None,
 ) -> CandidateEquation:
     """Candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
@@ -57,8 +59,11 @@ def polish_candidate(
     column : str, optional
         Of the records, that is the input.
     seed : int
+    open_terms : OpenTerms, optional
+        Terms that hold numbers of their own.
     """
-    template, values = parametrise(candidate.expression)
+    opened = None if open_terms is None else open_terms.opened(candidate)
+    template, values = opened or parametrise(candidate.expression)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
@@ -85,7 +90,10 @@ def polish_candidate(
     import sympy
 
     numbers = models[0].parameters
-    expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
+    if opened and open_terms is not None:
+        expression = open_terms.closed(candidate, numbers)
+    else:
+        expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
     nodes = complexity(expression)
     if memory is not None:
         nodes += len(memory.scales)

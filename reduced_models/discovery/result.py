@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
 from reduced_models.discovery.hidden_states import Memory
-from reduced_models.discovery.terms import AnyTerm, split_terms, term_text
+from reduced_models.discovery.terms import AnyTerm, split_terms, term_text, with_decimals
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
 
@@ -78,7 +78,7 @@ class CandidateEquation:
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
         left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left
-        text = f"{left} = {term_text(self.expression.xreplace(numbers))}"
+        text = f"{left} = {term_text(with_decimals(self.expression.xreplace(numbers)))}"
         return text if self.memory is None else self.memory.within(text)
 
 

@@ -34,6 +34,19 @@ def term_text(expression: sympy.Expr) -> str:
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
+_LARGEST_DENOMINATOR = 100  # of a fraction that is printed as one
+
+
+def with_decimals(expression: sympy.Expr) -> sympy.Expr:
+    """Expression for print: fractions that stand for decimal numbers cut to five digits."""
+    import sympy
+
+    fractions = expression.atoms(sympy.Rational)
+    return expression.xreplace(
+        {item: sympy.Float(item, 5) for item in fractions if item.q > _LARGEST_DENOMINATOR}
+    )
+
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -52,7 +65,7 @@ class CustomTerm:
     @functools.cached_property
     def text(self) -> str:
         """As a law writes it."""
-        return term_text(self.expression)
+        return term_text(with_decimals(self.expression))
 
     @property
     def driven(self) -> bool:
@@ -137,7 +150,9 @@ def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
     return functools.reduce(pair, sorted(operands, key=default_sort_key))
 
 
-def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Expr]:
+def read_terms(
+    texts: Sequence[str], column: str | None = None, numbers: Sequence[str] = ()
+) -> list[sympy.Expr]:
     """Expressions of terms as users write them, in z, z' and the input's column.
 
     Parameters
@@ -147,22 +162,24 @@ def read_terms(texts: Sequence[str], column: str | None = None) -> list[sympy.Ex
         them stay as they are, but for one before a term.
     column : str, optional
         Name of the input, next to ``u``.
+    numbers : sequence of str
+        Names that stand for numbers to be found.
 
     Raises
     ------
     InputError
         If a text is no formula, names anything else, or is constant zero.
     """
-    return [_read_term(text, column) for text in texts]
+    return [_read_term(text, column, numbers) for text in texts]
 
 
-def _read_term(text: str, column: str | None) -> sympy.Expr:
+def _read_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.Expr:
     import sympy
 
     if not isinstance(text, str):
         raise InputError(f"the term {quote(text)} is no text; write it as 'sin(z)'")
     z, v, u = state_symbols()
-    named = {"z": z, "z'": v}
+    named = {name: sympy.Symbol(name) for name in numbers} | {"z": z, "z'": v}
     if column is not None:
         named |= {INPUT: u, column: u}
     term = f"the term {quote(text)}"

@@ -204,7 +204,7 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
     for name in result.parameters:
         if name not in declared:
-            _refuse_suspicious_name(law, name, columns)
+            refuse_suspicious_name(law, name, columns)
     if not result.parameters:
         raise InputError(f"{law} has no parameter, so there is nothing to fit")
     return result
@@ -233,8 +233,14 @@ _COLUMNS = (
 _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
-def _refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
-    """Refuse a parameter whose name says that it is something else."""
+def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
+    """Refuse a parameter whose name says that it is something else.
+
+    Raises
+    ------
+    InputError
+        If it looks like a column, a motion or a number.
+    """
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, start={{{name!r}: ...}}"
     if lower in near:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -225,6 +227,48 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
         weak = weak_form(SmoothedMotion(TIME, noisy, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0))
         misfits.append(score_subsets(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
+
+
+def stop_beyond_a_gap() -> PistonRecord:
+    """Swing with 1 % noise whose spring is stiffer beyond 4 mm."""
+    from scipy.integrate import solve_ivp
+
+    time = np.linspace(0.0, 8.0, 700)
+    swing = solve_ivp(
+        lambda _, state: (state[1], -0.3 * state[1] - 30.0 * state[0] - 400.0 * max(0.0, state[0] - 0.004)),
+        (0.0, 8.0),
+        (0.012, 0.0),
+        t_eval=time,
+        rtol=1e-9,
+        atol=1e-12,
+        max_step=0.01,
+    ).y[0]
+    return PistonRecord(time, swing + 0.01 * swing.std() * np.random.default_rng(0).normal(size=700))
+
+
+def test_a_number_within_a_term_is_found() -> None:
+    options: dict[str, Any] = {"library": "physical", "degree": 1, "terms": ["max(0, z - d)"]}
+    found = discover(stop_beyond_a_gap(), "sindy", polish=0, **options)
+    assert len(found.best.terms or {}) == 3
+    gap = re.search(r"max\(0, z - ([0-9.]+)\)", found.best.text)
+    assert gap is not None
+    assert float(gap[1]) == pytest.approx(0.004, rel=0.03)
+    with pytest.raises(InputError, match="looks like a column"):
+        discover(stop_beyond_a_gap(), "sindy", terms=["max(0, z - force)"])
+
+
+@pytest.mark.long
+def test_a_number_within_a_term_is_fitted_with_its_interval() -> None:
+    record = stop_beyond_a_gap()
+    found = discover(
+        record, "sindy", library="physical", degree=1, terms=["max(0, z - d)", "max(0, z - d)*z'"], polish=2
+    )
+    fitted = fit(record, "z'' + 2*lam*z' + k*z + stop*max(0, z - d) = 0")
+    for model in (found.model, fitted):
+        low, high = model.intervals["d"]
+        assert low - 0.5 * (high - low) < 0.004 < high + 0.5 * (high - low)
+        assert high - low < 2e-4
+    assert not any("cannot tell" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,249 @@
+"""Terms that hold numbers to be found, such as d in ``max(0, z - d)``.
+
+A number within a function is no factor that least squares give. It is the one with which the term
+leaves least next to all terms of the library, on a grid over the sizes of the motion that is then
+refined; the fit through the differential equation finds it to its interval, and it costs what a
+factor costs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular import formulas
+from granular.shared.errors import InputError
+from granular.shared.messages import quote
+from reduced_models.discovery.result import CandidateEquation
+from reduced_models.discovery.terms import INPUT, AnyTerm, CustomTerm, read_terms, sort_terms, split_terms
+from reduced_models.discovery.weak_form import WeakForm
+from reduced_models.laws.law import refuse_suspicious_name
+
+if TYPE_CHECKING:
+    import sympy
+
+_HEIGHTS, _SIZES = 41, 25  # of the grid: heights, and sizes of either sign over four decades
+_DRAWS = 3000  # of several numbers together
+_ROUNDS = 3
+_SPANNED = 1e-8  # of a column: less of it is beyond the library
+_DIGITS = 9
+
+
+@dataclasses.dataclass
+class OpenTerms:
+    """Terms with numbers to be found, by names.
+
+    Attributes
+    ----------
+    templates : tuple of sympy.Expr
+        In the symbols of `state_symbols`, and those of the numbers.
+    names : tuple of str
+    forms : dict of CustomTerm to (sympy.Expr, mapping of str to float)
+        Terms with numbers that were found: each with its template, and all numbers by name.
+    """
+
+    templates: tuple[sympy.Expr, ...] = ()
+    names: tuple[str, ...] = ()
+    forms: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(default_factory=dict)
+
+    def settle(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
+        """Terms with the numbers that leave least of a weak form, next to a library."""
+        if not self.names:
+            return []
+        judged = _Remainder(weak, library, self)
+        choices = [_grid(weak) for _ in self.names]
+        if len(choices) == 1:
+            trials = choices[0][:, None]
+        else:
+            random = np.random.default_rng(0)
+            trials = np.stack([random.choice(values, _DRAWS) for values in choices], axis=1)
+        best = trials[int(np.argmin([judged.squares(row) for row in trials]))]
+        if not math.isfinite(judged.squares(best)):
+            raise InputError(
+                f"no numbers {', '.join(self.names)} make {quote(', '.join(map(str, self.templates)))} "
+                "terms of their own along the record; write others"
+            )
+        for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
+            best = _refined(judged, best, k, choices[k])
+        values = dict(zip(self.names, best.tolist(), strict=True))
+        return [term for template in self.templates if (term := self._remember(template, values)) is not None]
+
+    def _remember(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+        """Term of a template with numbers, whose template is remembered."""
+        term = self.term(template, values)
+        if term is not None:
+            inner = {str(symbol) for symbol in template.free_symbols}
+            self.forms[term] = (template, {name: value for name, value in values.items() if name in inner})
+        return term
+
+    def term(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+        """Term of a template with given numbers; None where it is no single one.
+
+        The numbers are exact in it, so that it is the same term everywhere.
+        """
+        import sympy
+
+        exact = {sympy.Symbol(name): sympy.Rational(f"{value:.{_DIGITS}g}") for name, value in values.items()}
+        expression = template.xreplace(exact)
+        if expression.has(sympy.zoo, sympy.nan):
+            return None
+        terms = split_terms(expression)
+        only = next(iter(terms)) if terms and len(terms) == 1 else None
+        return only if isinstance(only, CustomTerm) else None
+
+    def opened(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
+        """Sum with c0, c1 ... for its factors and names for the numbers within, and all values.
+
+        None where the candidate holds no such term.
+        """
+        import sympy
+
+        terms = candidate.terms or {}
+        if not any(term in self.forms for term in terms):
+            return None
+        parts, values = [], dict[str, float]()
+        for k, term in enumerate(sort_terms(terms)):
+            template, inner = self.forms.get(term, (term.expression, {}))
+            parts.append(sympy.Symbol(f"c{k}") * template)
+            values |= {f"c{k}": terms[term]} | dict(inner)
+        return sympy.Add(*parts), values
+
+    def closed(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
+        """Return the expression of a candidate with the numbers of a fit to `opened`."""
+        import sympy
+
+        parts = []
+        for k, item in enumerate(sort_terms(candidate.terms or {})):
+            template, inner = self.forms.get(item, (item.expression, {}))
+            term = self._remember(template, {name: numbers[name] for name in inner}) if inner else item
+            parts.append(sympy.Float(numbers[f"c{k}"]) * (term or item).expression)
+        return sympy.Add(*parts)
+
+    def priced(self, candidates: Sequence[CandidateEquation], samples: int) -> list[CandidateEquation]:
+        """Candidates whose numbers within terms cost what factors cost."""
+        result = []
+        for candidate in candidates:
+            inner = {
+                name for term in candidate.terms or {} if term in self.forms for name in self.forms[term][1]
+            }
+            price = len(inner) * math.log(samples)
+            result.append(dataclasses.replace(candidate, criterion=candidate.criterion + price))
+        return result
+
+    def alike(
+        self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
+    ) -> list[CandidateEquation]:
+        """Candidates with the numbers within terms that a chosen one has."""
+        of_template = {self.forms[term][0]: term for term in chosen.terms or {} if term in self.forms}
+        same = {
+            term.expression: of_template[template].expression
+            for term, (template, _) in self.forms.items()
+            if template in of_template
+        }
+        return [dataclasses.replace(item, expression=item.expression.xreplace(same)) for item in candidates]
+
+
+def split_open_terms(
+    texts: Sequence[str], column: str | None, columns: Sequence[str]
+) -> tuple[list[str], OpenTerms]:
+    """Terms without open numbers as they are, and those with such.
+
+    Raises
+    ------
+    InputError
+        If a name looks like something else than a number.
+    """
+    known = {"z", "z'", *(() if column is None else (INPUT, column))}
+    plain, opened, names = list[str](), list[str](), dict[str, None]()
+    for text in texts:
+        free = _free_names(text, known)
+        if not free:
+            plain.append(text)
+            continue
+        for name in free:
+            if name in (INPUT, "v", "t") or (name[0] == "c" and name[1:].isdigit()):
+                raise InputError(f"the term {quote(text)} names {name}, which is taken; rename it")
+            refuse_suspicious_name(f"the term {quote(text)}", name, columns)
+        opened.append(text)
+        names |= dict.fromkeys(free)
+    expressions = read_terms(opened, column, tuple(names))
+    return plain, OpenTerms(tuple(expressions), tuple(names))
+
+
+def _free_names(text: str, known: set[str]) -> list[str]:
+    """Names of numbers in a term; none where it does not move, or cannot be read."""
+    try:
+        written = [name.text for name in formulas.variable_names(formulas.parse(text))]
+    except (formulas.FormulaError, TypeError, AttributeError):
+        return []  # refused where all terms are read
+    free = [name for name in dict.fromkeys(written) if name not in known and "'" not in name]
+    return free if known & {*written} else []
+
+
+class _Remainder:
+    """What terms of a library leave of a weak form, and what open terms take of it."""
+
+    def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], terms: OpenTerms) -> None:
+        self.weak, self.terms = weak, terms
+        self.whitening = weak.whitening((), np.zeros(0))
+        target = self.whitening @ weak.target
+        columns = self.whitening @ weak.matrix(library) if library else np.zeros((len(target), 0))
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        self.basis = left[:, sizes > 1e-10 * sizes.max(initial=0.0)]
+        self.target = target - self.basis @ (self.basis.T @ target)
+
+    def squares(self, values: np.ndarray) -> float:
+        """Return the sum of squares that is left with numbers (k,); infinite where a term says nothing."""
+        numbers = dict(zip(self.terms.names, values.tolist(), strict=True))
+        terms = [self.terms.term(template, numbers) for template in self.terms.templates]
+        if any(term is None for term in terms):
+            return math.inf
+        with np.errstate(all="ignore"):
+            columns = self.whitening @ self.weak.matrix([term for term in terms if term is not None])
+        if not np.isfinite(columns).all():
+            return math.inf
+        sizes = np.linalg.norm(columns, axis=0)
+        columns = columns - self.basis @ (self.basis.T @ columns)
+        if not (np.linalg.norm(columns, axis=0) > _SPANNED * sizes).all():
+            return math.inf
+        columns = columns / np.linalg.norm(columns, axis=0)
+        left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
+        return float(left @ left)
+
+
+def _grid(weak: WeakForm) -> np.ndarray:
+    """Numbers to try: heights within the motion, and sizes of it, of its speed, and of their inverses."""
+    z = np.concatenate([motion.z for motion in weak.motions])
+    speed = np.concatenate([motion.velocity for motion in weak.motions]).std()
+    decades = np.geomspace(1e-2, 1e2, _SIZES)
+    heights = np.linspace(z.min(), z.max(), _HEIGHTS + 2)[1:-1]
+    sizes = np.concatenate([unit * decades for unit in (z.std(), 1.0 / z.std(), speed, 1.0 / speed)])
+    return np.unique(np.concatenate([heights, sizes, -sizes]))
+
+
+def _refined(judged: _Remainder, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
+    """Numbers with one of them moved, between its neighbours on the grid, to where least is left."""
+    from scipy.optimize import minimize_scalar
+
+    place = int(np.searchsorted(grid, best[k]))
+    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
+
+    def squares(value: float) -> float:
+        moved = best.copy()
+        moved[k] = value
+        left = judged.squares(moved)
+        return left if math.isfinite(left) else 1e300
+
+    solution = minimize_scalar(
+        squares, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}
+    )
+    moved = best.copy()
+    if solution.fun < squares(best[k]):
+        moved[k] = float(solution.x)
+    return moved
