@@ -62,7 +62,7 @@ class DiscWallTables(NamedTuple):
 
 
 @compiled(inline=True)
-def _place(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
+def _find_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
     """1/W, the piece, the fraction of it that is passed, and the terms that count."""
     gap = w + tables.depth
     # Behind the face, or at no number, where the grain is reported to be.
@@ -95,7 +95,7 @@ def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
     """Energy [F* D], and forces away from the wall and along it [F*], of a grain of moment 1."""
-    v, piece, t, terms = _place(tables, kind, w)
+    v, piece, t, terms = _find_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
         cosine, sine = np.cos(wave * along), np.sin(wave * along)
@@ -113,7 +113,7 @@ def energy_and_forces(
 @entry
 def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
     """Bound of the stiffness [F*/D] of a grain of moment 1, wherever it stands along the wall."""
-    v, piece, t, terms = _place(tables, kind, w)
+    v, piece, t, terms = _find_piece(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
         p, k = tables.pieces[kind, m, piece], m * tables.wave
@@ -230,8 +230,8 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
     for kind, a in enumerate(amplitudes):
         least = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
         squares.append(np.maximum.accumulate(least))
-        found = [stiffness(tables, kind, float(one)) for one in w]
-        slopes.append(np.maximum.accumulate(found))
+        bounds = [stiffness(tables, kind, float(distance)) for distance in w]
+        slopes.append(np.maximum.accumulate(bounds))
     every = np.unique(np.concatenate(squares))
     greatest = [
         slope[np.minimum(np.searchsorted(square, every), len(slope) - 1)]
@@ -245,19 +245,19 @@ def _amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.nda
     shift, w = pair_shift(disc, magnet), 1.0 / v[1:]
     energy = _pair_energy(disc, magnet)
     each_way = int(np.ceil(SUMMED / pitch))
-    places = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
+    offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
     sums = np.empty((PHASES, len(v)))
-    for k, one in enumerate(w):
-        r2 = places**2 + one**2
+    for k, distance in enumerate(w):
+        r2 = offsets**2 + distance**2
         # Beyond, the sum is an integral.
-        a = one**2 - shift
-        ends = np.abs(np.array([places[:, -1], places[:, 0]])) + 0.5 * pitch
+        a = distance**2 - shift
+        ends = np.abs(np.array([offsets[:, -1], offsets[:, 0]])) + 0.5 * pitch
         if a > 0.0:
             root = np.sqrt(ends**2 + a)
             rest = (1.0 / (root * (root + ends))).sum(axis=0) / pitch
         else:
             rest = (0.5 / ends**2).sum(axis=0) / pitch
-        sums[:, k + 1] = one**2 * (energy(np.sqrt(r2)).sum(axis=1) + rest)
+        sums[:, k + 1] = distance**2 * (energy(np.sqrt(r2)).sum(axis=1) + rest)
     sums[:, 0] = 2.0 / pitch
     result = np.fft.rfft(sums, axis=0).real / PHASES
     # The corner lies half way between two magnets.

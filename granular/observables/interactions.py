@@ -225,8 +225,8 @@ def _wall_force_components(
 
     if isinstance(law, wall_discs.DiscWall):
         seen = zip(species.tolist(), w.tolist(), along.tolist(), strict=True)
-        found = [wall_discs.energy_and_forces(law.tables, *one)[1:] for one in seen]
-        normal, tangential = np.array(found).reshape(-1, 2).T
+        forces = [wall_discs.energy_and_forces(law.tables, *grain)[1:] for grain in seen]
+        normal, tangential = np.array(forces).reshape(-1, 2).T
         return normal, tangential
     if not isinstance(law, wall_slab.SlabWall):
         force = _callable_kernel(type(law).force)

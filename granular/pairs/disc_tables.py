@@ -36,7 +36,7 @@ from granular.pairs.discs import (
 from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
 
-TOLERANCE, RELATIVE = 8e-7, 8e-6
+TOLERANCE, RELATIVE = 9e-7, 9e-6
 """Error of the law beyond the tables: of energy and force at contact, or of these themselves."""
 
 CLOSEST = 0.98
@@ -48,7 +48,7 @@ _PIECE = 0.016
 _SINGULAR_PIECES = 20
 """Pieces, from contact on, that do without the singular part: up to 1.15 of the distance."""
 
-_WINDOW = 1.05
+_WINDOW = 1.01
 """Last part of a table, over where the law is good enough, in which it goes to zero."""
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
@@ -210,9 +210,9 @@ def _collisions(pairs: Sequence[_Pair]) -> Samples:
         slopes = np.maximum.accumulate(np.abs(np.gradient(force, r)))
         rows.append((0.25 * energy, 0.5 * slopes))
     squares = np.unique(np.concatenate([energy for energy, _ in rows]))
-    found = [slopes[np.minimum(np.searchsorted(energy, squares), len(r) - 1)] for energy, slopes in rows]
+    envelopes = [slopes[np.minimum(np.searchsorted(energy, squares), len(r) - 1)] for energy, slopes in rows]
     touch = min(0.25 * float(pair.energy[0]) for pair in pairs)
-    return np.array([np.full(len(squares), touch), squares, np.max(found, axis=0)])
+    return np.array([np.full(len(squares), touch), squares, np.max(envelopes, axis=0)])
 
 
 def _exact(first: Disc, second: Disc) -> _Pair:
