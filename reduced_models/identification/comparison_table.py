@@ -282,7 +282,7 @@ class Comparison:
         # By place, since names that are cut may be alike.
         ax.barh(range(len(sound)), values, color=COLOURS[0])
         ax.set_yticks(range(len(sound)), [plain_label(name) for name in names])
-        for level, words, style in ((self.at_rest, "baseline: at rest", "--"), (self.noise, "noise", ":")):
+        for level, words, style in ((self.at_rest, "standing still", "--"), (self.noise, "noise", ":")):
             if level > 1e-3 * min(row.error for row in sound):
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
@@ -314,7 +314,7 @@ def best_error_text(best: Row) -> str:
         return "No law predicts what it has not seen."
     return (
         f"The best law of the record, {best.name}, predicts what it has not seen to "
-        f"{100 * best.error:.2g} % of the swing."
+        f"{format_percent(best.error)} of the rms swing."
     )
 
 

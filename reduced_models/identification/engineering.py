@@ -73,8 +73,8 @@ class Quantity(NamedTuple):
 
     @property
     def cell(self) -> str:
-        """Number and total error in a table with the unit elsewhere, kept in one line."""
-        return self.text_with_error.removesuffix(f" {self.unit}").replace(" ± ", "\u00a0±\u00a0")
+        """Number and total error, in a table with the unit elsewhere."""
+        return self.text_with_error.removesuffix(f" {self.unit}")
 
     def to_plain(self) -> dict[str, Any]:
         """Value, unit, total error and its parts as plain data; null for what is not known."""

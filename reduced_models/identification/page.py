@@ -92,6 +92,7 @@ def add_engineering(
             [
                 (figure.name, *(_error_text(figure.parts.get(name)) for name in known), figure.unit)
                 for figure in figures
+                if figure.symbol not in _FOLLOWING
             ],
         )
     page.text(" ".join(_MEANING_OF_PARTS[name].format(100 * model.confidence) for name in known))
@@ -99,6 +100,8 @@ def add_engineering(
         page.text(f"{capitalise(averaging)}.")
 
 
+_FOLLOWING = ("f_d", "δ", "Q")
+"""Symbols of figures whose errors are those of frequency and damping ratio over again."""
 _MEANING_OF_PARTS = {
     "fit": "Fit: half of the {:g} % interval that the record's noise leaves.",
     "step": "Step: what twice the time step changes in the same fit (half of it, and the order of the "
@@ -155,8 +158,8 @@ def add_comparison(page: Page, table: Comparison) -> None:
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
         "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
         "The test error is the root mean square over all that a law has not seen: "
-        "the end of the record's own motion, which a first fit does not see (own end; 'later "
-        "motion' in the terminal), and records of their own (record 1; 'higher lift' there)."
+        "swings of the record that a first fit does not see (own end; 'test swings' on the "
+        "terminal), and records of their own (record 1; 'higher lift' there)."
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)
