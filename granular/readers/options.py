@@ -251,7 +251,7 @@ def _sampling_rate(rate: Any) -> float:
     try:
         value = si_value(str(rate), "Hz")
     except SceneError as error:
-        raise RecordError(f"rate = {quote(rate)}: {error}") from None
+        raise RecordError(f"rate = {quote(rate)}: {error}; such as '610.35 Hz'") from None
     if not 0.0 < value < math.inf:
         raise RecordError(f"rate = {value:g} Hz; give a number above 0")
     return value

@@ -13,8 +13,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level
 
-_END = 5
-"""Part of a record, at its end, whose middle is the level of rest: a fifth."""
+_ENDS = (5, 10, 20, 40)
+"""Parts of a record, at its end, whose middle may be the level of rest; a fifth may be held."""
 _LARGE, _SMALL = 0.4, 0.16
 """Displacements over the largest one that count as large and as small."""
 _BEFORE, _AFTER = (-2.0, -0.2), (1.0, 4.0)
@@ -57,8 +57,7 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
     if len(record) < LEAST_SAMPLES:
         return [total]
     time = record.time
-    # A hold may be longer than the motion: the level of rest is that of the record's end.
-    swing = record.height - np.median(record.height[-(len(record) // _END) :])
+    swing = _swing_about_rest(record)
     away = np.abs(swing)
     largest = float(away.max())
     half, gaps = _half_period(time, swing)
@@ -82,6 +81,15 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
     return [
         slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
     ] or [total]
+
+
+def _swing_about_rest(record: PistonRecord) -> np.ndarray:
+    """Displacement (n,) from the level of the record's end, as a hold may be longer than the motion."""
+    for part in _ENDS:
+        swing = record.height - np.median(record.height[-max(1, len(record) // part) :])
+        if len(crossings(record.time, swing, _SMALL * np.abs(swing).max())) >= _LEAST_PASSAGES:
+            return np.asarray(swing)
+    return np.asarray(record.height - np.median(record.height[-(len(record) // _ENDS[0]) :]))
 
 
 def _half_period(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:
@@ -192,7 +200,7 @@ def knocks(record: PistonRecord) -> list[tuple[float, float]]:
     if len(record) < LEAST_SAMPLES:
         return []
     time = record.time
-    swing = record.height - np.median(record.height[-(len(record) // _END) :])
+    swing = _swing_about_rest(record)
     half, _ = _half_period(time, swing)
     if half is None:
         return []
