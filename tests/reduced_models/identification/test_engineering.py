@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
-from reduced_models import identify, load_model
+from reduced_models import fit, identify, load_model
 from reduced_models.fitting.diagnostics import residual_structure, samples_of_transient
+from reduced_models.identification.brief import brief
 from reduced_models.identification.engineering import (
     Quantity,
     add_checks,
@@ -21,6 +23,7 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
 )
+from reduced_models.identification.own_swing import own_swing
 from reduced_models.identification.residual_tests import ResidualTests, residual_tests
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
@@ -138,6 +141,40 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
     assert f"swing about rest, by {found.figures_law}" in str(found)
 
 
+def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """A dashpot for dry friction: its damping ratio is one, the record's grows as the swing shrinks."""
+    found = identify(made("coulomb"), laws=["linear"], progress=False)
+    assert not found.own.agrees
+    for told in (found.summary, brief(found)):
+        assert told.lower().startswith("the law, linear, contradicts the record: at ")
+    assert found.to_plain()["own"]["agrees"] is False
+
+
+def test_the_own_swing_of_a_driven_record() -> None:
+    """By its restoring force, with the gain of the drive that was fitted."""
+    time = np.linspace(0.0, 20.0, 4001)
+    push = np.sin((14.0 + 0.3 * time) * time)
+    solved = solve_ivp(
+        lambda t, y: [y[1], 0.5 * math.sin((14.0 + 0.3 * t) * t) - 400.0 * y[0] - 1.6 * y[1]],
+        (0.0, time[-1]),
+        [0.0, 0.0],
+        t_eval=time,
+        rtol=1e-8,
+        atol=1e-12,
+    )
+    noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
+    record = PistonRecord(time, solved.y[0] + noise, extra={"push": push})
+    found = own_swing(record, fit(record, "z'' + c*z' + k*z = b*push", starts=4, test_fraction=0.0))
+    assert found.record.method == "restoring force"
+    assert found.agrees
+    frequency, damping = found.pair(0)
+    assert frequency.value == pytest.approx(20.0 / math.tau, rel=0.01)
+    assert damping.value == pytest.approx(4.0, rel=0.1)
+    assert "By the record itself, without a law: at " in found.text
+
+
 @pytest.mark.parametrize(
     ("value", "low", "high", "text"),
     [
@@ -186,8 +223,6 @@ def test_structure_is_called_wrong_though_it_is_small(
     error: Callable[[np.ndarray], np.ndarray], words: str
 ) -> None:
     """One per cent of the swing at the right places."""
-    from reduced_models import fit
-
     time = np.linspace(0.0, 6.0, 1500)
     swing = 1.2e-3 * np.exp(-0.05 * time) * np.cos(21.0 * time)
     model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
