@@ -40,7 +40,7 @@ from reduced_models.fitting.uncertainty import (
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import NoSwing
-from reduced_models.least_squares.residuals import BLOWN_UP, remove_random_walk
+from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, remove_random_walk
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import AtRest
 from reduced_models.models.model import ReducedModel
@@ -152,7 +152,7 @@ def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple
         if profiled is not None:
             intervals = at_least_linear(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
-        model = _make_model(result, k, intervals, at_rest, motions)
+        model = _make_model(result, k, intervals, at_rest, motions, residuals[k])
         notes = (*model.notes, _DRIFT_FOUND) if drift_was_found else model.notes
         models.append(
             dataclasses.replace(
@@ -168,13 +168,14 @@ def _make_model(
     intervals: Mapping[str, Interval],
     at_rest: AtRest | NoSwing,
     motions: Sequence[PistonRecord],
+    residuals: np.ndarray,
 ) -> ReducedModel:
     problem, grid = result.problem, result.joint.grids[k]
     unknowns, record = grid.unknowns, grid.record
     theta = result.theta[result.joint.entries[k]]
     values, shift, scale, z0, v0, hidden = unknowns.physical(theta)
     height_map = HeightMap(float(shift), float(scale), fitted=unknowns.map is None)
-    quality = _quality(result, k)
+    quality = _quality(result, k, residuals)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
     return ReducedModel(
         law=unknowns.law,
@@ -190,7 +191,7 @@ def _make_model(
         quality=quality,
         domain=_ranges_of_motion(motions),
         notes=(
-            *_model_notes(quality, _usual_residual(result, k), record, _release_text(result, k)),
+            *_model_notes(quality, _usual_residual(grid, residuals), record, _release_text(grid, residuals)),
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
@@ -273,11 +274,10 @@ def _suspicious_unit_notes(amplitude: float, speed: float) -> tuple[str, ...]:
     )
 
 
-def _quality(result: SearchResult, k: int) -> Quality:
+def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
     problem, grid, here = result.problem, result.joint.grids[k], result.joint.entries[k]
     record, swings = grid.record, problem.data[k].test_swings
     swing = float(record.height.std())
-    residuals = grid.residuals(result.theta[here])
     unit = grid.unknowns.residual_unit
     residual = _rms(residuals) * unit
     level = problem.noise[k]
@@ -371,20 +371,17 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
-def _usual_residual(result: SearchResult, k: int) -> float:
+def _usual_residual(grid: GriddedRecord, residuals: np.ndarray) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
-    grid = result.joint.grids[k]
-    residuals = grid.residuals(result.theta[result.joint.entries[k]])
     if grid.loss.name == "linear":
         return _rms(residuals) * grid.unknowns.residual_unit
     usual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
     return usual * grid.unknowns.residual_unit
 
 
-def _release_text(result: SearchResult, k: int) -> str:
+def _release_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
     """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
-    grid = result.joint.grids[k]
-    left = grid.residuals(result.theta[result.joint.entries[k]]) * grid.unknowns.residual_unit
+    left = residuals * grid.unknowns.residual_unit
     time, period = grid.record.time, math.tau * grid.unknowns.amplitude / grid.unknowns.speed
     start, swing = samples_of_transient(time, left, period), float(grid.record.height.std())
     after = _rms(left[start:]) / swing

@@ -37,7 +37,9 @@ FINEST = 2**19
 _SAME_VALLEY = 2.0  # times the cost of the fit
 _PARABOLA = 0.5  # relative difference of a cost from the parabola about a fit, at most
 _TELLING = 1e-4  # of a cost: tolerance of a fit that is only compared
-_JUDGED = 1e-8  # of a cost: tolerance of the fit that is judged
+_JUDGED, _STEPS, _OPEN = 1e-8, 4, 1e-10
+"""Tolerance of the fit that is judged, of its cost; its steps at most, and the strength, over the
+greatest, of directions that are open to it."""
 _BETTER = 0.99  # of a cost: less is another fit
 
 
@@ -260,12 +262,32 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
             grids.append(grid if error <= limit else _refine_grid(grid, error, complete=complete))
         if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
             if any(data.test_swings for data in result.problem.data):
-                trained = joint.refit(theta, result.problem.training_masks, tolerance=_JUDGED)
+                trained = _refit_to_part(joint, theta, result.problem.training_masks)
             return dataclasses.replace(
                 result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
             )
         joint = dataclasses.replace(joint, grids=tuple(grids))
         trained = joint.refit(trained, training)
+
+
+def _refit_to_part(joint: JointRecords, theta: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
+    """Fit the samples of masks from a fit to all, by Gauss-Newton steps; by a search where they fail."""
+    normal, free = joint.normal(masks), ~joint.held
+    cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
+    for _ in range(_STEPS):
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))
+        scaled = matrix[np.ix_(free, free)] * np.outer(scale, scale)
+        step = np.zeros_like(theta)
+        # Along what the samples leave open it stays where it is.
+        step[free] = scale * np.linalg.lstsq(scaled, scale * gradient[free], rcond=_OPEN)[0]
+        if gradient @ step <= _JUDGED * cost:
+            return theta
+        moved = np.clip(theta - step, *joint.bounds)
+        trial = tuple(np.asarray(item)[0] for item in normal(moved[None]))
+        if not trial[0] < cost:
+            break
+        theta, (cost, gradient, matrix) = moved, trial
+    return joint.refit(theta, masks, tolerance=_JUDGED)
 
 
 def _refine_grid(grid: GriddedRecord, error: float, *, complete: bool) -> GriddedRecord:
@@ -291,7 +313,10 @@ def _solver_error(grid: GriddedRecord, residuals: np.ndarray, theta: np.ndarray)
     unknowns = grid.unknowns
     reference = _adaptive_solution(grid, theta)
     _, shift, scale, *_ = unknowns.physical(theta)
-    fitted = grid.heights(theta)
+    if unknowns.sensor is None:
+        fitted = grid.record.height + unknowns.residual_unit * residuals
+    else:
+        fitted = grid.heights(theta)
     error = float(np.abs(shift + scale * reference.z - fitted).max()) / unknowns.amplitude
     limit = max(SOLVER_LIMIT, SOLVER_SHARE * float(residuals.std()))
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
