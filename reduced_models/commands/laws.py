@@ -287,7 +287,7 @@ def _parse_bound(words: str, missing: float, unit: str) -> float:
     option(
         "--target",
         default="acceleration",
-        help="acceleration (default); height for z(t) itself; force, with the library memory",
+        help="acceleration (default); height for z(t) itself; force, along a prescribed stroke",
     ),
     option(
         "--map", metavar="SHIFT:SCALE", help="z = (height - SHIFT)/SCALE, as '60 mm:10 mm'; by itself without"

@@ -24,11 +24,11 @@ from reduced_models.discovery.libraries import (
 )
 from reduced_models.discovery.memory import structures_with_memory, with_memory
 from reduced_models.discovery.open_terms import OpenTerms, split_open_terms
-from reduced_models.discovery.polishing import polish_candidate
+from reduced_models.discovery.polishing import fit_force_candidate, polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structures import Search, propose_structures
 from reduced_models.discovery.symbolic import has_operon
-from reduced_models.discovery.terms import AnyTerm
+from reduced_models.discovery.terms import AnyTerm, physical_library
 from reduced_models.discovery.weak_form import (
     WeakForm,
     choose_height_map,
@@ -116,8 +116,8 @@ def discover(
     input : str, optional
         Column of the records that drives the motion ("force", or an extra one).
     target : "acceleration", "height" or "force"
-        Z''; or, for symbolic regression of one record, z(t) itself; or, with the library
-        ``"memory"``, the measured force. The latter two are not polished.
+        Z''; or, for symbolic regression of one record, z(t) itself, which is not polished; or the
+        force that was measured along a prescribed stroke, of which the chosen equation is fitted.
     map : HeightMap or "auto"
         Z = (height - shift)/scale. Automatically the height itself, or, where the level of rest is
         farther from zero than the swing is wide, the swing about rest in amplitudes; of the record
@@ -146,11 +146,10 @@ def discover(
         If an option is out of its range, or a program that the method needs is not installed.
     """
     records = as_records(record)
-    require_positions(records, "discover")
     terms, functions = _as_texts(terms), _as_texts(functions)
     _check_arguments(method, form, target, degree, polish, ensemble, effort)
     _check_kinds(library, map, seed)
-    _check_target(records, library, target)
+    _check_target(records, target)
     remembers = _is_single_library(library, MEMORY)
     if remembers:
         _check_memory(target, form, ensemble, input, map)
@@ -158,7 +157,6 @@ def discover(
     known = _known_terms(library, plain, degree, input)
     allowed = program_functions(functions, method)
     method, lacking = _installed_method(method, functions)
-    sparse = method != "operon"
     search = None
     if method != "sindy":
         search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)
@@ -176,18 +174,19 @@ def discover(
             height_map, library_note = HeightMap(), ""
             motions = [estimate_motion(record, height_map, derivative) for record in records]
             weak = force_weak_form(records, motions) if target == "force" else weak_form(*motions)
-            proposed = structures_with_memory(weak, search, terms, sparse)
+            proposed = structures_with_memory(weak, search, terms, method != "operon")
         else:
             now("libraries")
             _, known, height_map, weak, library_note = _choose_library(
-                records, library, terms, known, derivative, input, map, degree
+                records, library, terms, known, derivative, input, map, degree, force=target == "force"
             )
             known = (*known, *_settled_terms(weak, known, open_terms))
             now("sparse sums of terms" if search is None else "symbolic regression")
             proposed = propose_structures(
-                weak, known, search, sparse=sparse, form=form, ensemble=ensemble, seed=seed
+                weak, known, search, sparse=method != "operon", form=form, ensemble=ensemble, seed=seed
             )
-            candidates = open_terms.priced(proposed.candidates, weak.samples)
+            left = "force" if target == "force" else "z''"
+            candidates = open_terms.priced(proposed.candidates, weak.samples, left)
             proposed = proposed._replace(candidates=candidates)
         words = _method_text(method, form, ensemble, target if remembers else "")
 
@@ -198,14 +197,17 @@ def discover(
 
         count = 0 if target == "force" else polish
         front, chosen = polish_front(proposed.candidates, polish_one, count, proposed.judge, proposed.others)
+        said = candidate_notes(front[chosen], proposed.judge)
+        if target == "force" and polish:
+            front[chosen] = fit_force_candidate(front[chosen], records, height_map, input, seed)
         now("done")
-    judge = proposed.judge
     rivals = open_terms.alike(proposed.candidates, front[chosen])
-    sure = None if remembers else weigh_evidence(front[chosen], rivals, judge, seed)
+    sure = None if remembers else weigh_evidence(front[chosen], rivals, proposed.judge, seed)
     notes = (
         library_note,
         *proposed.notes,
-        *candidate_notes(front[chosen], judge),
+        *said,
+        *(note for model in front[chosen].models for note in model.notes),
         "" if sure is None else sure.note,
         _NO_OPERON if lacking else "",
     )
@@ -215,7 +217,7 @@ def discover(
         chosen,
         height_map,
         proposed.inclusion,
-        tuple(note for note in notes if note),
+        tuple(note for note in dict.fromkeys(notes) if note),
         {} if sure is None else sure.costs,
     )
 
@@ -243,10 +245,17 @@ def _choose_library(
     column: str | None,
     wanted: HeightMap | Literal["auto"],
     degree: int,
+    *,
+    force: bool,
 ) -> Proposal:
     """Terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
-    if _is_single_library(library, AUTO):
+    if force:
+        if _is_single_library(library, AUTO):
+            known = (*physical_library(degree, column is not None), *known)
+        motions = [estimate_motion(record, height_map, derivative, column) for record in records]
+        proposal = Proposal("", known, height_map, force_weak_form(records, motions), "")
+    elif _is_single_library(library, AUTO):
         proposal = propose_library(records, derivative, column, height_map if terms else wanted, degree)
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
@@ -300,13 +309,13 @@ def _is_single_library(library: str | Sequence[str], name: str) -> bool:
     return [library] == [name] or list(library) == [name]
 
 
-def _check_target(records: Sequence[PistonRecord], library: str | Sequence[str], target: str) -> None:
+def _check_target(records: Sequence[PistonRecord], target: str) -> None:
+    if target != "force":
+        require_positions(records, "discover")
     if not records:
         raise InputError("there is no record to discover a law in; give at least one")
     if target == "height" and len(records) > 1:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
-    if target == "force" and not _is_single_library(library, MEMORY):
-        raise InputError(f"target = 'force' is for the library {MEMORY!r}; give library={MEMORY!r}")
 
 
 def _check_memory(

@@ -124,15 +124,17 @@ class OpenTerms:
             parts.append(sympy.Float(numbers[f"c{k}"]) * (term or item).expression)
         return sympy.Add(*parts)
 
-    def priced(self, candidates: Sequence[CandidateEquation], samples: int) -> list[CandidateEquation]:
-        """Candidates whose numbers within terms cost what factors cost."""
+    def priced(
+        self, candidates: Sequence[CandidateEquation], samples: int, left: str
+    ) -> list[CandidateEquation]:
+        """Candidates for what stands on the left, whose numbers within terms cost what factors cost."""
         result = []
         for candidate in candidates:
             inner = {
                 name for term in candidate.terms or {} if term in self.forms for name in self.forms[term][1]
             }
             price = len(inner) * math.log(samples)
-            result.append(dataclasses.replace(candidate, criterion=candidate.criterion + price))
+            result.append(dataclasses.replace(candidate, criterion=candidate.criterion + price, left=left))
         return result
 
     def alike(

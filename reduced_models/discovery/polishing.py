@@ -6,7 +6,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,9 +23,12 @@ from reduced_models.discovery.terms import (
     term_text,
 )
 from reduced_models.fitting.fit import fit
+from reduced_models.fitting.force_fit import fit_force
+from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
+from reduced_models.records.sensor import Sensor
 
 if TYPE_CHECKING:
     import sympy
@@ -37,6 +40,7 @@ _STEEPNESS = 100.0  # of tanh for sign(z'), in typical speeds
 _RESOLUTION = 4  # of laws with it, in the steps of smooth ones
 _MEMORY_RESOLUTION = 2  # of laws with a hidden state
 _LONGEST_NAME = 80  # characters
+_AS_IT_IS = Sensor("force", gain=1.0)
 
 
 def polish_candidate(
@@ -103,9 +107,55 @@ def polish_candidate(
     )
 
 
+def fit_force_candidate(
+    candidate: CandidateEquation,
+    records: Sequence[PistonRecord],
+    height_map: HeightMap,
+    column: str | None = None,
+    seed: int = 0,
+) -> CandidateEquation:
+    """Candidate for a force with its numbers fitted by `fit_force`; arguments as of `polish_candidate`."""
+    import sympy
+
+    template, values = parametrise(candidate.expression)
+    z, v, u = state_symbols()
+    shift, scale = height_map.shift, height_map.scale
+    plain = (
+        template if height_map == HeightMap() else template.xreplace({z: (z - shift) / scale, v: v / scale})
+    )
+    memory = candidate.memory
+    inputs = () if column is None or memory is not None or not plain.has(u) else (column,)
+    plain = plain.xreplace({u: sympy.Symbol(column)} if inputs else {})
+    equation, scales = f"force = {term_text(plain)}", dict[str, float]()
+    if memory is not None:
+        scales = dict(zip(memory.state.scales, memory.scales, strict=True))
+        equation = memory.state.within(equation)
+    law = ForceLaw(law_name(candidate), equation, positive=tuple(scales), inputs=inputs)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # notes stand in the model
+            model = fit_force(
+                records, law, sensor=_AS_IT_IS, starts=STARTS, test_fraction=0.0, start=scales, seed=seed
+            )
+    except GranularError as error:
+        return dataclasses.replace(candidate, note=str(error))
+    numbers = model.parameters
+    if memory is not None:
+        memory = memory._replace(scales=tuple(numbers[name] for name in scales))
+    expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
+    models: Any = (model,)
+    return dataclasses.replace(candidate, expression=expression, models=models, memory=memory)
+
+
 def law_name(candidate: CandidateEquation) -> str:
     """Name of a law by its terms; how it was found does not matter to who reads of it."""
     terms = candidate.terms
+    if (
+        candidate.left == "force"
+        and sum(value for term, value in (terms or {}).items() if not term.still) > 0
+    ):
+        # A force that moves has the sign of the speed, and not that of a resistance.
+        terms = {term: -value for term, value in (terms or {}).items()}
     if candidate.memory is not None:
         terms = {term: value for term, value in (terms or {}).items() if not term.driven}
         words = [word for word in (law_words(terms), candidate.memory.state.name) if word]

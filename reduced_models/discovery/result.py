@@ -43,7 +43,7 @@ class CandidateEquation:
         above about 10 are decisive.
     models : tuple of ReducedModel
         The candidate polished through its differential equation, one a record; empty where it was
-        not, or could not be.
+        not, or could not be. A `ForceModel` of a force.
     note : str
         Why there is no model, where polishing was tried.
     memory : Memory, optional

@@ -101,7 +101,6 @@ def test_a_force_without_memory_is_said_to_have_none() -> None:
         ({"input": "force"}, "not driven"),
         ({"form": "strong"}, "leave out form"),
         ({"library": ["memory", "rational"]}, "goes with no other"),
-        ({"library": "rational", "target": "force"}, "give library='memory'"),
         ({"terms": ["q*z"]}, "names q"),
     ],
 )

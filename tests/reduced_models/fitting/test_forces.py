@@ -14,7 +14,7 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
-from reduced_models import ForceLaw, ForceModel, Sensor, compare, fit, fit_force
+from reduced_models import ForceLaw, ForceModel, Sensor, compare, discover, fit, fit_force
 from reduced_models.laws import FORCE_LAWS
 from tests.reduced_models.fitting.made_strokes import made_stroke, random_stroke
 
@@ -87,6 +87,18 @@ def test_cycles_take_what_friction_and_drag_take() -> None:
     assert measured.loss == pytest.approx(by_law.loss, rel=0.01)
     assert measured.stiffness == pytest.approx(by_law.stiffness, rel=0.03)
     assert "loss per cycle" in str(model)
+
+
+def test_a_law_of_the_force_is_discovered() -> None:
+    truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.5}
+    record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
+    found = discover(record, "sindy", target="force", library="physical", degree=1)
+    assert {term.text for term in found.best.terms or {}} == {"1", "z", "z'", "sign(z')"}
+    model: Any = found.model
+    assert model.law.name == "viscous + dry friction + linear spring"
+    for name, value in zip(("c0", "c1", "c2", "c3"), (0.5, 6.0, 80.0, 900.0), strict=True):
+        low, high = model.intervals[name]
+        assert abs(model.parameters[name] - value) <= 1.5 * (high - low)
 
 
 def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
