@@ -84,12 +84,11 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
 
 
 def _swing_about_rest(record: PistonRecord) -> np.ndarray:
-    """Displacement (n,) from the level of the record's end, as a hold may be longer than the motion."""
-    for part in _ENDS:
-        swing = record.height - np.median(record.height[-max(1, len(record) // part) :])
-        if len(crossings(record.time, swing, _SMALL * np.abs(swing).max())) >= _LEAST_PASSAGES:
-            return np.asarray(swing)
-    return np.asarray(record.height - np.median(record.height[-(len(record) // _ENDS[0]) :]))
+    """Displacement (n,) from the level of the record's end passed most often: part of it may be held."""
+    levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _ENDS]
+    swings = [np.asarray(record.height - level) for level in levels]
+    counts = [len(crossings(record.time, swing, _SMALL * np.abs(swing).max())) for swing in swings]
+    return swings[int(np.argmax(counts))]
 
 
 def _half_period(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:

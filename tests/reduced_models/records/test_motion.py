@@ -83,8 +83,9 @@ def test_clipped_peaks_are_left_out() -> None:
     check_fit(motion)
 
 
-def test_a_sensor_that_rounds_is_not_clipped() -> None:
-    record = record_of(decay(3.0), noise=0.0)
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_a_sensor_that_rounds_is_not_clipped(noise: float) -> None:
+    record = record_of(decay(3.0), noise)
     rounded = PistonRecord(record.time, np.round(record.height, 4))
     motion, said = found(rounded)
     assert len(motion) == len(rounded)
@@ -110,6 +111,17 @@ def test_each_release_is_cut_from_its_lift_to_the_next(number: int) -> None:
     assert motion.time[0] == pytest.approx(released, abs=0.015)
     assert motion.time[-1] < released + 2.5 + 0.25  # it rests before the next lift
     check_fit(motion)
+
+
+def test_releases_are_told_where_most_of_the_record_is_held() -> None:
+    """Clipped too: the last fifth of the record is half a hold, and so is the first."""
+    hold, lift = np.ones(int(3.0 * RATE)), lifted(1.0)[int(0.25 * RATE) : int(0.5 * RATE)]
+    record = record_of(np.concatenate([hold, decay(1.5), *[lift, hold, decay(1.5)] * 2]))
+    for height in (record.height, np.minimum(record.height, 2.4e-3)):
+        motion, said = found(PistonRecord(record.time, height))
+        assert any("holds 3 releases" in words for words in said)
+        assert motion.time[0] == pytest.approx(3.0, abs=0.05)
+        assert 4.0 < motion.time[-1] < 4.5
 
 
 def test_a_release_that_is_not_there_is_refused() -> None:
