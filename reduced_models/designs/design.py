@@ -144,7 +144,7 @@ def _search(
     rounds: list[DesignRound] = []
     targets = targets_by_grain_count(target)
     for target_ in targets:
-        aim = (target.frequency, target.damping)
+        aim = _first_aim(target, rounds)
         first = len(rounds)
         met: Design | None = None
         for _ in range(CORRECTIONS):
@@ -177,6 +177,20 @@ def _search(
     raise DesignError(_miss_text(result), result)
 
 
+def _first_aim(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
+    """Frequency and damping ratio to aim at with another number of grains: the maps err there alike."""
+    return (
+        target.frequency * math.exp(-_mean_error(rounds, "frequency")),
+        target.damping * math.exp(-_mean_error(rounds, "damping_ratio")),
+    )
+
+
+def _mean_error(rounds: Sequence[DesignRound], name: str) -> float:
+    """Mean of the logarithm of a measured figure over the promised one."""
+    errors = [math.log(made.mean(name) / getattr(made.promise, name)) for made in rounds]
+    return sum(errors) / len(errors) if errors else 0.0
+
+
 def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at in the maps next.
 
@@ -188,8 +202,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
         aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
-    errors = [math.log(made.mean("damping_ratio") / made.promise.damping_ratio) for made in rounds]
-    return aim, target.damping * math.exp(-sum(errors) / len(errors))
+    return aim, target.damping * math.exp(-_mean_error(rounds, "damping_ratio"))
 
 
 def _frequency_response_slope(rounds: Sequence[DesignRound]) -> float:
