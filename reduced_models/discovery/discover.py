@@ -104,7 +104,8 @@ def discover(
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
         Symbolic regressions are given what of it is no product of powers as variables.
         ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
-        that yields or relaxes (`reduced_models.discovery.memory`).
+        that yields or relaxes (`reduced_models.discovery.memory`); for forces along a stroke about
+        zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
     terms : sequence of str
         Own terms next to the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers within it stay

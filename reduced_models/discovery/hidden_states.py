@@ -151,6 +151,36 @@ HIDDEN_STATES = (
 )
 
 
+def _displacement_values(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    # The strain of these heights is the displacement.
+    return lambda time, height, scales: _integrate_states(step, time, np.exp(-height), scales[:, 0])
+
+
+def _yield_displacements(_: float) -> np.ndarray:
+    return np.geomspace(1e-5, 0.1, 33)[:, None]
+
+
+DAMPER_STATES = (
+    HiddenState(
+        "displacement that yields",
+        "w' = z' - Abs(z')*Abs(w)*w/yielding**2",
+        "w",
+        ("yielding",),
+        _displacement_values(_yielding_rate),
+        _yield_displacements,
+    ),
+    HiddenState(
+        "displacement that yields as in Dahl's model",
+        "w' = z' - Abs(z')*w/yielding",
+        "w",
+        ("yielding",),
+        _displacement_values(_dahl_rate),
+        _yield_displacements,
+    ),
+)
+"""Hidden states of a damper on a stroke about zero, in m: that of Bouc and Wen, and Dahl's."""
+
+
 class Memory(NamedTuple):
     """A hidden state with numbers for its scales.
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.discovery.hidden_states import HIDDEN_STATES, HiddenState, Memory
+from reduced_models.discovery.hidden_states import DAMPER_STATES, HIDDEN_STATES, HiddenState, Memory
 from reduced_models.discovery.libraries import MEMORY, custom_terms
 from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
@@ -37,6 +37,8 @@ HIDDEN = "w"
 PLAIN_TERMS = ("1", "z**-2", "z**-2.5", "z**-3", "z'", "z'/z", "abs(z')*z'", "sign(z')*z**-2.5")
 """Weight, the pressure of a bed that is squeezed, drag, and friction that grows with the pressure.
 """
+DAMPER_TERMS = ("1", "z", "z**3", "z'", "abs(z')*z'", "sign(z')")
+"""Springs, drag and dry friction of a damper on a stroke about zero."""
 HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of criteria that is decisive (Kass & Raftery 1995)."""
@@ -76,19 +78,22 @@ def structures_with_memory(
     Raises
     ------
     InputError
-        If a height is not above zero, or a text is no term.
+        If a height of a free motion is not above zero, or a text is no term.
     """
-    if any(motion.z.min() <= 0.0 for motion in weak.motions):
-        raise InputError(
-            f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
-            "heights above the floor"
-        )
     force = isinstance(weak.parts[0], ForceIntegrals)
-    plain = custom_terms(PLAIN_TERMS, HIDDEN)
-    known = tuple(dict.fromkeys((*plain, *custom_terms((*HIDDEN_TERMS, *terms), HIDDEN))))
-    judged = _score_states(weak, known)
+    states, plain_texts, hidden_texts = HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
+    if any(motion.z.min() <= 0.0 for motion in weak.motions):
+        if not force:
+            raise InputError(
+                f"library = {MEMORY!r} is about strains of a bed, but a height is not above zero; give "
+                "heights above the floor"
+            )
+        states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
+    plain = custom_terms(plain_texts, HIDDEN)
+    known = tuple(dict.fromkeys((*plain, *custom_terms((*hidden_texts, *terms), HIDDEN))))
+    judged = _score_states(weak, known, states)
     if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
-        judged = _score_states(noise_free_weak_form(weak), known)
+        judged = _score_states(noise_free_weak_form(weak), known, states)
     judges = common_unit_judges([candidate.judge for candidate in judged])
     judged = [candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)]
     groups = [_candidates_of_states(candidate) for candidate in judged]
@@ -113,13 +118,15 @@ def _candidate_state(candidate: CandidateEquation) -> HiddenState | None:
     return None if candidate.memory is None else candidate.memory.state
 
 
-def _score_states(weak: WeakForm, known: Sequence[AnyTerm]) -> list[_StateScores]:
+def _score_states(
+    weak: WeakForm, known: Sequence[AnyTerm], states: Sequence[HiddenState]
+) -> list[_StateScores]:
     """Best sums without a hidden state, and with each of them."""
     still = tuple(item for item in known if not item.driven)
     white = _WhitenedColumns(weak, known)
     return [
         _StateScores(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
-        *(_score_state(state, white, known) for state in HIDDEN_STATES),
+        *(_score_state(state, white, known) for state in states),
     ]
 
 

@@ -101,6 +101,21 @@ def test_a_law_of_the_force_is_discovered() -> None:
         assert abs(model.parameters[name] - value) <= 1.5 * (high - low)
 
 
+@pytest.mark.long
+def test_the_memory_of_a_damper_is_discovered() -> None:
+    truth = {"c": 80.0, "k": 900.0, "friction": 12.0, "zero": 0.0, "rho": 800.0, "sigma": 1.0}
+    record = made_stroke("bouc-wen", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
+    found = discover(record, "sindy", target="force", library="memory")
+    assert found.best.memory is not None
+    assert found.best.memory.state.name == "displacement that yields"
+    assert found.best.memory.scales[0] == pytest.approx(1.0 / 800.0, rel=0.02)
+    model: Any = found.model
+    values = {term.text: value for term, value in (found.best.terms or {}).items()}
+    assert values["u"] == pytest.approx(12.0 * 800.0, rel=0.02)
+    assert values["z'"] == pytest.approx(80.0, rel=0.02)
+    assert model.quality.relative == pytest.approx(0.01, rel=0.3)
+
+
 def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
     """Stroke of a dashpot c, a spring k and a mass m, with a little noise."""
     time = np.linspace(0.0, 4.0 / frequency, 800)
