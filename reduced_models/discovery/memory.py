@@ -81,7 +81,9 @@ def structures_with_memory(
         If a height of a free motion is not above zero, or a text is no term.
     """
     force = isinstance(weak.parts[0], ForceIntegrals)
-    states, plain_texts, hidden_texts = HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
+    states: Sequence[HiddenState] = HIDDEN_STATES
+    plain_texts: Sequence[str] = PLAIN_TERMS
+    hidden_texts: Sequence[str] = HIDDEN_TERMS
     if any(motion.z.min() <= 0.0 for motion in weak.motions):
         if not force:
             raise InputError(
