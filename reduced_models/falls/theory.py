@@ -236,6 +236,13 @@ def _outside_text(scene: Scene, late: float) -> str:
             f"{scene.grains.count} grains; what is known of the law holds from {FEWEST} on: give "
             "more grains.count"
         )
+    walls = scene.effects.walls
+    sides = () if walls is None else (walls.left, walls.right, walls.bottom, walls.top)
+    if any(side is not None and side.law == "discs" for side in sides):
+        return (
+            f"the walls of {quote(scene.name)} are rows of discs, which hold the grains beside them (a fall "
+            "from 20 D is 6 % of the drop off); give another law for effects.walls"
+        )
     if late > LATEST:
         return (
             f"the bed of {quote(scene.name)} follows its piston too late (drag of all grains over "

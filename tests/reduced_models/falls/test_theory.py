@@ -162,6 +162,9 @@ def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> Non
         predict(damper().replace(**changes))
 
 
+DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -169,6 +172,7 @@ def test_what_is_not_known_is_refused(changes: dict[str, Any], said: str) -> Non
         ({"effects.drag.coefficient": 1.2}, "follows its piston too late"),
         ({"effects.drag.coefficient": 50.0}, "follows its piston too late"),
         ({"piston.mass": 0.5}, "more piston.mass"),
+        ({"effects.walls.left": {"law": "discs", "pitch": "6 mm"}, **DISCS}, "are rows of discs"),
     ],
 )
 def test_what_was_compared_with_nothing_is_told_with_a_warning(changes: dict[str, Any], said: str) -> None:
