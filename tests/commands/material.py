@@ -38,6 +38,7 @@ def prepared_for_blocks(here: Path) -> Path:
     (here / "plain.csv").write_text("\n".join(["time,height", *plain, ""]))
     pd.DataFrame(swing(1.0), columns=["t", "dist"]).to_excel(here / "lab.xlsx", index=False)
     (here / "shaker.csv").write_text("\n".join(forced()))
+    (here / "geophone.csv").write_text("\n".join(geophone()))
     simulate(load_scene("bed"), t_end=0.5, out=here / "runs" / "bed", progress=False)
     return here
 
@@ -65,6 +66,17 @@ def forced() -> list[str]:
     """Next to the height the force on the piston."""
     pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in swing(1.0)]
     return ["time,height,force", *pairs]
+
+
+def geophone() -> list[str]:
+    """Volts of a geophone of 28 V s/m and 4.5 Hz on a piston that swings to rest."""
+    from scipy.signal import lsim
+
+    times = np.arange(0.0, 6.0, 0.004)
+    speed = np.gradient(1.2e-3 * np.exp(-0.8 * times) * np.cos(21.8 * times), times)
+    omega = 2.0 * np.pi * 4.5
+    _, volts, _ = lsim(([28.0, 0.0, 0.0], [1.0, 1.2 * omega, omega**2]), speed, times)
+    return ["time,out", *(f"{t:.6f},{v:.9f}" for t, v in zip(times, volts, strict=True)), ""]
 
 
 def pendulum() -> list[str]:
