@@ -131,4 +131,4 @@ class Quality:
         if not self.shifts:
             return ""
         moves = (f"{name.replace('_', ' ')} by {100.0 * by:.1g} %" for name, by in self.shifts.items())
-        return f"; without {self.tested_text} fit moves its {' and its '.join(moves)}"
+        return f"; without {self.tested_text} the fit moves its {' and its '.join(moves)}"
