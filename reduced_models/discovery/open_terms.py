@@ -233,8 +233,8 @@ def _refined(judged: _Remainder, best: np.ndarray, k: int, grid: np.ndarray) -> 
     """Numbers with one of them moved, between its neighbours on the grid, to where least is left."""
     from scipy.optimize import minimize_scalar
 
-    place = int(np.searchsorted(grid, best[k]))
-    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
+    index = int(np.searchsorted(grid, best[k]))
+    low, high = grid[max(index - 1, 0)], grid[min(index + 1, len(grid) - 1)]
 
     def squares(value: float) -> float:
         moved = best.copy()
