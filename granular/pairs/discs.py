@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe, ellipkm1
 
+__all__ = ["Disc", "disc_energy_and_force"]
+
 Samples = NDArray[np.float64]
 
 _NODES, _EXTENT = 60, 3.4

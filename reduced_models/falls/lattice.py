@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from granular.pairs.discs import Disc
     from granular.schema.parts import Grains
 
+__all__ = ["lattice_pressure"]
+
 POWER = 2.5
 """Of the lattice's pressure, by the density, for dipoles."""
 PRESSURE = 1.6674
