@@ -29,6 +29,7 @@ _PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "dipole, walls": {},
+    "discs, walls": {"grains.magnets": "cylinders"},
     "infinite walls": {f"effects.walls.{side}": "infinite" for side in ("left", "right", "top")},
     "slabs below and above": {"effects.walls.bottom": "slab", "effects.walls.top": "slab"},
     "gravity": {"effects.gravity": {}},
