@@ -188,7 +188,7 @@ def _free_names(text: str, known: set[str]) -> list[str]:
 
 
 class _Remainder:
-    """What terms of a library leave of a weak form, and what open terms take of it."""
+    """Remainder of a weak form beside a library, and how much of it open terms take."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], terms: OpenTerms) -> None:
         self.weak, self.terms = weak, terms
