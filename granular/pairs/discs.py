@@ -38,7 +38,13 @@ _NODES, _EXTENT = 60, 3.4
 
 
 class Disc(NamedTuple):
-    """A disc: its radius and its height, both in one unit of length."""
+    """A disc.
+
+    Attributes
+    ----------
+    radius, height : float
+        Both in one unit of length.
+    """
 
     radius: float
     height: float
@@ -70,6 +76,7 @@ def disc_energy_and_force(
     r : float (n,)
         Distances of the axes, from contact on; in the unit of the discs.
     first, second : Disc
+        The two discs.
     level : bool
         Whether the mid-planes are level; else both discs lie on the lower plate.
 
