@@ -158,8 +158,8 @@ def add_comparison(page: Page, table: Comparison) -> None:
         f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
         "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
         "The test error is the root mean square over all that a law has not seen: "
-        "swings of the record that a first fit does not see (own end; 'test swings' on the "
-        "terminal), and records of their own (record 1; 'higher lift' there)."
+        "swings of the record that a first fit does not see (test swings), and records of their own "
+        "(record 1; 'higher lift' on the terminal)."
     )
     with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
         table.plot(axes)
