@@ -21,7 +21,7 @@ from reduced_models.identification.candidates import candidates, drive_option, d
 from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.engineering import engineering_quantities
+from reduced_models.identification.engineering import Quantity, engineering_quantities
 from reduced_models.identification.own_swing import own_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
@@ -46,6 +46,7 @@ BUDGET = 300.0
 POOR = 0.05
 """Held-out error, in rms swings, from which a law is poor where the noise is less than that."""
 _NOISE_TIMES = 3.0
+_OPEN = 1.5e-3  # relative error of a frequency, from which on it is noted
 _USEFUL_TURNS = 4.0  # periods of a record, below which it says little of a law
 
 if TYPE_CHECKING:
@@ -255,15 +256,17 @@ def _fit_laws(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
+    figures = engineering_quantities(shown, record.angle, mass)
     return Identification(
         record=record,
         models=models,
         comparison=comparison,
         run=run,
-        figures=engineering_quantities(shown, record.angle, mass),
+        figures=figures,
         figures_law=shown.law.name,
         own=own_swing(record, best),
-        notes=_notes(record, run, comparison, models),
+        notes=_notes(record, run, comparison, models)
+        + (_frequency_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
         mass=mass,
         left_out=left_out,
@@ -311,6 +314,18 @@ def _notes(
             for name in unused_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
+
+
+def _frequency_notes(figures: Sequence[Quantity]) -> tuple[str, ...]:
+    """Doubt of a frequency that a record tells worse than is usual in a laboratory."""
+    for figure in figures:
+        error = figure.total_error / figure.value if figure.value else math.inf
+        if figure.name == "natural frequency" and _OPEN < error < math.inf:
+            return (
+                f"noise and few swings leave the natural frequency uncertain by {100.0 * error:.2g} %; "
+                "record a larger motion, more swings, or more samples of each",
+            )
+    return ()
 
 
 def _check_by_runs(
