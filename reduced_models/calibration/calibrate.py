@@ -41,7 +41,7 @@ from reduced_models.calibration.simulations import (
 )
 from reduced_models.fitting.options import check_options
 from reduced_models.fitting.problem import require_positions
-from reduced_models.fitting.uncertainty import open_directions
+from reduced_models.fitting.uncertainty import undetermined_directions
 from reduced_models.laws.law import Law
 from reduced_models.records.sources import METHOD, RunOptions, check_run_options, make_directory
 
@@ -214,7 +214,7 @@ def _result(
         ),
         confidence=confidence,
         matches=_feature_matches(wanted, ended),
-        undetermined=open_directions(
+        undetermined=undetermined_directions(
             [parameter_.key for parameter_ in simulator.parameters], ended.estimate.information
         ),
         scene=simulator.scene.replace(**values),

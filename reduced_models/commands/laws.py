@@ -113,7 +113,7 @@ def identify(options: Any) -> None:
     from granular.schema.units import si_value
     from granular.shared.progress import print_above_bar
     from granular.user_code import import_user_code
-    from reduced_models.identification.brief import brief, first_words
+    from reduced_models.identification.brief import brief, first_answer
     from reduced_models.identification.identify import identify as identify_source
     from reduced_models.records.sources import open_source
 
@@ -128,7 +128,7 @@ def identify(options: Any) -> None:
         dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
-        announce=None if options.quiet else lambda first: print_above_bar(first_words(first)),
+        announce=None if options.quiet else lambda first: print_above_bar(first_answer(first)),
         **pick_options(options, "drive", "method", "threads", "starts", "budget"),
     )
     show_result(result, options, None if options.verbose else brief(result))

@@ -22,7 +22,7 @@ from reduced_models.discovery.libraries import (
     program_functions,
     propose_library,
 )
-from reduced_models.discovery.memory import structures_with_memory, with_memory
+from reduced_models.discovery.memory import add_hidden_state, structures_with_memory
 from reduced_models.discovery.open_terms import OpenTerms, split_open_terms
 from reduced_models.discovery.polishing import fit_force_candidate, polish_candidate
 from reduced_models.discovery.result import CandidateEquation, Discovery
@@ -193,7 +193,7 @@ def discover(
 
         def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
-            candidate = with_memory(candidate_equation, proposed.memory, proposed.judge)
+            candidate = add_hidden_state(candidate_equation, proposed.memory, proposed.judge)
             return polish_candidate(candidate, records, height_map, input, seed, open_terms)
 
         count = 0 if target == "force" else polish

@@ -192,7 +192,7 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
     ]
 
 
-def with_memory(candidate: CandidateEquation, memory: Memory | None, judge: Judge) -> CandidateEquation:
+def add_hidden_state(candidate: CandidateEquation, memory: Memory | None, judge: Judge) -> CandidateEquation:
     """Return a candidate with its hidden state, whose scales cost what other numbers do."""
     if memory is None or candidate.memory is not None:
         return candidate
@@ -210,7 +210,7 @@ def _reweigh_candidate(candidate: CandidateEquation, count: int, judged: _StateS
     judge = judged.judge
     criterion = judge.criterion(judge.squares(candidate.error, count), count)
     again = dataclasses.replace(candidate, criterion=criterion)
-    return with_memory(again, judged.memory, judge)
+    return add_hidden_state(again, judged.memory, judge)
 
 
 def _candidates_of_states(judged: _StateScores) -> list[CandidateEquation]:

@@ -128,9 +128,9 @@ def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> flo
     spacing = math.sqrt(2.0 / (math.sqrt(3.0) * density))
     third, fifth = hexagonal_sum(3.0) / spacing**3, hexagonal_sum(5.0) / spacing**5
     total = 0.0
-    for (first, one), (second, other) in itertools.product(discs, repeat=2):
+    for (first, weight), (second, other) in itertools.product(discs, repeat=2):
         shift, rest = _rest(first, second, spacing)
-        total += one * other * (3.0 * third + 7.5 * shift * fifth + rest)
+        total += weight * other * (3.0 * third + 7.5 * shift * fifth + rest)
     return density / 16.0 * total
 
 
@@ -143,7 +143,7 @@ def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) 
     from scipy.interpolate import CubicSpline
 
     x = np.linspace(0.0, _THINNEST, 80)
-    pressures = [_disc_pressure(discs, touching * math.exp(-one * one)) for one in x]
+    pressures = [_disc_pressure(discs, touching * math.exp(-value * value)) for value in x]
     return CubicSpline(x, np.log(pressures))
 
 
@@ -155,19 +155,19 @@ def _rest(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
     from granular.pairs.disc_tables import contact_slope
     from granular.pairs.discs import contact_distance, disc_energy_and_force, pair_shift
 
-    r, places = _places()
+    r, counts = _lattice_distances()
     r = spacing * r
     shift, contact = pair_shift(first, second), contact_distance(first, second)
     force = disc_energy_and_force(np.maximum(r, contact), first, second)[1]
     if r[0] < contact:
         force += np.minimum(r - contact, 0.0) * contact_slope(first, second)
-    return shift, float(places @ (r * force - 3.0 * r**-3 - 7.5 * shift * r**-5))
+    return shift, float(counts @ (r * force - 3.0 * r**-3 - 7.5 * shift * r**-5))
 
 
 @functools.cache
-def _places() -> tuple[np.ndarray, np.ndarray]:
-    """Distances of the places of a lattice of spacing 1 from one of them, and how many there are."""
+def _lattice_distances() -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the points of a lattice of spacing 1 from one of them, and the number at each."""
     i, j = np.mgrid[-10:11, -10:11]
     squares = i * i + i * j + j * j
-    found, places = np.unique(squares[(squares > 0) & (squares <= SHELLS**2)], return_counts=True)
-    return np.sqrt(found), places.astype(float)
+    distances, counts = np.unique(squares[(squares > 0) & (squares <= SHELLS**2)], return_counts=True)
+    return np.sqrt(distances), counts.astype(float)

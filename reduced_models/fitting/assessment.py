@@ -31,11 +31,11 @@ from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult
 from reduced_models.fitting.uncertainty import (
     Interval,
-    at_least_linear,
     bootstrap_intervals,
     interval_analysis,
     physical_covariance,
     small_motion,
+    widen_to_linear_intervals,
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -148,9 +148,9 @@ def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple
             drawn = bootstrap_intervals(
                 joint.unknowns, again[:, here], theta[here], problem.confidence, known[k]
             )
-            intervals = at_least_linear(linear, undetermined, drawn)
+            intervals = widen_to_linear_intervals(linear, undetermined, drawn)
         if profiled is not None:
-            intervals = at_least_linear(linear, undetermined, profiled[k])
+            intervals = widen_to_linear_intervals(linear, undetermined, profiled[k])
         names, matrix = physical_covariance(joint.unknowns, theta[here], known[k].covariance)
         model = _make_model(result, k, intervals, at_rest, motions, residuals[k])
         notes = (*model.notes, _DRIFT_FOUND) if drift_was_found else model.notes

@@ -24,7 +24,7 @@ from granular.shared.messages import quote
 from reduced_models.fitting.assessment import make_models, sensor_drifts
 from reduced_models.fitting.diagnostics import ljung_box
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
-from reduced_models.fitting.history import checked_histories, fit_with_histories, is_history
+from reduced_models.fitting.history import align_histories, fit_with_histories, is_history
 from reduced_models.fitting.options import (
     STARTS,
     TEST_FRACTION,
@@ -243,7 +243,7 @@ def fit(
     shared, value = fixed_values(fix or {}, len(records))
     pairs = parameter_bounds(chosen, bounds or {}, shared, value)
     given = weights_and_noise(records, weights, noise)
-    histories = checked_histories(chosen, initial, records) if is_history(initial) else []
+    histories = align_histories(chosen, initial, records) if is_history(initial) else []
     state = {} if histories else initial_state(chosen, initial)
     given_sensor = measured or records[0].measured
     sensor = None if given_sensor == "height" else chosen_sensor(given_sensor)

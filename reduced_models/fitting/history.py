@@ -41,7 +41,7 @@ def is_history(
     return isinstance(initial, PistonRecord)
 
 
-def checked_histories(
+def align_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
     """Each record with its history before it, from time 0 at the record's own start.

@@ -120,7 +120,7 @@ class FitProblem:
         return {**self.bounds, **{name: (value, value) for name, value in data.fixed.items()}}
 
     @property
-    def leader(self) -> TrainingData:
+    def largest_swing_record(self) -> TrainingData:
         """The record that swings the furthest."""
         return max(self.data, key=lambda data: data.guess.amplitude)
 
@@ -237,8 +237,8 @@ def as_records(record: Any) -> list[PistonRecord]:
     InputError
         If it is neither.
     """
-    if isinstance(one := as_record(record), PistonRecord):
-        return [one]
+    if isinstance(single := as_record(record), PistonRecord):
+        return [single]
     if isinstance(record, Sequence) and not isinstance(record, str):
         records = [as_record(item) for item in record]
         if not records:

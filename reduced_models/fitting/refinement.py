@@ -199,14 +199,14 @@ def _collocation_fit(
 
     It is ``theta`` itself, a fit of that cost, where it starts in the same parabola.
     """
-    unknowns, leader = joint.unknowns, problem.leader
+    unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
     if unknowns.map is None or unknowns.law.hidden or problem.own:
         return None
     given = unknowns.map
-    seen = leader.guess.mapped(given.shift, given.scale)
-    mapped = leader.look.mapped(given.shift, given.scale)
+    seen = largest_swing_record.guess.mapped(given.shift, given.scale)
+    mapped = largest_swing_record.look.mapped(given.shift, given.scale)
     values = np.array(unknowns.physical(theta[joint.entries[0]])[0])
-    matched = match_accelerations(unknowns.law, seen, mapped, values, problem.bounds_of(leader))
+    matched = match_accelerations(unknowns.law, seen, mapped, values, problem.bounds_of(largest_swing_record))
     free = free_entries(unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)})
     starts = [with_initial_state(unknowns, data, free) for data in problem.data]
     start = np.clip(joint_vector(starts, joint.entries)[0], *joint.bounds)
@@ -221,7 +221,7 @@ def _collocation_fit(
         return theta
     if risen <= (_SAME_VALLEY - 1.0) * cost:
         return joint.refit(adjacent, problem.samples, tolerance=_TELLING)
-    reached = [FIRST_SWINGS * data.guess.quickest for data in problem.data]
+    reached = [FIRST_SWINGS * data.guess.shortest_swing_period for data in problem.data]
     return _refit_from_time(problem, joint, start, reached, _TELLING)
 
 

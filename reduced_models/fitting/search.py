@@ -94,7 +94,7 @@ def _search(
     """
     # First of all: a record with too many periods is refused before any search.
     fine_grids(problem)
-    unknowns = scale_unknowns(problem.law, height_map, problem.leader, problem.sensor)
+    unknowns = scale_unknowns(problem.law, height_map, problem.largest_swing_record, problem.sensor)
     entries = joint_entries(unknowns, len(problem.data), problem.own)
     edges = [theta_bounds(unknowns, problem.bounds_of(data), problem.initial) for data in problem.data]
     bounds = Bounds(*(joint_vector(side, entries) for side in zip(*edges, strict=True)))
@@ -161,12 +161,12 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray, float] | None:
     """Start vectors of a mapped law where random starts of its swing form lead to; its cost."""
-    unknowns, leader = joint.unknowns, problem.leader
+    unknowns, largest_swing_record = joint.unknowns, problem.largest_swing_record
     form = unknowns.law.swing_form
     if form is None or unknowns.map is not None or problem.own or problem.bounds or problem.start:
         return None
     random = np.random.default_rng(problem.seed)
-    draws = draw_swing_parameters(form, leader, problem.starts, random)
+    draws = draw_swing_parameters(form, largest_swing_record, problem.starts, random)
     if draws is None:
         return None
     swinging = swing_unknowns(unknowns, form, draws)
@@ -184,7 +184,7 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
 
 
 def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
-    """Start vectors (starts, p) of each record; the first one's parameters are the leader's."""
+    """Start vectors (starts, p) of each record; the first one's parameters are the largest_swing_record's."""
     vectors = [
         start_vectors(
             unknowns,
@@ -196,12 +196,12 @@ def _start_vectors(problem: FitProblem, unknowns: Unknowns) -> list[np.ndarray]:
         )
         for data in problem.data
     ]
-    leader = vectors[problem.data.index(problem.leader)]
+    largest_swing_record = vectors[problem.data.index(problem.largest_swing_record)]
     shared = slice(0, unknowns.free)
     vectors[0] = vectors[0].copy()
     keep = [unknowns.law.parameters.index(name) for name in problem.own]
     own = vectors[0][:, keep].copy()
-    vectors[0][:, shared] = leader[:, shared]
+    vectors[0][:, shared] = largest_swing_record[:, shared]
     vectors[0][:, keep] = own
     return vectors
 
@@ -236,7 +236,7 @@ def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tu
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
         means = grid.samples
-        seen = means.step * (means.point + means.fraction) <= swings * data.guess.quickest
+        seen = means.step * (means.point + means.fraction) <= swings * data.guess.shortest_swing_period
         weight = means.weight * seen
         total += float((weight**2).sum())
         normals.append(normal_equations(joint.unknowns, means.weighted(weight), grid.loss))
@@ -246,7 +246,7 @@ def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tu
 def _search_horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
     ends = [float(grid.record.time[-1]) for grid in joint.grids]
-    most = max(end / data.guess.quickest for end, data in zip(ends, problem.data, strict=True))
+    most = max(end / data.guess.shortest_swing_period for end, data in zip(ends, problem.data, strict=True))
     swings = FIRST_SWINGS
     while swings < most:
         yield swings

@@ -54,7 +54,7 @@ def interval_analysis(
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     at_rest = _rest_figures(unknowns, theta, known.covariance, quantile, seen, shifts)
-    return intervals, at_rest, open_directions(open_names, information)
+    return intervals, at_rest, undetermined_directions(open_names, information)
 
 
 def bootstrap_intervals(
@@ -74,7 +74,7 @@ def bootstrap_intervals(
     return intervals_between(unknowns, *edges)
 
 
-def at_least_linear(
+def widen_to_linear_intervals(
     linear: Mapping[str, Interval], undetermined: Sequence[Direction], intervals: Mapping[str, Interval]
 ) -> dict[str, Interval]:
     """Intervals of resampling or profiles, no narrower than linear ones in directions left open.
@@ -165,7 +165,7 @@ def physical_covariance(
     return (*names, "height", "velocity", *hidden), result
 
 
-def open_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
+def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tuple[Direction, ...]:
     """Directions that an information matrix (p, p) on logarithms leaves open."""
     if not len(information):
         return ()

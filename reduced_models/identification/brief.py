@@ -20,28 +20,28 @@ _FEWEST_LAWS = 2  # of the table of laws; the report has all
 _LEAST_DIGITS = 4  # of a parameter
 
 
-def first_words(result: Identification) -> str:
+def first_answer(result: Identification) -> str:
     """Own swing, equation and figures of an identification whose checks are not done yet."""
-    lines = [*_own_lines(result), *_equation_lines(result), *_figure_lines(result)]
+    lines = [*_measured_lines(result), *_equation_lines(result), *_figure_lines(result)]
     return "\n".join([*lines, "checks go on: step, random starts, another lift, other falls"])
 
 
 def brief(result: Identification) -> str:
     """Own swing, equation, figures, laws, falls, and what to doubt, of an identification."""
-    lines = [*_own_lines(result), *_equation_lines(result), *_figure_lines(result)]
+    lines = [*_measured_lines(result), *_equation_lines(result), *_figure_lines(result)]
     end = []
     if result.falls is not None:
         end.append(_fit_line(_falls_text(result.falls)))
     if doubts := _doubts(result):
         first = f"to doubt: {doubts[0]}"
-        whole = len(doubts) == 1 and len(first) <= COLUMNS
-        end.append(first if whole else _fit_line(first, f" ({len(doubts)} in all: --verbose)"))
+        fits = len(doubts) == 1 and len(first) <= COLUMNS
+        end.append(first if fits else _fit_line(first, f" ({len(doubts)} in all: --verbose)"))
     laws = _law_lines(result.comparison)
-    room = max(LINES - len(lines) - len(end), _FEWEST_LAWS + 2)
-    return "\n".join([*lines, *laws[:room], *end])
+    free_lines = max(LINES - len(lines) - len(end), _FEWEST_LAWS + 2)
+    return "\n".join([*lines, *laws[:free_lines], *end])
 
 
-def _own_lines(result: Identification) -> list[str]:
+def _measured_lines(result: Identification) -> list[str]:
     """Frequency and damping of the record itself, and whether the law agrees."""
     own = result.own
     if own is None:
@@ -52,9 +52,9 @@ def _own_lines(result: Identification) -> list[str]:
         for k in own.named
     ]
     header = f"frequency and damping ratio at an amplitude, by the record's own {by}, without a law:"
-    told = _fit_line(f"  {own.agreement}")
+    agreement = _fit_line(f"  {own.agreement}")
     lines = [_fit_line(header), *align_columns(rows).splitlines()]
-    return [*lines, told] if own.agrees else [_fit_line(own.agreement), *lines]
+    return [*lines, agreement] if own.agrees else [_fit_line(own.agreement), *lines]
 
 
 def _fit_line(words: str, end: str = "") -> str:

@@ -14,7 +14,7 @@ from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.scores import FALL_LAWS, DropScores, fit_drops, judge_fits
 from reduced_models.fitting.fit import fit
 from reduced_models.identification.engineering import Quantity, add_checks, engineering_quantities
-from reduced_models.identification.own_swing import OwnSwing, figures_at
+from reduced_models.identification.measured_swing import MeasuredSwing, figures_at_amplitudes
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.first_guesses import first_guesses
 
@@ -218,12 +218,12 @@ def _same_fall(fall: PistonRecord, motion: dict[str, PistonRecord] | Failure) ->
 
 def check_figures(
     figures: Sequence[Quantity],
-    own: OwnSwing | None,
+    own: MeasuredSwing | None,
     model: ReducedModel,
     mass: float | None,
     duration: float,
     runs: FurtherRuns,
-) -> tuple[tuple[Quantity, ...], OwnSwing | None, list[Failure]]:
+) -> tuple[tuple[Quantity, ...], MeasuredSwing | None, list[Failure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs.
 
     The records of the runs are fitted by the law and map of the figures' model, over the duration
@@ -231,15 +231,17 @@ def check_figures(
     """
     runs_by_name = [(runs.step_check.check.what, runs.step), *runs.starts]
     fits = [_figures_of_fit(what, swing, duration, model, mass, figures) for what, swing in runs_by_name]
-    refitted = [None if isinstance(found, Failure) else found for found in fits]
+    refitted = [None if isinstance(outcome, Failure) else outcome for outcome in fits]
     factor = runs.step_check.factor
     if own is not None:
         read = [
-            None if isinstance(swing, Failure) else figures_at(_first_seconds(swing, duration), own)
+            None
+            if isinstance(swing, Failure)
+            else figures_at_amplitudes(_first_seconds(swing, duration), own)
             for _, swing in runs_by_name
         ]
         own = dataclasses.replace(own, figures=add_checks(own.figures, factor, *read))
-    failed = [found for found in fits if isinstance(found, Failure)]
+    failed = [outcome for outcome in fits if isinstance(outcome, Failure)]
     return add_checks(figures, factor, *refitted), own, failed
 
 

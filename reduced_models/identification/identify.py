@@ -22,7 +22,7 @@ from reduced_models.identification.checks import SceneChecks, check_figures, end
 from reduced_models.identification.comparison import compare, compare_on_records, law_name
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import Quantity, engineering_quantities
-from reduced_models.identification.own_swing import own_swing
+from reduced_models.identification.measured_swing import measured_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
 from reduced_models.laws.catalogue import LAWS, law_named
@@ -264,7 +264,7 @@ def _fit_laws(
         run=run,
         figures=figures,
         figures_law=shown.law.name,
-        own=own_swing(record, best),
+        own=measured_swing(record, best),
         notes=_notes(record, run, comparison, models)
         + (_frequency_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
@@ -345,7 +345,7 @@ def _check_by_runs(
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = engineering_quantities(model, record.angle, mass)
-        own = own_swing(record, order[0])
+        own = measured_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, own, failed = check_figures(figures, own, model, mass, duration, checks)
     failures = dict.fromkeys((*checks.failures, *failed))

@@ -217,11 +217,11 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
         {parameter_symbol(name): power for name, power in product.powers.items()}
         for product in model.undetermined
     ]
-    open_directions = [
+    undetermined_directions = [
         str(dataclasses.replace(product, powers=named))
         for product, named in zip(model.undetermined, powers, strict=True)
     ]
-    for note in (*open_directions, *model.notes):
+    for note in (*undetermined_directions, *model.notes):
         page.note(f"{capitalise(note)}.")
     page.text(_quality_text(model))
 

@@ -29,7 +29,7 @@ from reduced_models.identification.engineering import (
     small_swing_sentence,
     swing_text,
 )
-from reduced_models.identification.own_swing import OwnSwing
+from reduced_models.identification.measured_swing import MeasuredSwing
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
@@ -74,7 +74,7 @@ class Identification:
         A lift that no law has seen.
     falls : DropScores or None
         Laws of the whole fall, judged on falls that no law has seen.
-    own : OwnSwing or None
+    own : MeasuredSwing or None
         Frequency and damping against amplitude of the record itself, without a law.
     """
 
@@ -92,7 +92,7 @@ class Identification:
     advice: tuple[str, ...] = ()
     lift: PistonRecord | None = None
     falls: DropScores | None = None
-    own: OwnSwing | None = None
+    own: MeasuredSwing | None = None
 
     @property
     def best(self) -> ReducedModel:
@@ -130,7 +130,7 @@ class Identification:
         """Figures to print: a damping ratio that names its amplitude is the record's own, if it tells one."""
         if self.own is None:
             return self.figures
-        return tuple(one for one in self.figures if not one.name.startswith(f"{DAMPING_RATIO} at "))
+        return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
 
     @property
     def subject(self) -> str:

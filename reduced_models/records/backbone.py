@@ -24,7 +24,7 @@ FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 _NEAR = 1.6  # a cycle's neighbours have its amplitude to this factor
 _FEWEST = 5  # neighbours of a driven cycle, nearer or not
 _WIDTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # neighbours on either side of a free one
-_TOLD = 0.03  # error of a fall that is known well enough
+_PRECISE = 0.03  # error of a fall that is known well enough
 _SLOW = 0.6  # of the usual frequency: a cycle that is slower is none
 _CUT = 1.9  # times the least amplitude: below it a cycle may be cut short
 _STEEPEST = 0.5  # fall of an amplitude [1/rad], up to which it is told from its bend
@@ -141,7 +141,7 @@ def _fall(turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int) -> tupl
         if 0.0 < abs(rate) < _STEEPEST:
             slope *= rate / _local_fit(away, np.exp(rate * away), noise[near], degree)[0][1]
         result = near, (-slope, error)
-        if error < _TOLD * abs(slope):
+        if error < _PRECISE * abs(slope):
             break
     assert result is not None
     return result
@@ -224,10 +224,10 @@ def _local_fit(
     reach = float(np.abs(x).max()) or 1.0
     units = reach ** -np.arange(degree + 1.0)
     basis = np.vander(x / reach, degree + 1, increasing=True) * weight[:, None]
-    found, *_ = np.linalg.lstsq(basis, y * weight, rcond=None)
-    left = basis @ found - y * weight
+    coefficients, *_ = np.linalg.lstsq(basis, y * weight, rcond=None)
+    left = basis @ coefficients - y * weight
     scatter = float(left @ left) / max(1, len(x) - degree - 1)
     if noise is not None:
         scatter = max(1.0, scatter)
     errors = _SURE * np.sqrt(scatter * np.diag(np.linalg.pinv(basis.T @ basis)))
-    return found * units, errors * units
+    return coefficients * units, errors * units

@@ -91,10 +91,10 @@ class FirstGuesses:
     @property
     def shortest_period(self) -> float:
         """Shortest period of all motions that a search may start from [s]."""
-        return self.quickest * math.exp(-self.frequency_spread)
+        return self.shortest_swing_period * math.exp(-self.frequency_spread)
 
     @property
-    def quickest(self) -> float:
+    def shortest_swing_period(self) -> float:
         """Period of the quickest swing, that of the rivals included [s]."""
         return 2.0 * math.pi / max(self.frequency, *self.rivals, 0.0)
 

@@ -18,7 +18,7 @@ from granular.shared.messages import sanitize
 from reduced_models.records.first_guesses import noise_level
 from reduced_models.records.motion import find_motion
 from reduced_models.records.sensor_limits import end_of_motion
-from reduced_models.records.sources import stated_release, states_interval
+from reduced_models.records.sources import has_stated_interval, stated_release
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,7 +126,7 @@ def look(path: str | Path, options: ReadOptions | None = None) -> Look:
         record = PistonRecord.from_interpretation(meaning)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-    if not states_interval(path, options):
+    if not has_stated_interval(path, options):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", RecordWarning)
             record = find_motion(record, stated_release(path, options))

@@ -11,7 +11,7 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.release import cut_at_release, is_driven
 from reduced_models.records.sections import free_motions, knocks
-from reduced_models.records.sensor_limits import clipped_samples, without_lost, without_noise_behind
+from reduced_models.records.sensor_limits import clipped_samples, cut_noise_tail, drop_lost_samples
 
 
 def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
@@ -86,7 +86,7 @@ def find_motions(record: PistonRecord) -> list[PistonRecord]:
 
 def _cut(record: PistonRecord) -> list[PistonRecord]:
     """Free motions of a record, each with what stands still before it."""
-    record = without_lost(record)
+    record = drop_lost_samples(record)
     # a hold that is clipped tells a release all the same
     clipped = clipped_samples(record)
     # what is driven may stand still between two moves without being released
@@ -109,10 +109,14 @@ def _refine(record: PistonRecord) -> PistonRecord:
     record = cut_at_release(record)
     if is_driven(record):
         return record
-    if found := knocks(record):
-        edges = [float(record.time[0]), *(edge for times in found for edge in times), float(record.time[-1])]
+    if impacts := knocks(record):
+        edges = [
+            float(record.time[0]),
+            *(edge for times in impacts for edge in times),
+            float(record.time[-1]),
+        ]
         start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
-        times = ", ".join(f"{before:.4g} to {after:.4g}" for before, after in found)
+        times = ", ".join(f"{before:.4g} to {after:.4g}" for before, after in impacts)
         warnings.warn(
             f"a swing that grows suddenly, at {times} s, was knocked or released anew: the longest part "
             f"without that, from {start:.4g} to {stop:.4g} s, is taken; to keep all: --between :",
@@ -120,4 +124,4 @@ def _refine(record: PistonRecord) -> PistonRecord:
             stacklevel=3,
         )
         record = record.between(start, stop)
-    return without_noise_behind(record)
+    return cut_noise_tail(record)

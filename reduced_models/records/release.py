@@ -72,7 +72,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     start = release_sample(record)
     if start == 0:
         return record
-    warnings.warn(cut_notice(record, start), RecordWarning, stacklevel=2)
+    warnings.warn(describe_cut(record, start), RecordWarning, stacklevel=2)
     return record_from_sample(record, start)
 
 
@@ -81,7 +81,7 @@ def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
     return record.between(float(record.time[start]), math.inf)
 
 
-def cut_notice(record: PistonRecord, start: int) -> str:
+def describe_cut(record: PistonRecord, start: int) -> str:
     """Line on a record that is cut at a sample."""
     until = round(float(record.time[start]), 9)
     return (

@@ -41,7 +41,7 @@ _LEAST_END = 0.05
 """Part of a record that its level of rest is taken from at least."""
 
 
-def without_lost(record: PistonRecord) -> PistonRecord:
+def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     """Record without samples that a sensor or a logger lost and wrote a number for.
 
     They are zeros or a number far outside, such as -999, or spikes of single samples.
@@ -171,7 +171,7 @@ def end_of_motion(record: PistonRecord) -> float:
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
 
 
-def without_noise_behind(record: PistonRecord) -> PistonRecord:
+def cut_noise_tail(record: PistonRecord) -> PistonRecord:
     """Record until its motion is lost in the sensor's noise, where that takes much of it.
 
     Warns

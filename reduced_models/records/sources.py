@@ -143,7 +143,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
         Of what was guessed or done, the cut among it.
     """
     record, options = PistonRecord.from_file(path, units, **said), ReadOptions(**said)
-    if record.measured == "force" or states_interval(Path(path), options):
+    if record.measured == "force" or has_stated_interval(Path(path), options):
         return record
     return find_motion(record, stated_release(Path(path), options))
 
@@ -181,7 +181,7 @@ def read_releases(
     return [record] if record.measured == "force" else find_motions(record)
 
 
-def states_interval(path: Path, options: ReadOptions) -> bool:
+def has_stated_interval(path: Path, options: ReadOptions) -> bool:
     """Return whether the user states which part of a file is the record."""
     return _described(path, options).between is not None
 

@@ -34,7 +34,7 @@ _RUBBING = tuple(
 
 _OF_ONES_OWN = (
     Stage(False, (_FORCES, _SMALL)),
-    Stage(True, ("tests/granular/effects/test_own.py", "tests/granular/effects/test_all_together.py")),
+    Stage(True, ("tests/granular/effects/test_custom.py", "tests/granular/effects/test_all_together.py")),
 )
 """Laws that users write, as formulas or in Python."""
 _OF_A_LONE_GRAIN = (

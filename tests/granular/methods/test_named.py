@@ -36,7 +36,7 @@ def test_built_in_methods_are_kept_by_name(name: str) -> None:
     assert method_from_plain(json.loads(json.dumps(method.to_plain()))) == method
 
 
-def test_own_methods_are_kept_by_table() -> None:
+def test_custom_methods_are_kept_by_table() -> None:
     plain = method_setting(MCLACHLAN)
     assert resolve_method(json.loads(json.dumps(plain))) == MCLACHLAN
     summed = dataclasses.replace(MCLACHLAN, compensated=True)

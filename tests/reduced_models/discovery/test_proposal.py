@@ -97,7 +97,7 @@ def test_noise_hides_whether_it_is_a_sine_or_a_cubic() -> None:
     assert "the data cannot tell" in " ".join(found.notes)
 
 
-def test_own_terms_mean_the_height_beside_the_proposed_library() -> None:
+def test_custom_terms_mean_the_height_beside_the_proposed_library() -> None:
     lifted = PistonRecord(TIME, 5.0 + 0.1 * np.cos(TIME))
     found = discover(lifted, "sindy", terms=["sin(3*z)"], polish=0)
     assert found.map == HeightMap()

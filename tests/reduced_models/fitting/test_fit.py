@@ -378,7 +378,7 @@ def test_bad_laws(equation: str, words: str) -> None:
         parse_equation(equation)
 
 
-def test_own_law(tmp_path: Path) -> None:
+def test_custom_law(tmp_path: Path) -> None:
     """A law of one's own is fitted like those of the package."""
 
     def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:

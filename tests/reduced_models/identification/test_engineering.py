@@ -23,7 +23,7 @@ from reduced_models.identification.engineering import (
     format_fixed,
     format_interval,
 )
-from reduced_models.identification.own_swing import own_swing
+from reduced_models.identification.measured_swing import measured_swing
 from reduced_models.identification.residual_tests import ResidualTests, residual_tests
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
@@ -166,7 +166,7 @@ def test_the_own_swing_of_a_driven_record() -> None:
     )
     noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
     record = PistonRecord(time, solved.y[0] + noise, extra={"push": push})
-    found = own_swing(record, fit(record, "z'' + c*z' + k*z = b*push", starts=4, test_fraction=0.0))
+    found = measured_swing(record, fit(record, "z'' + c*z' + k*z = b*push", starts=4, test_fraction=0.0))
     assert found.record.method == "restoring force"
     assert found.agrees
     frequency, damping = found.pair(0)

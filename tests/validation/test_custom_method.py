@@ -34,7 +34,7 @@ RUTH = Method(
 
 
 @pytest.mark.parametrize("method", [MCLACHLAN, RUTH], ids=lambda method: method.name)
-def test_own_methods_show_their_order(method: Method) -> None:
+def test_custom_methods_show_their_order(method: Method) -> None:
     register_methods([method])
     found = convergence(exact_problem("oscillation"), method.name)
     assert found.order == method.order

@@ -333,7 +333,7 @@ def test_a_sum_is_taken_apart() -> None:
     assert texts == ["z**3", "sin(z)"]
 
 
-def test_own_terms_are_of_the_height_itself() -> None:
+def test_custom_terms_are_of_the_height_itself() -> None:
     """Powers of the swing about rest would mean something else by z."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", polish=0).map != HeightMap()

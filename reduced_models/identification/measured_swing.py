@@ -36,7 +36,7 @@ _HOW = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class OwnSwing:
+class MeasuredSwing:
     """Frequency and damping against amplitude.
 
     Attributes
@@ -113,7 +113,7 @@ class OwnSwing:
         return (
             f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
             f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
-            f"{' and '.join(one.text for one in self.pair(k))}"
+            f"{' and '.join(figure.text for figure in self.pair(k))}"
         )
 
     def amplitude_text(self, k: int) -> str:
@@ -143,7 +143,7 @@ class OwnSwing:
             "method": self.record.method,
             "agreement": self.agreement,
             "agrees": self.agrees,
-            "figures": {one.name: one.to_plain() for one in self.figures},
+            "figures": {item.name: item.to_plain() for item in self.figures},
         }
 
     def add_to(self, page: Page) -> None:
@@ -182,7 +182,7 @@ class OwnSwing:
     def _row(self, k: int) -> list[str]:
         size = self.amplitudes[k]
         row = [format_number(self.units.scale * size, 2)]
-        row += [one.cell for one in self.pair(k)]
+        row += [quantity.cell for quantity in self.pair(k)]
         if self.law is not None:
             law = self.law.at(size)
             row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]
@@ -204,7 +204,7 @@ def amplitude_text(size: float, units: Units) -> str:
     return f"{units.scale * size:.2g} {units.length}"
 
 
-def own_swing(record: PistonRecord, model: ReducedModel) -> OwnSwing | None:
+def measured_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
     """Frequency and damping of a record against amplitude, next to those of a law's motion there.
 
     None where too few cycles of the record stand out of its noise.
@@ -218,10 +218,10 @@ def own_swing(record: PistonRecord, model: ReducedModel) -> OwnSwing | None:
         law = _backbone(model.follow(record), record, model)
     except GranularError:
         law = None
-    return OwnSwing(own, law, model.law.name, amplitudes, _figures(own, amplitudes, units), units)
+    return MeasuredSwing(own, law, model.law.name, amplitudes, _figures(own, amplitudes, units), units)
 
 
-def figures_at(record: PistonRecord, like: OwnSwing) -> tuple[Quantity, ...] | None:
+def figures_at_amplitudes(record: PistonRecord, like: MeasuredSwing) -> tuple[Quantity, ...] | None:
     """Figures of another free record at the amplitudes of one; None where they cannot be read."""
     try:
         return _figures(free_backbone(record), like.amplitudes, like.units)
