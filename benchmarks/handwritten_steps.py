@@ -16,7 +16,7 @@ from granular.effects import drag
 from granular.effects.wall_experimental import force
 from granular.pairs.direct import direct_sum
 from granular.pairs.direct_sweep import lane_sum
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 
 _ABSENT = (None,) * 7
 
@@ -52,7 +52,7 @@ class Bed(NamedTuple):
 
 @_by_hand
 def _pairs(bed: Bed) -> None:
-    arrays = PairArrays(bed.x, bed.y, bed.fx, bed.fy, *_ABSENT)
+    arrays = GrainArrays(bed.x, bed.y, bed.fx, bed.fy, *_ABSENT)
     direct_sum(arrays, None, None, None)
 
 

@@ -23,7 +23,7 @@ from benchmarks.timing import least_seconds
 from granular.compiled import entry
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.direct import PARTED_FROM, direct_sum, padded_coordinates, padded_values, part_buffers
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
 
@@ -94,7 +94,7 @@ def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) 
     return grains.timed(
         sums,
         lambda: _direct_sum(
-            PairArrays(x, grains.y, sums[0], sums[1], load=third, weight=weight), buffers, thread, None
+            GrainArrays(x, grains.y, sums[0], sums[1], load=third, weight=weight), buffers, thread, None
         ),
     )
 
@@ -140,7 +140,7 @@ def _cut_off_steps(
 ) -> None:
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
-        arrays = PairArrays(x, y, sums[0], sums[1], None, None, None, None, None, None, None)
+        arrays = GrainArrays(x, y, sums[0], sums[1], None, None, None, None, None, None, None)
         cut_sum(near, radius, None, None, start.shape[1], arrays)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from granular.effects.custom import set_source_file
 from granular.methods.method import Method
-from granular.methods.named import register_methods
+from granular.methods.registry import register_methods
 from granular.methods.tables import METHODS
 from granular.observables.frame import Frame, Value, observable_metadata
 from granular.shared.user_file import run_user_file, user_definitions

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from granular.methods import METHODS, Method, method_named
-from granular.methods.named import method_setting, register_methods
+from granular.methods.registry import method_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost.section import WORK_PRECISION, work_precision_task

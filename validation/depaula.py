@@ -130,7 +130,7 @@ class DepaulaRun:
 
 
 @dataclasses.dataclass(frozen=True)
-class DepaulaExperiment(PlainData):
+class DepaulaStepTest(PlainData):
     """All forms at all steps."""
 
     runs: tuple[DepaulaRun, ...]
@@ -270,7 +270,7 @@ def _slope(steps: list[float], errors: list[float]) -> float:
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-def depaula_experiment(*, full: bool = True) -> DepaulaExperiment:
+def depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
     """Carry out the experiment.
 
     Parameters
@@ -283,7 +283,7 @@ def depaula_experiment(*, full: bool = True) -> DepaulaExperiment:
     exact = float(problem.exact(bounce.TIME).positions[0, 1])
     runs = [_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
     runs += [_run_toolkit(step, exact) for step in (steps if full else steps[:2])]
-    return DepaulaExperiment(tuple(runs))
+    return DepaulaStepTest(tuple(runs))
 
 
 def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
@@ -330,7 +330,7 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
+def show_depaula(page: Page, experiments: Sequence[DepaulaStepTest]) -> None:
     """Show errors over the step, and the peaks, with and without rounding."""
     for experiment in experiments:
         clean, plain = experiment.of(COMPENSATED)[-1], experiment.of(PLAIN)[-1]
@@ -373,7 +373,7 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaExperiment]) -> None:
             )
 
 
-def _verdict(experiments: Sequence[DepaulaExperiment]) -> tuple[str, bool]:
+def _verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
     slopes = [experiment.slope(COMPENSATED) for experiment in experiments]
     words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
     return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
@@ -388,7 +388,7 @@ DEPAULA = Section(
     "depaula",
     "De Paula's test of its method",
     _tasks,
-    DepaulaExperiment.from_plain,
+    DepaulaStepTest.from_plain,
     lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
     _verdict,
     show_depaula,

@@ -160,7 +160,8 @@ def recommend_settings(
     Raises
     ------
     InputError
-        If the tolerance is not above 0, the quantity is unknown, or no setting tried reaches it.
+        If the tolerance is not above 0, ``seeds`` is below 0, the quantity is unknown, or no setting
+        tried reaches it.
     RunError
         If the reference fails.
     """

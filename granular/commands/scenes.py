@@ -50,7 +50,7 @@ def scenes(options: Any) -> None:
 def _list_scenes(options: Any) -> None:
     """List the packaged scenes, and what scenes can name."""
     from granular.effects.registry import effect_names
-    from granular.methods.named import GROUP as METHOD_GROUP
+    from granular.methods.registry import GROUP as METHOD_GROUP
     from granular.methods.tables import METHODS
     from granular.observables.catalogue import GROUP as OBSERVABLE_GROUP
     from granular.observables.catalogue import OBSERVABLES
@@ -75,7 +75,7 @@ def _list_scenes(options: Any) -> None:
 
 def _list_methods(options: Any) -> None:
     """List the methods that are built in, those of the user's own, and those installed."""
-    from granular.methods.named import all_methods
+    from granular.methods.registry import all_methods
 
     methods = all_methods()
     print_result({name: method.to_plain() for name, method in methods.items()}, repr(methods), options.json)

@@ -30,7 +30,7 @@ from granular.effects.flow import Flow
 from granular.effects.frame import Frame
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.direct_sweep import lane_sum
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, integer, quantity

@@ -26,7 +26,7 @@ from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import pair_energy
 from granular.pairs.disc_tables import TOUCH, Discs
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.sections import quantity
 
 

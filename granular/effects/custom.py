@@ -200,7 +200,8 @@ def effect(written: type) -> Any:
     Raises
     ------
     InputError
-        If the class is no such.
+        If the class has no ``force``, ``flow`` or ``pair_force``, lacks the partner that one of these
+        needs (an ``energy`` for a force), or a function has other arguments.
     """
     key, functions = scene_name(written), static_methods_of(dict(vars(written)))
     if not set(functions) & {"force", "flow", "pair_force"}:

@@ -15,7 +15,7 @@ from granular.effects.custom_functions import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
 from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 
 
 class CustomLaw(NamedTuple):

@@ -28,7 +28,7 @@ from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
 from granular.pairs.direct import padded_values
 from granular.pairs.direct_sweep import lane_sum
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
 

@@ -28,7 +28,7 @@ from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct import padded_values
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, choice, flag, integer, quantity

@@ -24,7 +24,7 @@ from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct import padded_values
 from granular.pairs.discs import Disc
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 
 LEFT_OUT = 0.01
 """Drag of a lone grain, at most, that grains beyond the reach take or add."""

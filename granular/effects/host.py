@@ -19,7 +19,7 @@ from granular.effects.effect import Effect, EffectContext, Record, energy_variab
 from granular.effects.excitation import Drive, Excitation
 from granular.effects.frame import Frame
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Section, choice, integer, many, nested, quantity

@@ -20,7 +20,7 @@ from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 

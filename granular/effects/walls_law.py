@@ -25,7 +25,7 @@ from granular.effects.wall_side import (
 from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
 from granular.kernel_data.state import HEIGHT, Bed
 from granular.pairs.direct_sweep import lane_sum
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 
 
 class WallLaws(NamedTuple):

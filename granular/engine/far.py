@@ -20,8 +20,8 @@ from granular.pairs.far_field import (
     find_far_forces,
     store_positions,
 )
+from granular.pairs.grain_arrays import GrainArrays, value_or_one
 from granular.pairs.mesh import Mesh
-from granular.pairs.pair_arrays import PairArrays, value_or_one
 
 
 @compiled(inline=True)
@@ -42,7 +42,7 @@ def _find_far_forces_of_bed(
     state, constants = bed.state, bed.constants
     assert state.stripes is not None
     crowded, grains, threaded = 0, constants.grains, constants.threaded
-    arrays = PairArrays(
+    arrays = GrainArrays(
         state.x,
         state.y,
         far.fx,

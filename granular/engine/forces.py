@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled, entry
+from granular.compiled.by_reference import by_reference
 from granular.compiled.dispatch import sum_of_hooks
-from granular.compiled.reference import by_reference
 from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
 from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments, stiffness_bound
 from granular.kernel_data.state import Bed, Measurement, State
@@ -14,14 +14,14 @@ from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum
 from granular.pairs.direct_sweep import lane_sum
 from granular.pairs.disc_tables import Discs
-from granular.pairs.pair_arrays import PairArrays, clear_sums, if_given
+from granular.pairs.grain_arrays import GrainArrays, clear_sums, if_given
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings, list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: VerletSettings | None, bed: Bed, arrays: PairArrays
+    cut: CutOff | None, listing: VerletSettings | None, bed: Bed, arrays: GrainArrays
 ) -> None:
     state, constants = bed.state, bed.constants
     grains, threaded = constants.grains, constants.threaded
@@ -40,7 +40,7 @@ def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extreme
     """Compute the magnetic forces; the number of pairs that are where none can be."""
     state, constants = bed.state, bed.constants
     weight = constants.acting.weight
-    arrays = PairArrays(
+    arrays = GrainArrays(
         state.x,
         state.y,
         state.fx,
@@ -61,7 +61,7 @@ def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extreme
 
 
 @compiled(inline=True)
-def _close_forces(discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: PairArrays) -> int:
+def _close_forces(discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: GrainArrays) -> int:
     if discs is None or close is None:
         return 0
     return add_close_discs(discs, close, grains, arrays)

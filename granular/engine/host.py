@@ -47,7 +47,7 @@ from granular.effects.wall_side import TOP
 from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
 from granular.kernel_data.state import SPEED, WORK, Bed, State
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.motion import Motion, outer_force
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.reference import by_reference
+from granular.compiled.by_reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
 from granular.engine.far import compute_far_field, kick_by_far_field

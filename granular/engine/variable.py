@@ -15,7 +15,7 @@ import math
 from typing import Any
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.reference import by_reference
+from granular.compiled.by_reference import by_reference
 from granular.effects.wall_side import BOTTOM, LEFT, RIGHT, TOP
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import DENSITY, HEIGHT, LEAST, SPEED, SQUARE, Bed, State

@@ -93,8 +93,8 @@ def to_lammps(
     Raises
     ------
     InputError
-        If LAMMPS cannot carry the scene, a file exists or cannot be written, or the source cannot
-        be read.
+        If LAMMPS cannot carry the scene, ``dt`` is no time step, a file exists or cannot be written,
+        or the source cannot be read.
     """
     scene, run = _open_source(source)
     check_scene(scene)
@@ -198,7 +198,7 @@ def _compressed_frequency(deck: Deck, start: _Start) -> float:
     heights = [each_leg.path.lowest for each_leg in deck.legs if each_leg.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
-        highest_mode_frequency(
+        mode_frequency_bound(
             position * [1.0, fraction],
             charge,
             mass,
@@ -293,7 +293,7 @@ REACH = 6.0
 _WALLS = {"experimental": wall_experimental, "infinite": wall_infinite}
 
 
-def highest_mode_frequency(
+def mode_frequency_bound(
     position: np.ndarray,
     charge: np.ndarray,
     mass: np.ndarray,
@@ -308,7 +308,7 @@ def highest_mode_frequency(
 
     Parameters
     ----------
-    place : float (n, 2)
+    position : float (n, 2)
         [D]
     charge, mass : float (n,)
         Moment and mass over those of the first species.

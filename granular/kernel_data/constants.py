@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from granular.compiled import Array, compiled
 from granular.pairs.disc_tables import STIFFNESS, Discs
 from granular.pairs.far_field import FarField
-from granular.pairs.pair_arrays import value_or_one
+from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.stripes import CutOff
 from granular.pairs.verlet_list import VerletSettings
 

@@ -253,7 +253,8 @@ def spatial_correlation(
 ) -> PairFunction:
     """Spatial correlation <dv(0) dv(r)>/<dv^2>, dv being a grain's deviation from the mean value.
 
-    It is 1 where both grains have the same deviation, and 0 where they are independent.
+    It is 1 where both grains have the same deviation, and 0 where they are independent (Pearson's
+    correlation of pairs at a distance).
 
     In mixtures take values over the mean of their species, or the order of the species is what is
     found.
@@ -270,7 +271,8 @@ def spatial_correlation(
     Returns
     -------
     PairFunction
-        Correlation of each bin, 1 for equal deviations, and the number of its pairs.
+        Correlation of each bin, 1 for equal deviations and NaN in bins without pairs, and the number
+        of its pairs.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import Frame, check_grain_values, species_names
-from granular.observables.interactions import pair_interactions, wall_interactions
+from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.errors import InputError
@@ -123,9 +123,9 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: float
         other than dipole and contact.
     """
     total = np.full(len(positions), np.nan)
-    for some in pair_interactions(scene, positions):
+    for some in iterate_pair_forces(scene, positions):
         total[some.grains] = np.linalg.norm(some.forces, axis=2).sum(axis=1)
-    walls = wall_interactions(scene, positions, piston_height)
+    walls = iterate_wall_forces(scene, positions, piston_height)
     total[walls.grains] += np.linalg.norm(walls.forces, axis=2).sum(axis=1)
     return total
 
@@ -190,9 +190,9 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: float | No
         other than dipole and contact.
     """
     virials = np.full((len(positions), 2, 2), np.nan)
-    for some in pair_interactions(scene, positions):
+    for some in iterate_pair_forces(scene, positions):
         virials[some.grains] = 0.5 * np.einsum("kmi,kmj->kij", some.branches, some.forces)
-    walls = wall_interactions(scene, positions, piston_height)
+    walls = iterate_wall_forces(scene, positions, piston_height)
     virials[walls.grains] += np.einsum("kmi,kmj->kij", walls.branches, walls.forces)
     return virials
 

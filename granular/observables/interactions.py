@@ -56,8 +56,8 @@ def unsupported_effects(scene: Scene) -> tuple[str, ...]:
     return tuple(effect.key for effect in scene.effects.all if effect.key not in (*KNOWN, *SILENT))
 
 
-def pair_interactions(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
-    """Return the forces of all other grains on each grain, for some grains at a time.
+def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
+    """Iterate over the forces of all other grains on each grain, some grains at a time.
 
     Parameters
     ----------
@@ -101,13 +101,13 @@ def _nearest_image_displacements(branches: np.ndarray, scene: Scene, unit: float
     return np.asarray(branches - periods * np.round(branches / periods))
 
 
-def wall_interactions(
+def iterate_wall_forces(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None
 ) -> Interactions:
     """Return forces of the walls on each grain: left, right, bottom and piston, as far as they act.
 
     The branch is the displacement from the wall, at a right angle to it. Parameters and errors as
-    of `pair_interactions`; ``piston_height`` [m] is the scene's where not given.
+    of `iterate_pair_forces`; ``piston_height`` [m] is the scene's where not given.
     """
     from granular.effects.wall_side import SIDES
 

@@ -60,7 +60,9 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 
 
 def packing_series(run: Trajectory) -> xarray.DataArray:
-    """Packing fraction below the piston, on ``time``.
+    """Packing fraction below the piston, on ``time`` [D, eq. 2.2].
+
+    The area of the grains over that of the cell, its width times the piston's height.
 
     Where grains leave the cell, those of the latest frame count.
 
@@ -277,7 +279,12 @@ def depaula_pair_distance(positions: np.ndarray) -> float:
     Returns
     -------
     float
-        Half of the mean distance of all pairs [m].
+        Half of the mean distance of all pairs [m]; NaN for fewer than two grains.
+
+    Raises
+    ------
+    InputError
+        If the positions have another shape.
 
     Examples
     --------

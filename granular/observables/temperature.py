@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import check_frames, check_grain_values, is_present
-from granular.observables.interactions import magnetic_moments, pair_interactions, wall_interactions
+from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces, magnetic_moments
 from granular.observables.moduli import dipole_strength
 from granular.shared.errors import InputError
 
@@ -164,7 +164,7 @@ def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.
     strength = dipole_strength(scales.current * scales.length**2)
     here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
-    for some in pair_interactions(scene, positions):
+    for some in iterate_pair_forces(scene, positions):
         forces[some.grains] = some.forces.sum(axis=1)
         r = np.linalg.norm(some.branches, axis=2)
         both = moments[some.grains][:, None] * moments[here][None]
@@ -179,7 +179,7 @@ def _wall_forces_and_laplacian(
     """Return the forces, and minus their divergence by differences."""
 
     def forces_at(by: np.ndarray) -> np.ndarray:
-        result = wall_interactions(scene, positions + by, height)
+        result = iterate_wall_forces(scene, positions + by, height)
         total = np.zeros_like(positions)
         total[result.grains] = result.forces.sum(axis=1)
         return total

@@ -141,7 +141,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 
 
 def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
-    """Fractions of pentagons, hexagons, heptagons and all others among the interior cells.
+    """Fractions of pentagons, hexagons, heptagons and all others among interior cells [D, 4.2.4].
 
     Parameters
     ----------
@@ -151,7 +151,8 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     Returns
     -------
     PolygonFractions
-        Four fractions, which add up to 1.
+        Four fractions, which add up to 1, or NaN without interior cells; and ``cells``, the number of
+        those.
 
     Examples
     --------

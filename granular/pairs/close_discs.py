@@ -31,7 +31,7 @@ from granular.pairs.disc_tables import (
     CloseTables,
     Discs,
 )
-from granular.pairs.pair_arrays import PairArrays, add_at, value_or_one
+from granular.pairs.grain_arrays import GrainArrays, add_at, value_or_one
 
 SKIN = 0.15
 """Added to the reach of the list [D]: it is made anew once a grain has moved by half of it."""
@@ -327,7 +327,7 @@ def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.n
 
 
 @compiled(inline=True)
-def _push(arrays: PairArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
+def _push(arrays: GrainArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
     fx, fy = ratio * dx, ratio * dy
     arrays.fx[i] += fx
     arrays.fy[i] += fy
@@ -336,7 +336,7 @@ def _push(arrays: PairArrays, i: int, j: int, dx: float, dy: float, ratio: float
 
 
 @compiled
-def _add_forces(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
+def _add_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
     """Add the forces of the pieces; return how many pairs have a singular part as well."""
     x, y, tables, touching = arrays.x, arrays.y, discs.close, 0
     alike = _numbers(tables, 0)
@@ -355,7 +355,7 @@ def _add_forces(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
 
 # By itself: most beds have no such pair, and its roots take longer than all else.
 @compiled
-def _add_touching(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
+def _add_touching(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
     """Add the forces of the singular parts; return how many pairs are too near."""
     tables, crowded = discs.close, 0
     for p in range(close.filled[0]):
@@ -370,7 +370,7 @@ def _add_touching(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> int:
 
 
 @compiled
-def _add_sums(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> None:
+def _add_sums(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> None:
     """Add what is asked for besides forces."""
     tables = discs.close
     for p in range(close.filled[0]):
@@ -390,7 +390,7 @@ def _add_sums(discs: Discs, close: CloseDiscs, arrays: PairArrays) -> None:
 
 
 @compiled(inline=True)
-def _add_wanted(wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: PairArrays) -> bool:
+def _add_wanted(wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> bool:
     if wanted is None:
         return False
     _add_sums(discs, close, arrays)
@@ -398,7 +398,7 @@ def _add_wanted(wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: P
 
 
 @compiled
-def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: PairArrays) -> int:
+def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: GrainArrays) -> int:
     """Add to all sums what close pairs have beyond the law of all pairs.
 
     Returns

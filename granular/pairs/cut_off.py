@@ -19,8 +19,8 @@ from numba.extending import intrinsic
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sweep import sweep_runs
 from granular.pairs.dipole import STRENGTH
-from granular.pairs.pair_arrays import (
-    PairArrays,
+from granular.pairs.grain_arrays import (
+    GrainArrays,
     force_scale,
     if_given,
     set_forces_to_nan,
@@ -70,7 +70,7 @@ def _vector_width() -> ir.Constant:
 
 
 @compiled
-def _place_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
+def _place_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
     """Put the grains of a part where they are now, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
@@ -104,9 +104,9 @@ def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
 
 
 @compiled
-def _sweep_part(stripes: Stripes, asked: PairArrays, part: int, radius: float, smooth: bool | None) -> None:
+def _sweep_part(stripes: Stripes, asked: GrainArrays, part: int, radius: float, smooth: bool | None) -> None:
     """Meet the partners of a part's rows."""
-    sums = PairArrays(
+    sums = GrainArrays(
         stripes.x,
         stripes.y,
         stripes.fx,
@@ -151,7 +151,7 @@ def _copy_sum_to_grains(out: Array, sums: Array | None, scale: float, stripes: S
 
 
 @compiled
-def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
+def _collect_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
     scale, strength = sum_scale(asked.series), STRENGTH * force_scale(asked.series)
     _copy_sums_to_grains(asked.fx, stripes.fx, strength, stripes, part)
     _copy_sums_to_grains(asked.fy, stripes.fy, strength, stripes, part)
@@ -160,7 +160,7 @@ def _collect_part(stripes: Stripes, asked: PairArrays, part: int) -> None:
 
 
 @compiled
-def _sum_parts(stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None) -> None:
+def _sum_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
     parts = stripes.ends.size
     for part in range(parts):
         _place_part(stripes, asked, part)
@@ -175,26 +175,26 @@ def _sum_parts(stripes: Stripes, asked: PairArrays, radius: float, smooth: bool 
 
 
 @compiled(parallel=True)
-def _place_threaded(stripes: Stripes, asked: PairArrays) -> None:
+def _place_threaded(stripes: Stripes, asked: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _place_part(stripes, asked, part)
 
 
 @compiled(parallel=True)
-def _sweep_threaded(stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None) -> None:
+def _sweep_threaded(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
         _sweep_part(stripes, asked, part, radius, smooth)
 
 
 @compiled(parallel=True)
-def _collect_threaded(stripes: Stripes, asked: PairArrays) -> None:
+def _collect_threaded(stripes: Stripes, asked: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _collect_part(stripes, asked, part)
 
 
 @compiled
 def _sum_all(
-    threaded: bool | None, stripes: Stripes, asked: PairArrays, radius: float, smooth: bool | None
+    threaded: bool | None, stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None
 ) -> None:
     if threaded is None:
         _sum_parts(stripes, asked, radius, smooth)
@@ -209,7 +209,7 @@ def _sum_extremes(
     extremes: Array | None,
     threaded: bool | None,
     stripes: Stripes,
-    arrays: PairArrays,
+    arrays: GrainArrays,
     radius: float,
     smooth: bool | None,
 ) -> None:
@@ -234,7 +234,7 @@ def _cut_sum(
     smooth: bool | None,
     threaded: bool | None,
     grains: int,
-    arrays: PairArrays,
+    arrays: GrainArrays,
 ) -> None:
     if refresh_lists(stripes, arrays, grains, radius):
         _sum_extremes(arrays.extremes, threaded, stripes, arrays, radius, smooth)
@@ -255,5 +255,5 @@ smooth : bool or None
 threaded : bool or None
     None sweeps the stripes one after another, anything else on Numba's threads.
 grains : int
-arrays : PairArrays
+arrays : GrainArrays
 """

@@ -13,8 +13,8 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import STRENGTH
 from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
-from granular.pairs.pair_arrays import (
-    PairArrays,
+from granular.pairs.grain_arrays import (
+    GrainArrays,
     clear_array,
     clear_sums,
     force_scale,
@@ -52,7 +52,7 @@ def part_buffers(size: int) -> np.ndarray | None:
 
 
 @compiled
-def _sweep(arrays: PairArrays, nearest: Array | None, part: int, parts: int) -> None:
+def _sweep(arrays: GrainArrays, nearest: Array | None, part: int, parts: int) -> None:
     size = arrays.x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
         sweep_block(arrays, first, nearest)
@@ -60,10 +60,10 @@ def _sweep(arrays: PairArrays, nearest: Array | None, part: int, parts: int) -> 
 
 
 @compiled
-def _sweep_part(arrays: PairArrays, nearest: Array | None, buffer: Array, part: int) -> None:
+def _sweep_part(arrays: GrainArrays, nearest: Array | None, buffer: Array, part: int) -> None:
     buffer[:4] = 0.0
     buffer[4, :2] = 0.0
-    sums = PairArrays(
+    sums = GrainArrays(
         arrays.x,
         arrays.y,
         buffer[0],
@@ -80,13 +80,13 @@ def _sweep_part(arrays: PairArrays, nearest: Array | None, buffer: Array, part: 
 
 
 @compiled
-def _sweep_parts(arrays: PairArrays, nearest: Array | None, buffers: Array) -> None:
+def _sweep_parts(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
     for part in range(PARTS):
         _sweep_part(arrays, nearest, buffers[part], part)
 
 
 @compiled(parallel=True)
-def _sweep_parts_threaded(arrays: PairArrays, nearest: Array | None, buffers: Array) -> None:
+def _sweep_parts_threaded(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
     for part in numba.prange(PARTS):
         _sweep_part(arrays, nearest, buffers[part], part)
 
@@ -111,7 +111,7 @@ def _join_extremes(buffers: Array, extremes: Array | None) -> None:
 
 @compiled
 def _direct_sum(
-    arrays: PairArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
+    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     if buffers is None:
         clear_sums(arrays)
@@ -140,7 +140,7 @@ direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum
 
 Parameters
 ----------
-arrays : PairArrays
+arrays : GrainArrays
 buffers : float64 (PARTS, 5, m) or None
     From `part_buffers`.
 threaded : bool or None

@@ -14,7 +14,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.cut_off import cut_sum
 from granular.pairs.dipole import ENERGY
 from granular.pairs.direct import direct_sum, part_buffers
-from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, with_extremes
+from granular.pairs.grain_arrays import GrainArrays, set_forces_to_nan, with_extremes
 from granular.pairs.stripe_lists import positions_are_finite
 from granular.pairs.stripes import Stripes
 
@@ -64,7 +64,7 @@ def find_far_direct(
     radius: float,
     threaded: bool | None,
     grains: int,
-    arrays: PairArrays,
+    arrays: GrainArrays,
     energy: Array,
 ) -> None:
     """Overwrite forces, energy and, where grains rub, loads by those of the far part.
@@ -78,7 +78,7 @@ def find_far_direct(
         Distance at which the near part ends [D].
     threaded : bool or None
     grains : int
-    arrays : PairArrays
+    arrays : GrainArrays
         Without stiffness and extremes.
     energy : float64 (1,)
     """
@@ -87,7 +87,7 @@ def find_far_direct(
         return
     forces, every, near = workspace.near, workspace.extremes[0], workspace.extremes[1]
     direct_sum(with_extremes(arrays, every), workspace.buffers, threaded, None)
-    close = PairArrays(
+    close = GrainArrays(
         arrays.x,
         arrays.y,
         forces[0],

@@ -14,10 +14,10 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.dipole import CUBE, ENERGY, FIFTH_ENERGY
 from granular.pairs.far_direct import DirectWorkspace, direct_workspace
+from granular.pairs.grain_arrays import GrainArrays, set_forces_to_nan, value_or_one
 from granular.pairs.mesh import PARTS, Mesh, choose_windows, mesh_workspace
 from granular.pairs.mesh_grains import interpolate_potential, spread_grains
 from granular.pairs.mesh_potential import compute_mesh_potential
-from granular.pairs.pair_arrays import PairArrays, set_forces_to_nan, value_or_one
 from granular.pairs.periodic_mesh import periodic_mesh_workspace
 from granular.pairs.stripe_lists import positions_are_finite
 
@@ -262,7 +262,7 @@ def _compute_load(
 
 @compiled
 def find_far_forces(
-    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, arrays: PairArrays, order: Array
+    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, arrays: GrainArrays, order: Array
 ) -> int:
     """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
 
@@ -273,7 +273,7 @@ def find_far_forces(
     threaded : bool or None
         None runs the parts one after another, anything else on Numba's threads.
     grains : int
-    arrays : PairArrays
+    arrays : GrainArrays
         Without stiffness and extremes.
     order : int64 (m,)
         The grains in the order in which they are taken; quickest where neighbours follow each

@@ -57,7 +57,7 @@ def _series(code: Code, pointer: Any) -> Series | None:
 
 
 class Arrays:
-    """Pointers of one call's `PairArrays`. An absent array is None, and no code is made for it.
+    """Pointers of one call's `GrainArrays`. An absent array is None, and no code is made for it.
 
     Of arrays with two dimensions, the row that is given.
     """

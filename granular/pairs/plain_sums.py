@@ -12,7 +12,7 @@ import numpy as np
 from granular.compiled import Array
 from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
 from granular.pairs.disc_tables import COMMON, FAR, TERM
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 
 PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
@@ -26,7 +26,7 @@ class _Law(NamedTuple):
     fifth: float
 
 
-def _law(arrays: PairArrays, i: int, j: int, r: float) -> _Law:
+def _law(arrays: GrainArrays, i: int, j: int, r: float) -> _Law:
     if arrays.series is None:
         fifth = pair_force(r) / (STRENGTH * r)
         return _Law(fifth, pair_energy(r) / ENERGY, fifth)
@@ -36,12 +36,12 @@ def _law(arrays: PairArrays, i: int, j: int, r: float) -> _Law:
     return _Law(slope * fifth, cube * rho2 * fifth, fifth)
 
 
-def _shift(arrays: PairArrays, i: int, j: int) -> float:
+def _shift(arrays: GrainArrays, i: int, j: int) -> float:
     assert arrays.series is not None
     return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
 
 
-def _rest(arrays: PairArrays, i: int, j: int, radius: float) -> float:
+def _rest(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
     """Value that stands for 1/r^3 where pairs end."""
     rest = pair_energy(radius) / ENERGY
     if arrays.series is None:
@@ -51,7 +51,7 @@ def _rest(arrays: PairArrays, i: int, j: int, radius: float) -> float:
 
 
 def plain_direct_sum(
-    arrays: PairArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
+    arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
     _clear(arrays)
@@ -80,7 +80,7 @@ def plain_cut_sum(
     smooth: bool | None,
     threaded: bool | None,
     grains: int,
-    arrays: PairArrays,
+    arrays: GrainArrays,
 ) -> None:
     """Pair forces and sums within a radius, where the energy of a pair is zero.
 
@@ -107,14 +107,14 @@ def plain_cut_sum(
                 _add_pair(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
 
 
-def _clear(arrays: PairArrays) -> None:
+def _clear(arrays: GrainArrays) -> None:
     for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.extremes, arrays.load):
         if out is not None:
             out[:] = 0.0
 
 
 def _add_pair(
-    arrays: PairArrays,
+    arrays: GrainArrays,
     pair: tuple[int, int],
     apart: tuple[float, float],
     fifth: float,

@@ -17,7 +17,7 @@ import math
 
 from granular.compiled import Array, compiled
 from granular.pairs.cut_off_sweep import IMAGES, ROWS, RUNS
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.simd import WIDTH
 from granular.pairs.stripes import (
     BUILDS,
@@ -147,7 +147,7 @@ def _list_runs_of_bed(shifts: Array | None, stripes: Stripes, grains: int, reach
 
 
 @compiled
-def _list_partners(stripes: Stripes, grains: int, arrays: PairArrays, radius: float) -> None:
+def _list_partners(stripes: Stripes, grains: int, arrays: GrainArrays, radius: float) -> None:
     number = _list_runs_of_bed(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
     _put_values(arrays.moments, stripes.moments, stripes, grains)
     _put_values(arrays.weight, stripes.weight, stripes, grains)
@@ -196,7 +196,7 @@ def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def refresh_lists(stripes: Stripes, arrays: PairArrays, grains: int, radius: float) -> bool:
+def refresh_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius; False where a position is no number."""
     x, y = arrays.x, arrays.y
     if _lists_are_outdated(stripes, x, y, grains):

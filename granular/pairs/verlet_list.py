@@ -16,7 +16,7 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
 from granular.pairs.dipole import ENERGY, pair_energy, pair_force
-from granular.pairs.pair_arrays import PairArrays, add_at, clear_sums, set_forces_to_nan, value_or_one
+from granular.pairs.grain_arrays import GrainArrays, add_at, clear_sums, set_forces_to_nan, value_or_one
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
@@ -78,7 +78,7 @@ def _refresh_list(listed: VerletList, listing: VerletSettings, x: Array, y: Arra
 
 
 @compiled
-def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: PairArrays) -> None:
+def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
     """Fill the sums over the listed pairs; as `granular.pairs.cut_off.cut_sum`.
 
     Forces are no numbers where there are more pairs than the list holds.

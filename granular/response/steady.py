@@ -92,7 +92,8 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     About each moment, over `PERIODS` of the drive, the displacement is taken for
     a sin(phase) + b cos(phase) + c + d t with the phase of the sweep (least squares). A sweep shows
     the steady response where its frequency changes little while the machine forgets: with the
-    change f' of the frequency and the decay rate delta, f' << delta^2/(2 pi). A hardening or
+    change f' of the frequency and the decay rate delta, f' << delta^2/(2 pi) (within a
+    decay, 1/delta, it moves by much less than the peak's half-width, delta/(2 pi)). A hardening or
     softening machine jumps elsewhere upwards than downwards.
 
     Parameters

@@ -72,7 +72,9 @@ def run_sweep(
     ------
     InputError
         If the scene has no such host, the frequencies do not increase, the sweep is shorter than
-        some periods, or ``out`` holds another run.
+        some periods, ``points`` is below 2, or ``out`` holds another run.
+    RunError
+        If the simulation fails, as where grains leave the cell.
     """
     key, size, start = _host_drive(scene)
     if not 0.0 < lowest < highest < math.inf:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from granular.engine.step_size import Step, auto_step_text
-from granular.methods.named import method_named
+from granular.methods.registry import method_named
 from granular.run.options import is_allowed, validated_step
 from granular.run.price_table import (
     WorkPrecisionEntry,

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.engine.step_size import MOST_STEPS, Step
 from granular.methods.method import COMPENSATED, Method
-from granular.methods.named import resolve_method
+from granular.methods.registry import resolve_method
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import Timed
 from granular.scene.dryness import dry_parts

@@ -17,7 +17,7 @@ from granular.compiled.timer import CompileTimer, measure_compile_time
 from granular.engine.failures import raise_where_not_finite
 from granular.engine.step_size import Step
 from granular.methods.method import Method
-from granular.methods.named import method_setting, resolve_method
+from granular.methods.registry import method_setting, resolve_method
 from granular.run.accuracy import choose_settings
 from granular.run.checkpoint import read_checkpoint, read_files
 from granular.run.directory import SETTINGS, is_run
@@ -251,11 +251,11 @@ def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> 
         "pairs": scene.pair_method,
         **every,
         "versions": versions(),
-        **({"own": own} if (own := custom_sources(scene)) else {}),
+        **({"own": own} if (own := custom_code_digests(scene)) else {}),
     }
 
 
-def custom_sources(scene: Scene) -> list[str]:
+def custom_code_digests(scene: Scene) -> list[str]:
     """Digests of a user's own functions in a scene, and of what is derived from formulas."""
     own = [part.sources for part in scene.effects.laws] + [stage.sources for stage in scene.protocol]
     return sorted(digest for sources in own for digest in sources)

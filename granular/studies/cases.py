@@ -8,9 +8,9 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from granular.methods.named import method_setting, resolve_method
+from granular.methods.registry import method_setting, resolve_method
 from granular.run.options import validated_step
-from granular.run.simulation import custom_sources
+from granular.run.simulation import custom_code_digests
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -117,6 +117,6 @@ def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], 
         changes = changes | {"method": method.name}
     changed = scene.replace(**{name: changes[name] for name in changes if name not in own})
     content = {"scene": changed.to_plain(), "settings": settings, "measure": measure_name(measure)}
-    if user_code := custom_sources(changed):
+    if user_code := custom_code_digests(changed):
         content["own"] = user_code
     return Case(changes, changed, settings, digest(content, KEY_LENGTH))

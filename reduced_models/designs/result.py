@@ -17,7 +17,7 @@ from reduced_models.designs.damper import ASPECT, DIAMETER, Candidate
 from reduced_models.designs.maps import DamperMaps, Prediction
 from reduced_models.designs.page import add_legend, draw_map
 from reduced_models.designs.proposal import DesignTarget
-from reduced_models.falls.sheet import workshop_sheet
+from reduced_models.falls.workshop_sheet import workshop_sheet
 from reduced_models.records.sources import make_directory
 
 if TYPE_CHECKING:

@@ -80,6 +80,13 @@ def run_study(
     ------
     InputError
         If ``points`` is no power of two from 64 on: fewer do not make maps.
+    ExecutorLostError
+        If the executor's processes are gone; what is done is kept in ``out``.
+
+    Warns
+    -----
+    UserWarning
+        Once, if runs warned: the cases and their warnings, as `granular.sweep` does.
     """
     import pandas
 

@@ -13,7 +13,7 @@ from reduced_models.discovery.polishing import parametrise
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.selection import Judge, normalise_columns, score_terms
 from reduced_models.discovery.structures import make_candidate
-from reduced_models.discovery.terms import AnyTerm, sort_terms, sum_text
+from reduced_models.discovery.terms import AnyTerm, sort_terms, structure_text
 
 _POOR = 2.0
 _STRONG = 6.0
@@ -214,7 +214,7 @@ def weigh_evidence(
     order = np.argsort(-fractions[1:], kind="stable") + 1
     # With a further term the structure holds as well: that is no other one.
     rivals = tuple(
-        sum_text(structures[k])
+        structure_text(structures[k])
         for k in order
         if fractions[k] >= _LEAST_SHARE and not set(structures[k]) >= set(own)
     )

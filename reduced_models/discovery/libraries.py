@@ -24,7 +24,7 @@ from reduced_models.discovery.terms import (
     read_terms,
     sort_terms,
     split_terms,
-    sum_text,
+    structure_text,
 )
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
@@ -322,17 +322,19 @@ def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
         )
         if (squares[0] - squares[best]) / judges[0].excess < _CLEAR:
             notes.append(
-                f"the data cannot tell whether it is that or {sum_text(terms[0])}, which fits "
+                f"the data cannot tell whether it is that or {structure_text(terms[0])}, which fits "
                 f"as well with {len(terms[0])} numbers for {len(terms[best])}"
             )
     alike = {
-        sum_text(term): proposal.name
+        structure_text(term): proposal.name
         for proposal, term, value in zip(proposals, terms, criteria, strict=True)
         if value < criteria[best] + _CLEAR and set(term) != set(terms[best]) and len(term) <= len(terms[best])
     }
     if alike:
         others = ", ".join(f"{text} ({library})" for text, library in alike.items())
-        notes.append(f"the data cannot tell {sum_text(terms[best])} of the library {name!r} from {others}")
+        notes.append(
+            f"the data cannot tell {structure_text(terms[best])} of the library {name!r} from {others}"
+        )
     return proposals[best]._replace(note="; ".join(notes))
 
 

@@ -364,7 +364,7 @@ def join_terms(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy
     return sympy.Add(*(sympy.Float(value) * term.expression for term, value in pairs))
 
 
-def sum_text(terms: Sequence[AnyTerm]) -> str:
+def structure_text(terms: Sequence[AnyTerm]) -> str:
     """Structure in words, with a number before each term: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)

@@ -50,7 +50,7 @@ from reduced_models.least_squares.joint_records import JointRecords
 from reduced_models.least_squares.residuals import BLOWN_UP, LossName, remove_random_walk
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quality import SURE
-from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_drive
+from reduced_models.records.inputs import INTERPOLATIONS, Interpolation, column_names, has_inputs_besides_time
 from reduced_models.records.sensor import Quantity, Sensor, chosen_sensor
 
 _MOST_SAMPLES = 2000  # of a record, from which the interpolation of inputs is chosen
@@ -289,7 +289,7 @@ def fit(
             f"no start led to a solution of {quote(chosen.name)} that stays finite over the "
             "record; try another law, more starts or a shorter record"
         )
-    if has_drive(chosen.inputs) and input_interpolation is None and test_fraction > 0.0:
+    if has_inputs_besides_time(chosen.inputs) and input_interpolation is None and test_fraction > 0.0:
         result = _best_interpolation(result)
     if histories:
         result = fit_with_histories(result, histories)

@@ -23,7 +23,7 @@ from reduced_models.least_squares.joint_records import JointRecords, joint_vecto
 from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement_cost
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over
-from reduced_models.records.inputs import Grid, has_drive, input_column
+from reduced_models.records.inputs import Grid, has_inputs_besides_time, input_column
 
 FIRST_SWINGS = 2.0
 """Swings that a search sees first."""
@@ -94,7 +94,7 @@ def fine_grids(problem: FitProblem) -> list[Grid]:
         If a record holds more periods than a fit can follow.
     """
     law = problem.law
-    wanted = law.resolution * (COARSE_STEPS if has_drive(law.inputs) else FINE_STEPS)
+    wanted = law.resolution * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
     return [
         grid_over(data.record, law.inputs, data.guess.period, wanted, problem.interpolation)
         for data in problem.data

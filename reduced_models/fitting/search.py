@@ -44,7 +44,7 @@ from reduced_models.least_squares.levenberg_marquardt import (
 from reduced_models.least_squares.residuals import GriddedRecord, normal_equations
 from reduced_models.least_squares.samples import grid_over, means_on_grid, samples_on_grid
 from reduced_models.least_squares.unknowns import Unknowns, theta_bounds
-from reduced_models.records.inputs import has_drive
+from reduced_models.records.inputs import has_inputs_besides_time
 
 _TRIALS, _TOLERANCE = 60, 1e-4  # of all horizons but the last: what lags behind loses its phase
 _RIVAL_TRIALS = 20  # of an unchanged law, next to its fit with a map
@@ -217,7 +217,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
         training = training.first(count)
         grid = grid_over(training, law.inputs, period, wanted, how)
     weights = data.weights[: len(training)]
-    if has_drive(law.inputs) or len(training) > _THIN * grid.steps:
+    if has_inputs_besides_time(law.inputs) or len(training) > _THIN * grid.steps:
         samples = means_on_grid(training, grid, law.inputs, how, weights)
     else:
         # A mean of few samples is moved to its grid point by the slope between them, which is off

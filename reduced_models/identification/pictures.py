@@ -103,7 +103,7 @@ def _add_curves(
         page.figure(drawing, caption)
 
 
-def add_record(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+def add_record_section(page: Page, record: PistonRecord, best: ReducedModel) -> None:
     """Add the record, and the best law over it."""
     page.section("The record")
     _add_curves(

@@ -238,7 +238,7 @@ class Identification:
             self.own.add_to(page)
         averaging = "" if self.averaging is None else self.averaging.text
         blocks.add_engineering(page, self.shown_figures, self.shown, self.mass, averaging)
-        pictures.add_record(page, self.record, self.best)
+        pictures.add_record_section(page, self.record, self.best)
         if self.falls is not None:
             blocks.add_falls(page, self.falls)
         page.section("Which law")

@@ -11,7 +11,13 @@ from granular.run.record import PistonRecord
 from reduced_models.laws.solution import CHUNK, grid_steps, padded_steps, round_up_to_chunks
 from reduced_models.least_squares.sensor_signal import SensorTables, filtered, sensor_tables
 from reduced_models.records.derivatives import is_evenly_sampled
-from reduced_models.records.inputs import STAGE_TIMES, Grid, Interpolation, drive_on_grid, has_drive
+from reduced_models.records.inputs import (
+    STAGE_TIMES,
+    Grid,
+    Interpolation,
+    drive_on_grid,
+    has_inputs_besides_time,
+)
 from reduced_models.records.sensor import Sensor
 
 
@@ -77,7 +83,7 @@ def grid_over(
     """
     duration = float(record.time[-1])
     wanted = grid_steps(duration, period, per_period)
-    if not (has_drive(names) and is_evenly_sampled(record.time)):
+    if not (has_inputs_besides_time(names) and is_evenly_sampled(record.time)):
         return Grid(duration / wanted, wanted)
     sample = duration / (len(record) - 1)
     fraction = wanted / (len(record) - 1)

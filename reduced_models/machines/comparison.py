@@ -90,7 +90,8 @@ def compare_response(response: Response) -> ResponseComparison:
     Returns
     -------
     ResponseComparison
-        Peaks of law and simulation, with their frequencies.
+        Peaks of law and simulation [m] at each amplitude of the force [N], and the law's curves over
+        the frequency [Hz]. The law is that of `reduced_models.falls.theory`.
 
     Raises
     ------

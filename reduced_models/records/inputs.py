@@ -72,7 +72,7 @@ def column_names(record: PistonRecord) -> tuple[str, ...]:
     return (*(["force"] if record.force is not None else []), *record.extra)
 
 
-def has_drive(names: Sequence[str]) -> bool:
+def has_inputs_besides_time(names: Sequence[str]) -> bool:
     """Return whether there are inputs other than the time, which is known between samples too."""
     return any(name != TIME for name in names)
 

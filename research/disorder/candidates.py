@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.observables.bond_order import psi6
 from granular.observables.displacement import lindemann_parameter
-from granular.observables.interactions import wall_interactions
+from granular.observables.interactions import iterate_wall_forces
 from granular.observables.moduli import dipole_strength
 from granular.observables.temperature import configurational_temperature, kinetic_temperature
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
@@ -152,7 +152,7 @@ def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
     """d^2U/dH^2 at fixed places of the grains [N/m], by differences."""
     step = _SHIFT * run.scene.grains.species[0].diameter
     pushed = [
-        float(wall_interactions(run.scene, places, height + way).forces[:, :, 1].sum())
+        float(iterate_wall_forces(run.scene, places, height + way).forces[:, :, 1].sum())
         for way in (step, -step)
     ]
     # The bottom's share does not depend on the piston; the grains are pushed down by it.

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from granular.compiled import entry
 from granular.pairs import direct
 from granular.pairs.direct import PARTED_FROM, padded_coordinates, padded_values, part_buffers
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.plain_sums import plain_direct_sum
 
 direct_sum = entry(direct.direct_sum)
@@ -40,7 +40,7 @@ def sums(
     extremes = np.zeros(2)
     weight = padded_values(np.linspace(0.2, 1.0, len(positions)))
     wanted = (out[2], extremes, out[3], weight) if full else (None,) * 4
-    function(PairArrays(x, y, out[0], out[1], moments, *wanted), part_buffers(x.size), threaded, None)
+    function(GrainArrays(x, y, out[0], out[1], moments, *wanted), part_buffers(x.size), threaded, None)
     return [*(one[: len(positions)] for one in out), extremes]
 
 
@@ -90,13 +90,13 @@ import json, sys
 import numpy as np
 from granular.compiled import entry
 from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 positions = np.array(json.loads(sys.argv[1]))
 x, y = padded_coordinates(positions)
 fx, fy, load = np.zeros((3, x.size))
 direct_sum = entry(direct_sum)
 weight = padded_values(np.ones(len(positions)))
-direct_sum(PairArrays(x, y, fx, fy, load=load, weight=weight), None, None, None)
+direct_sum(GrainArrays(x, y, fx, fy, load=load, weight=weight), None, None, None)
 (code,) = direct_sum.inspect_asm().values()
 print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "sqrtpd" in code]))
 """

@@ -15,7 +15,7 @@ from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT, launch
 from granular.shared.files import finite_or_none
 from reduced_models.__main__ import main, parser
-from reduced_models.commands.laws import parse_bounds
+from reduced_models.commands.identification import parse_bounds
 from reduced_models.commands.records import read_options_from_line
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.laws import LAWS

@@ -9,7 +9,7 @@ import pytest
 
 from granular import Method
 from granular.commands.console import launch
-from granular.methods.named import register_methods
+from granular.methods.registry import register_methods
 from granular.shared.errors import InputError
 from validation.__main__ import main
 from validation.custom_method import method_report

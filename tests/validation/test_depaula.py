@@ -14,8 +14,8 @@ from validation.depaula import (
     PLAIN,
     STEPS,
     TOOLKIT,
-    DepaulaExperiment,
     DepaulaRun,
+    DepaulaStepTest,
     _compensated_form,
     _position_form,
     _run_form,
@@ -25,31 +25,31 @@ from validation.depaula import (
 from validation.exact import bounce
 
 
-def forms(*steps: float) -> DepaulaExperiment:
+def forms(*steps: float) -> DepaulaStepTest:
     exact = float(bounce.bounce_problem().exact(bounce.TIME).positions[0, 1])
-    return DepaulaExperiment(
+    return DepaulaStepTest(
         tuple(_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
     )
 
 
 @pytest.fixture(scope="module")
-def coarse() -> DepaulaExperiment:
+def coarse() -> DepaulaStepTest:
     return forms(*STEPS[:4])
 
 
-def test_compensated_increments_have_order_two(coarse: DepaulaExperiment) -> None:
+def test_compensated_increments_have_order_two(coarse: DepaulaStepTest) -> None:
     assert coarse.slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
     assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.of(COMPENSATED))
 
 
-def test_the_position_form_is_rounding(coarse: DepaulaExperiment) -> None:
+def test_the_position_form_is_rounding(coarse: DepaulaStepTest) -> None:
     """The error grows as the step shrinks, and all of it is what the forms differ by."""
     for one in coarse.of(PLAIN):
         assert coarse.rounding()[one.step] == pytest.approx(one.error, rel=0.1)
     assert coarse.of(PLAIN)[-1].error > 1e4 * coarse.of(COMPENSATED)[-1].error
 
 
-def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaExperiment) -> None:
+def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -> None:
     """Four peaks within 2 s, as high as the start; the path is the exact one all along."""
     problem = bounce.bounce_problem()
     for one in coarse.runs:
@@ -61,15 +61,15 @@ def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaExperiment)
             assert one.path[k] == pytest.approx(exact, abs=clear)
 
 
-def test_experiment_survives_json(coarse: DepaulaExperiment) -> None:
-    again = DepaulaExperiment.from_plain(json.loads(json.dumps(coarse.to_plain())))
+def test_experiment_survives_json(coarse: DepaulaStepTest) -> None:
+    again = DepaulaStepTest.from_plain(json.loads(json.dumps(coarse.to_plain())))
     assert again == coarse
     assert len(again.table().rows) == 8
 
 
 def test_slopes_of_known_errors() -> None:
     runs = tuple(DepaulaRun(PLAIN, h, 1.0 + h**2, h**2, 0.0) for h in (1e-1, 1e-2, 1e-3))
-    one = DepaulaExperiment(runs)
+    one = DepaulaStepTest(runs)
     assert one.slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
     assert one.slope_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
 

@@ -10,7 +10,7 @@ import pytest
 from validation.convergence_result import ConvergenceResult, Slope
 from validation.cost.point import Point, SolverSettings
 from validation.cost.work_precision_result import WorkPrecision
-from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaExperiment, DepaulaRun
+from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest
 from validation.energy import EnergyStudy
 from validation.report import section_text
 from validation.runner import FAILED, Plain
@@ -44,7 +44,7 @@ COST = WorkPrecision(
     "finer",
 )
 CASE = Outcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
-SOURCE = DepaulaExperiment(
+SOURCE = DepaulaStepTest(
     tuple(
         DepaulaRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)
         for form in (PLAIN, COMPENSATED, TOOLKIT)

@@ -12,7 +12,7 @@ from validation.convergence_result import ConvergenceResult, Slope, convergence_
 from validation.cost.point import USUAL, Point, SolverSettings
 from validation.cost.section import setting_table
 from validation.cost.work_precision_result import WorkPrecision
-from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaExperiment, DepaulaRun, show_depaula
+from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest, show_depaula
 from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
 
 
@@ -113,12 +113,12 @@ def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
         for form, error in ((PLAIN, 1e4), (COMPENSATED, 1e3), (TOOLKIT, 1e3))
         for h in (4e-6, 2e-6, 1e-6)
     ]
-    one = DepaulaExperiment(tuple(runs))
+    one = DepaulaStepTest(tuple(runs))
     assert one.slope(COMPENSATED) == pytest.approx(2.0)
     assert one.slope_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert one.scatter_to_finest(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     page = Page("page")
-    show_depaula(page, [DepaulaExperiment.from_plain(one.to_plain())])
+    show_depaula(page, [DepaulaStepTest.from_plain(one.to_plain())])
     assert "slope 2.0000" in page.render()
     assert "makes a slope of 2.322" in page.render()
     assert "difference of two peaks is 3.0e-09 m" in page.render()

@@ -30,7 +30,7 @@ INSIDES = {
         "numba.core.compiler.Compiler._compile_core",
         "numba.core.compiler.CompileResult._rebuild",
     ),
-    "granular/compiled/reference.py": (
+    "granular/compiled/by_reference.py": (
         "numba.core.cgutils.gep_inbounds",
         "numba.core.imputils.impl_ret_borrowed",
         "numba.core.typing.templates.infer_getattr",
@@ -71,7 +71,7 @@ import sys
 from typing import NamedTuple
 import numpy as np
 from granular.compiled import compiled, entry
-from granular.compiled.reference import by_reference
+from granular.compiled.by_reference import by_reference
 
 class Pair(NamedTuple):
     values: np.ndarray

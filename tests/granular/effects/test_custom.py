@@ -17,7 +17,7 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.effects.registry import effect_names
-from granular.run.simulation import custom_sources
+from granular.run.simulation import custom_code_digests
 from granular.scene.system import natural_system
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
@@ -245,10 +245,10 @@ def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:
         (case,) = make_cases(
             scene, {"grains.count": [9]}, [], {"dt": "auto", "method": "stormer-verlet"}, measure
         )
-        found.append((custom_sources(scene), case.key))
+        found.append((custom_code_digests(scene), case.key))
         again = pickle.loads(pickle.dumps(scene))
         assert again == scene
-        assert custom_sources(again) == custom_sources(scene)
+        assert custom_code_digests(again) == custom_code_digests(scene)
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
 

@@ -16,7 +16,7 @@ import pytest
 from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.effects.dipole import grain_discs
 from granular.export import to_lammps
-from granular.export.lammps import highest_mode_frequency
+from granular.export.lammps import mode_frequency_bound
 from granular.export.lammps_stages import remaining_stage
 from granular.pairs.disc_tables import continued_law
 from granular.pairs.discs import Disc, contact_distance
@@ -183,7 +183,7 @@ def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path)
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
     rates = [
-        highest_mode_frequency(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
+        mode_frequency_bound(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
         for discs in ((), (Disc(0.5, 0.5),) * 3)
     ]
     force = continued_law(np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5)))[1]

@@ -19,7 +19,7 @@ from granular.observables import (
     per_frame,
     voronoi_cells,
 )
-from granular.observables.interactions import pair_interactions, wall_interactions
+from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.shared.errors import InputError
 from tests.granular.observables.conftest import MakeRun, hexagonal
 
@@ -65,7 +65,7 @@ def test_the_parts_add_up_to_the_force_of_the_engine(
         positions[1] = positions[0] + [0.0025, 0.0]
     integer = evaluate(scene, positions).force.copy()
     integer[:, 1] += 9.8 * scene.grains.masses()
-    parts = [wall_interactions(scene, positions), *pair_interactions(scene, positions)]
+    parts = [iterate_wall_forces(scene, positions), *iterate_pair_forces(scene, positions)]
     total = np.zeros((COUNT, 2))
     for one in parts:
         total[one.grains] += one.forces.sum(axis=1)
@@ -78,8 +78,8 @@ def test_the_parts_add_up_for_discs(random: np.random.Generator) -> None:
     positions[1] = positions[0] + [0.00398, 0.0]
     integer = evaluate(scene, positions).force.copy()
     integer[:, 1] += 9.8 * scene.grains.masses()
-    total = wall_interactions(scene, positions).forces.sum(axis=1)
-    for one in pair_interactions(scene, positions):
+    total = iterate_wall_forces(scene, positions).forces.sum(axis=1)
+    for one in iterate_pair_forces(scene, positions):
         total[one.grains] += one.forces.sum(axis=1)
     np.testing.assert_allclose(total, integer, rtol=0.0, atol=1e-5 * np.abs(integer).max())
 
@@ -151,7 +151,7 @@ def test_absent_grains_press_nobody(random: np.random.Generator) -> None:
     assert np.isfinite(np.delete(found, 3)).all()
     far = positions.copy()
     far[3] = [WIDTH / 2, 1e6]
-    without = [next(pair_interactions(scene, one)).forces[0].sum(axis=0) for one in (positions, far)]
+    without = [next(iterate_pair_forces(scene, one)).forces[0].sum(axis=0) for one in (positions, far)]
     np.testing.assert_allclose(without[0], without[1], rtol=1e-12)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from granular import load_scene
 from granular.observables import configurational_temperature
-from granular.observables.interactions import pair_interactions, wall_interactions
+from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces
 from granular.observables.temperature import potential_laplacian
 from granular.shared.errors import InputError
 
@@ -21,7 +21,7 @@ def test_that_of_a_run_is_that_of_its_frames(make_run: MakeRun) -> None:
     scene = make_run(frames, changes).scene
     forces = np.zeros_like(frames)
     for total, places in zip(forces, frames, strict=True):
-        for some in (*pair_interactions(scene, places), wall_interactions(scene, places, 0.36)):
+        for some in (*iterate_pair_forces(scene, places), iterate_wall_forces(scene, places, 0.36)):
             total[some.grains] += some.forces.sum(axis=1)
     run = make_run(frames, changes, forces=forces)
     heights, forces = (run.dataset[name].values for name in ("frame_height", "force"))

@@ -11,7 +11,7 @@ from granular import Scene, simulate
 from granular.compiled import entry
 from granular.pairs import cut_off, direct
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
 from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
@@ -51,7 +51,7 @@ class Bed:
             self.smooth,
             self.threaded,
             self.count,
-            PairArrays(self.x, self.y, out[0], out[1], self.moments, out[2], extremes, out[3], self.weight),
+            GrainArrays(self.x, self.y, out[0], out[1], self.moments, out[2], extremes, out[3], self.weight),
         )
         return np.concatenate([out[:, : self.count].ravel(), extremes])
 
@@ -92,7 +92,7 @@ def test_wide_radius_is_the_direct_sum() -> None:
     bed = Bed(scattered(200, 2), 1e3, differing=False)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    entry(direct.direct_sum)(PairArrays(bed.x, bed.y, fx, fy), None, None, None)
+    entry(direct.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy), None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 

@@ -14,7 +14,7 @@ from granular.pairs.close_discs import CloseDiscs, close_discs_workspace
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.disc_tables import CLOSEST, STIFFNESS, TOUCH, Discs, continued_law, make_discs
 from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, disc_shift, pair_shift
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.shared.errors import InputError
 
 MU0 = 4e-7 * np.pi
@@ -124,7 +124,7 @@ class Bed:
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
         """Forces, energy, stiffness, and pairs that are too near."""
         out, extremes = np.zeros((3, self.x.size)), np.zeros(2)
-        arrays = PairArrays(
+        arrays = GrainArrays(
             self.x,
             self.y,
             out[0],

@@ -11,7 +11,7 @@ from granular.pairs import far_direct
 from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_direct import direct_workspace
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.stripes import stripes_workspace
 
@@ -40,7 +40,7 @@ def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
         RADIUS,
         None,
         COUNT,
-        PairArrays(
+        GrainArrays(
             x,
             y,
             fx,

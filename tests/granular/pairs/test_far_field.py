@@ -16,7 +16,7 @@ from granular.pairs import far_field, mesh, mesh_grains
 from granular.pairs.dipole import far_cube, far_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import FarField, FarForces, far_forces_workspace
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.section import SPLIT_RADIUS as RADIUS
 from granular.pairs.section import TOLERANCE
 from granular.scene.beds import mono_bed
@@ -49,10 +49,10 @@ def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
     assert jumps[0] / jumps[1] == pytest.approx(16.0, rel=0.2)
 
 
-def far_arrays(far: FarForces, x: object, y: object, *own: object) -> PairArrays:
+def far_arrays(far: FarForces, x: object, y: object, *own: object) -> GrainArrays:
     """Arrays of a bed whose forces and loads go to the far field."""
     moments, weight = own or (None, None)
-    return PairArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
+    return GrainArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
 
 
 class Bed:

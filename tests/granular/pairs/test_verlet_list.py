@@ -10,7 +10,7 @@ from granular.compiled import entry
 from granular.pairs import verlet_list
 from granular.pairs.cells import ClosePairs
 from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.pair_arrays import PairArrays
+from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.plain_sums import plain_cut_sum
 from granular.pairs.verlet_list import BUILDS, VerletList, VerletSettings, verlet_list_workspace
 from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
@@ -31,7 +31,7 @@ def scattered(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def sums(function, first, second, count: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     moments = padded_values(np.linspace(0.3, 1.0, count))
     out, extremes = np.zeros((4, x.size)), np.zeros(2)
-    arrays = PairArrays(x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
+    arrays = GrainArrays(x, y, out[0], out[1], moments, out[2], extremes, out[3], moments)
     function(first, second, count, arrays)
     return np.concatenate([out[:, :count].ravel(), extremes])
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, quantity, simulate, stage
-from granular.run.simulation import custom_sources
+from granular.run.simulation import custom_code_digests
 from granular.shared.errors import InputError, SceneError
 from granular.user_code import import_user_code
 
@@ -90,7 +90,7 @@ def test_a_scene_with_one_round_trips_and_is_known_by_its_code(tmp_path: Path) -
     scene.save(tmp_path / "tap.toml")
     assert load_scene(tmp_path / "tap.toml") == scene
     assert pickle.loads(pickle.dumps(scene)) == scene
-    assert custom_sources(scene) == [Tap.definition.digest]
+    assert custom_code_digests(scene) == [Tap.definition.digest]
 
 
 def test_a_file_brings_one_to_other_processes(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from granular.pairs.disc_tables import FORCE_SCALE
 from granular.pairs.simd import DISC_SCALE, SCALE
 
 
-class PairArrays(NamedTuple):
+class GrainArrays(NamedTuple):
     """Positions and properties of grains, and their sums over pairs; None for what is not wanted.
 
     Attributes
@@ -52,9 +52,9 @@ class PairArrays(NamedTuple):
 
 
 @compiled(inline=True)
-def with_extremes(arrays: PairArrays, extremes: Array) -> PairArrays:
+def with_extremes(arrays: GrainArrays, extremes: Array) -> GrainArrays:
     """Return the same arrays with others for the extremes."""
-    return PairArrays(
+    return GrainArrays(
         arrays.x,
         arrays.y,
         arrays.fx,
@@ -80,7 +80,7 @@ def clear_array(values: Array | None) -> None:
 
 
 @compiled(inline=True)
-def clear_sums(arrays: PairArrays) -> None:
+def clear_sums(arrays: GrainArrays) -> None:
     """Set all that a sum fills to zero."""
     clear_array(arrays.fx)
     clear_array(arrays.fy)
@@ -123,7 +123,7 @@ def add_at(values: Array | None, i: int, amount: float) -> None:
 
 
 @compiled(inline=True)
-def set_forces_to_nan(arrays: PairArrays, grains: int) -> None:
+def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
     """Make the forces no numbers, for positions that are none or lists that overflow."""
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan

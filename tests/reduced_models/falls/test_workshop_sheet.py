@@ -10,7 +10,7 @@ import pytest
 from granular import damper, load_scene
 from granular.shared.errors import InputError
 from reduced_models import Candidate, predict
-from reduced_models.falls.sheet import sensitivities, viscosity_ratio, workshop_sheet
+from reduced_models.falls.workshop_sheet import sensitivities, silicone_oil_viscosity_ratio, workshop_sheet
 from reduced_models.machines.design import DamperDesign
 from reduced_models.machines.response import CoupledSystem, solve_response
 
@@ -35,8 +35,8 @@ def test_a_weaker_bed_and_a_heavier_piston_change_the_rest_alike() -> None:
 
 def test_viscosity_falls_as_measured() -> None:
     """Polisil P10 has 3.73 Pa s at -25 degrees and 1.18 Pa s at 25 (Monteiro et al., J. Plastination)."""
-    assert viscosity_ratio(25.0) == 1.0
-    assert viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
+    assert silicone_oil_viscosity_ratio(25.0) == 1.0
+    assert silicone_oil_viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
 
 
 def test_a_grade_changes_a_damper_as_its_remanence_does() -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
-from granular.compiled.reference import by_reference
+from granular.compiled.by_reference import by_reference
 
 
 class Inner(NamedTuple):

@@ -110,7 +110,7 @@ def workshop_sheet(
     page.table(
         ("temperature [°C]", *(f"{value:g}" for value in TEMPERATURES)),
         [
-            ("drag", *(format_number(viscosity_ratio(value), 3) for value in TEMPERATURES)),
+            ("drag", *(format_number(silicone_oil_viscosity_ratio(value), 3) for value in TEMPERATURES)),
             (
                 "remanence",
                 *(format_number(1.0 + REMANENCE_SLOPE * (value - 25.0), 3) for value in TEMPERATURES),
@@ -151,7 +151,7 @@ def workshop_sheet(
     return page
 
 
-def viscosity_ratio(celsius: float) -> float:
+def silicone_oil_viscosity_ratio(celsius: float) -> float:
     """Viscosity of a silicone oil over that at 25 degrees Celsius.
 
     Parameters
