@@ -75,7 +75,8 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
         raise RecordError("is empty; a header and samples are wanted")
     form = detect_dialect(plain, decimal, least)
     if form is None:
-        if detect_dialect(plain, decimal, 1) is not None:
+        single = detect_dialect(plain, decimal, 1)
+        if single is not None and single.width == 1:
             raise RecordError(
                 "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
                 "give how many samples there are in a second (rate: '100 Hz'), or a time and a coordinate"

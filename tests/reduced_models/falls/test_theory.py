@@ -81,12 +81,11 @@ def test_discs_rest_higher_and_are_stiffer() -> None:
     assert predict(bed).parameters == pytest.approx(predict(damper()).parameters)
 
 
-FALLS = [(5.0, 18), (5.0, 20), (5.0, 24), (7.5, 18), (7.5, 24)]
+FALLS = [(5.0, 18), (5.0, 20), (5.0, 24), (7.5, 18), (7.5, 20), (7.5, 24)]
 
 
-@pytest.mark.parametrize(
-    ("mass", "height"), [(7.5, 20), *(pytest.param(*fall, marks=pytest.mark.long) for fall in FALLS)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("mass", "height"), FALLS)
 def test_falls_of_discs_are_as_predicted(mass: float, height: int) -> None:
     """Nothing fitted: the root mean square over the whole fall is within 3 % of the drop."""
     stage = {"kind": "free", "name": "drop", "duration": 3.0}

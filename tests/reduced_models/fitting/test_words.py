@@ -162,10 +162,7 @@ def test_options_that_do_not_suit(
 
 
 def test_what_is_no_record_or_no_law(made: Callable[..., PistonRecord]) -> None:
-    import pandas
-
-    table = pandas.DataFrame({"time": TIME, "height": TIME})
-    for wrong in (table, "lab.csv", None, [TIME]):
+    for wrong in ("lab.csv", None, [TIME]):
         with pytest.raises(InputError, match="is no record; give a PistonRecord"):
             # What types forbid is what is tried.
             fit(wrong, "linear")  # type: ignore[call-overload]  # what is refused

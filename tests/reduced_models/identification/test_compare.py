@@ -192,7 +192,9 @@ def resting_early(name: str, seed: int) -> PistonRecord:
 RESTING = ("linear", "duffing", "coulomb", "viscous-coulomb", "viscous-quadratic")
 
 
-@pytest.mark.parametrize("name", ["linear", "duffing", "coulomb"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=pytest.mark.long) for name in ("linear", "duffing")), "coulomb"]
+)
 def test_a_decay_that_rests_early_tells_its_law(name: str) -> None:
     table = compare(resting_early(name, 0), ["linear", "duffing", "coulomb"], starts=4)
     assert table.rows[0].name == name

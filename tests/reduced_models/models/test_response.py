@@ -117,6 +117,7 @@ def test_the_manners_of_an_estimator(made: Any) -> None:
         "bounds": None,
         "positive": (),
         "loss": "linear",
+        "inputs": (),
     }
     assert LawEstimator().set_params(law="duffing").law == "duffing"
     with pytest.raises(InputError):
