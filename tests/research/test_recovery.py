@@ -41,6 +41,7 @@ def test_one_system_beside_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert f"(`python -m research.recovery --quick` on {today}" in recovery_markdown(found)
 
 
+@pytest.mark.long
 def test_the_guide_shows_what_the_command_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same columns, and all systems of the whole run."""
     guide = (Path(__file__).parents[2] / "docs" / "results" / "real-records.md").read_text("utf-8")

@@ -87,10 +87,8 @@ def test_it_does_not_matter_at_which_image_a_grain_is(
     assert np.isfinite(np.asarray(wanted, dtype=float)).any()
 
 
-@pytest.mark.parametrize(
-    ("columns", "short"),
-    [(12, 0.107), pytest.param(64, 0.020, marks=pytest.mark.long)],  # quick: the small cell
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("columns", "short"), [(12, 0.107), (64, 0.020)])
 def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: float) -> None:
     """Next to 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
     width = columns * 2.4 * 0.006

@@ -51,6 +51,7 @@ def test_the_piston_of_the_loop_goes_through_the_cycle() -> None:
     assert _height(2.5, heights) > 88.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
 def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
     """At a step so short that nothing creeps, whatever velocity friction has."""
