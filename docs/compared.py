@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PENDULUM = System("pendulum", {"sin(z)": -30.0, "z'": -0.1}, "trigonometric", 1.2, (-0.7, 2.0))
 """Law of the packaged record ``encoder.csv``."""
 NOISE, SEED = 0.01, 0
-"""Of the made decay."""
+"""Parameters of the made decay."""
 FITTED = 0.7
 """Fraction of the real record that is fitted."""
 STEP, RUNS = 5e-5, 3
@@ -191,7 +191,7 @@ def predicted(record: PistonRecord) -> list[str]:
 
 
 def table_row(name: str, system: System, found: FoundLaw, seconds: float | None = None) -> str:
-    """What a law says of small swings, and how it predicts a motion from a start that no fit has seen."""
+    """Figures of small swings by a law, and its error on a motion from a start that no fit has seen."""
     frequency, damping = small_swing(found.law)
     time = np.linspace(0.0, 20.0, 1000)
     truth = solved(law_of(system), time, system.unseen, np.zeros_like)

@@ -24,10 +24,10 @@ class Side(NamedTuple):
 
     Attributes
     ----------
-    place, along : float64 (m,)
+    position, along : float64 (m,)
         Coordinates of the grains across and along the wall [D].
     offset, sign : float
-        The distance from the wall is sign * (place - offset).
+        The distance from the wall is sign * (position - offset).
     """
 
     position: Array

@@ -26,7 +26,7 @@ BLOCK = 512
 """Grains whose pairs are in memory simultaneously."""
 
 FARTHEST = 20.0
-"""Of contact, from where on the series of a disc's field has its first term only."""
+"""Distance over that of contact from which the series of a disc's field has its first term only."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = ("bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "shaking", "wall_friction")

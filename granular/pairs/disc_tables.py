@@ -58,7 +58,7 @@ _BEYOND = 40.0
 """Greatest distance looked at, over that of contact."""
 
 _LEAST_TERM = 0.004
-"""Of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
+"""Lower bound of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS = range(6)
 """Entries of a series: b of all pairs (of alike discs); c; g / `DISC_SCALE`; what sums of forces lack as

@@ -37,7 +37,7 @@ ALL = "all"
 ANGLE = "angle"
 """What ``columns`` and ``units`` may call the height's column where it is an angle."""
 STROKE = "stroke"
-"""What ``columns`` may call the height's column where it is prescribed, and the force is measured."""
+"""Role of ``columns`` for the height's column where it is prescribed, and the force is measured."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
 """Columns of a record that have a meaning."""
 

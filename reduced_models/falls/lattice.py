@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 __all__ = ["lattice_pressure"]
 
 POWER = 2.5
-"""Of the lattice's pressure, by the density, for dipoles."""
+"""Power of the lattice's pressure, by the density, for dipoles."""
 PRESSURE = 1.6674
-"""Of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
+"""Pressure of the hexagonal lattice of dipoles [F*/D] at rho = 1: see the module's first lines."""
 SHELLS = 8.0
-"""What is left beyond is 1e-6 of the pressure."""
+"""The rest beyond is 1e-6 of the pressure."""
 _LEAST = 1e-9
 """Pressure below which discs are so far apart that they are dipoles [F*/D]."""
 _THINNEST = 3.5

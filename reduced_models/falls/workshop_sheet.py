@@ -28,7 +28,8 @@ GAPS = (1e-4, 2e-4, 5e-4, 1e-3)
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
 """[deg C]"""
 VISCOSITY_SLOPE = 763.1
-"""Of the decimal logarithm of a silicone oil's viscosity by 1/T [K], from 100 mm^2/s on (Shin-Etsu, Silicone
+"""Coefficients of the decimal logarithm of a silicone oil's viscosity by 1/T [K], from
+100 mm^2/s on (Shin-Etsu, Silicone
 Fluid KF-96, Performance Test Results)."""
 REMANENCE_SLOPE = -1.2e-3
 """Relative change of the remanence of sintered NdFeB by temperature [1/K] (shanghaimagnet.com)."""

@@ -251,11 +251,11 @@ class ForceModel:
         """Cycles as measured, with those of the law."""
         rows = []
         for cycle in self.cycles[:_MOST_ROWS]:
-            rows.append(_row(cycle, f"{cycle.amplitude:8.3g} {cycle.frequency:8.4g}", "measured"))
+            rows.append(_row(cycle, f"{cycle.amplitude:13.3g} {cycle.frequency:14.4g}", "measured"))
             if not self.law.inputs:
-                rows.append(_row(self.cycle(cycle.amplitude, cycle.frequency), " " * 17, "law"))
-        head = f"{'+-m':>8} {'Hz':>8} {'':8} {'loss per cycle [J]':>22} {'stiffness [N/m]':>22}"
-        return [f"{head} {'damping [N s/m]':>22}", *rows] if rows else []
+                rows.append(_row(self.cycle(cycle.amplitude, cycle.frequency), " " * 28, "law"))
+        head = f"{'amplitude [m]':>13} {'frequency [Hz]':>14} {'':8} {'loss per cycle [J]':>22}"
+        return [f"{head} {'stiffness [N/m]':>22} {'damping [N s/m]':>22}", *rows] if rows else []
 
     def to_plain(self) -> dict[str, Any]:
         """Model as plain data (numbers, texts, lists).

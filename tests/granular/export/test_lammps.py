@@ -179,7 +179,7 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
 
 
 def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
-    """Where grains are a diameter and a half apart, theirs is 1.2 times that of dipoles."""
+    """At a diameter and a half, the stiffest mode of discs is 1.2 times that of dipoles."""
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
     rates = [

@@ -1,4 +1,4 @@
-"""What a study leaves to read: a table with units, a page, and one warning."""
+"""Reports of a study: a table with units, a page, and one warning."""
 
 from __future__ import annotations
 

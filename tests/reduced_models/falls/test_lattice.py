@@ -55,7 +55,7 @@ def test_pressure_is_the_virial_of_the_pair_law(changes: dict[str, Any], spacing
 
 
 def test_far_apart_discs_are_dipoles() -> None:
-    """What they have beyond falls with the square of the spacing: (5/2) b S5/S3 of it."""
+    """The excess over dipoles falls with the square of the spacing: (5/2) b S5/S3 of it."""
     excess = [
         lattice_pressure(discs(), density(a)) / lattice_pressure(damper().grains, density(a)) - 1.0
         for a in (10.0, 20.0)

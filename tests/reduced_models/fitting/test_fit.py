@@ -185,7 +185,7 @@ def test_few_swings_are_judged_at_their_end() -> None:
 
 
 def test_what_judges_is_blind(made: Any) -> None:
-    """What happens in the test swings does not change the model that is judged on them."""
+    """Changes in the test swings leave alone the model that is judged on them."""
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
     swings = spread_test_swings(record, 0.3, len(record))
