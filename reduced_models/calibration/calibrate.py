@@ -68,7 +68,12 @@ def calibrate(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Calibration:
-    """Numbers of a scene for which its simulations move as a record does.
+    """Calibrate numbers of a scene, so that its simulations move as a record does.
+
+    Level of rest, period and damping ratio are matched by Gauss-Newton steps on logarithms, with
+    slopes updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals are
+    those of Student's t distribution, with degrees of freedom by Welch (1947,
+    doi:10.1093/biomet/34.1-2.28), as the scatter is known from few random starts.
 
     Parameters
     ----------
@@ -82,14 +87,14 @@ def calibrate(
         ``grains.remanence``. Mass and remanence (and drag) scale together without a free swing
         noticing much: the force tells them apart.
     seeds : int
-        Random starts of the bed at every position, from the scene's own on.
+        Random starts of the bed at every position, from the scene's own on; 2 to 10000.
     law : str or Law
         Whose level of rest, period and damping ratio are compared; where the record is driven, an
         equation with the drive's column.
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str
-        Time step [s], as in `granular.simulate`.
+        Time step [s], or a rule such as ``"auto"``, as in `granular.simulate`.
     method : str
         Integration method, as in `granular.simulate`.
     out : str or Path, optional
@@ -110,8 +115,15 @@ def calibrate(
     Raises
     ------
     InputError
-        If an argument does not fit, the record does not swing about rest, or a simulation at the
-        start fails.
+        If an argument is out of its range, a key is no quantity above 0 that the scene holds, the
+        scene has no piston or no stage in which it moves freely, or a simulation at the start fails.
+    RecordError
+        If the record holds no heights, is too short, does not swing about a level of rest, or lacks
+        a column that the law needs.
+    StoreError
+        If ``out`` cannot be made or written to.
+    ExecutorLostError
+        If the executor's processes are gone; ``out`` keeps what was done.
     KeyboardInterrupt
         On Ctrl-C; ``out`` keeps what was done.
 

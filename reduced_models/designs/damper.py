@@ -44,20 +44,21 @@ NAMES = ("mass for 368 grains", "grains", "affine damping ratio", "fraction of s
 
 
 class Candidate(NamedTuple):
-    """A damper.
+    """A damper, by the figures that a designer chooses.
 
     Attributes
     ----------
     mass : float
-        Of the piston [kg].
+        Mass of the piston [kg].
     grains : int
-        Their number; the cell is as wide as keeps the packing, 60 D sqrt(grains/368).
+        Number of grains; the cell is as wide as keeps the packing, 60 D sqrt(grains/368), where
+        D = 6 mm is the diameter of a large grain.
     drag : float
-        gamma of a large grain [kg/s].
+        Drag coefficient gamma of a large grain [kg/s].
     small_share : float
-        Fraction of grains of 0.6 D.
+        Fraction of the grains that are small, of the diameter 0.6 D, from 0 to 1.
     magnets : str
-        ``"dipoles"``, or ``"cylinders"``: discs.
+        ``"dipoles"``: point dipoles; or ``"cylinders"``: discs, magnetized along their axes.
 
     Examples
     --------
@@ -74,26 +75,31 @@ class Candidate(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Width of the cell over that for 368 grains."""
+        """Width of the cell over that for 368 grains, sqrt(grains/368), without unit."""
         return math.sqrt(self.grains / REFERENCE_COUNT)
 
     @property
     def viscosity(self) -> float:
-        """Viscosity of the liquid with that drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
+        """Viscosity of the liquid that has the drag by Stokes's law, gamma/(3 pi D) [Pa s]."""
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
-        """Damper that falls, comes to rest, is lifted by 0.2 D and released.
+        """Scene of the damper that falls, comes to rest, is lifted by 0.2 D and released.
 
         Parameters
         ----------
         seed : int
-            Seed of the random start.
+            Seed of the random start, from 0 on.
 
         Returns
         -------
         Scene
-            Scene of the damper.
+            Scene with the stages ``drop`` and, for 3 s, ``release``.
+
+        Raises
+        ------
+        InputError
+            If a figure of the damper is out of its range, or there are no such magnets.
         """
         made = damper(
             self.mass / self.scale, count=self.grains, drag=self.drag, seed=seed, magnets=self.magnets
@@ -111,12 +117,14 @@ class Candidate(NamedTuple):
         return made.replace(**changes)
 
     def coordinates(self) -> np.ndarray:
-        """Coordinates (4,) in the box, each from -1 to 1 inside it.
+        """Coordinates of the damper in the box that the maps cover.
 
         Returns
         -------
         float64 (4,)
-            Coordinates without unit.
+            Mass of the piston over the scale, number of grains and affine damping ratio, on
+            logarithmic scales, and fraction of small grains; without unit, from -1 to 1 inside the
+            box.
         """
         plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
         low, high = _scale(LOWEST), _scale(HIGHEST)

@@ -77,12 +77,14 @@ def design(
     workers: int | None = None,
     progress: bool = True,
 ) -> Design:
-    """Magnetic granular damper whose piston swings as wanted.
+    """Design a magnetic granular damper whose piston swings as wanted.
+
+    The maps propose a damper, simulations check it, and secant steps correct the proposal.
 
     Parameters
     ----------
     frequency : float
-        Of the undamped small swing about rest [Hz]; that of the damped one is
+        Frequency of the undamped small swing about rest [Hz]; that of the damped one is
         sqrt(1 - damping^2) of it.
     damping : float
         Damping ratio, a fraction of critical damping.
@@ -90,17 +92,17 @@ def design(
         Number of grains. If neither it nor ``mass`` is given: 368, the published number, if that
         does, and else the nearest that does.
     mass : float, optional
-        Of the piston [kg], where the load is given; the number of grains is free then.
+        Mass of the piston [kg], where the load is given; the number of grains is free then.
     small_share : float
-        Fraction of grains of 0.6 D, which makes the bed softer: the piston rests lower, and swings
-        faster.
+        Fraction of grains with 0.6 of the diameter, from 0 to 0.5, which makes the bed softer: the
+        piston rests lower, and swings faster.
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``, for which
         theory turns the maps of dipoles into proposals.
     seeds : sequence of int
         Random starts of the checks, each of which must meet the target.
     maps : DamperMaps, optional
-        From a study of one's own.
+        Maps of a study of one's own; `damper_maps` if not given.
     out : str or Path, optional
         Directory for simulations, scene.toml, design.json and report.html; called again, what was
         simulated is used again.
@@ -109,19 +111,26 @@ def design(
     workers : int, optional
         Number of processes; as many as there are processors if not given.
     progress : bool
-        Show a progress bar.
+        Show a progress bar on standard error.
 
     Returns
     -------
     Design
-        Within 2 % of the frequency and 5 % of the damping ratio in every check.
+        Damper within 2 % of the frequency and 5 % of the damping ratio in every check, with all
+        proposals and their simulations.
 
     Raises
     ------
     InputError
-        If the target lies outside the maps; the message tells what can be had.
+        If an argument is out of its range, ``grains`` and ``mass`` are both given, ``seeds`` is
+        empty, or the target lies outside the maps; the message tells what can be had.
+    StoreError
+        If ``out`` cannot be made or written to.
     DesignError
-        If the proposals missed it, or a simulation failed.
+        If the proposals missed the target, or a simulation failed; its ``design`` holds the last
+        one.
+    KeyboardInterrupt
+        On Ctrl-C; ``out`` keeps what was simulated.
     """
     target = DesignTarget(frequency, damping, grains, mass, small_share, magnets)
     if not seeds:

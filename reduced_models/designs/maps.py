@@ -90,7 +90,10 @@ class Prediction(NamedTuple):
 
 
 class DamperMaps:
-    """Maps over the box, from a study.
+    """Maps of a damper's figures over mass, grains, drag and mixture, from a study.
+
+    Each map is a polynomial, fitted by least squares; its error is that of leaving one damper out
+    (Allen 1974, doi:10.1080/00401706.1974.10489157).
 
     Parameters
     ----------
@@ -100,13 +103,18 @@ class DamperMaps:
     Attributes
     ----------
     dampers : tuple of Candidate
-        Those that the maps were fitted to.
+        Dampers that the maps were fitted to.
+    study : DataFrame
+        Rows of these dampers.
     surfaces : mapping of str to Surface
+        Polynomial of each figure: of the logarithms of ``rest_height`` [m], ``frequency`` [Hz] and
+        ``damping_ratio``, and of ``quadratic`` and ``cubic``, k2 h/k1 and k3 h^2/k1 at the rest
+        height h, without unit.
 
     Raises
     ------
     InputError
-        If a column is missing, or there are too few dampers.
+        If a column is missing, a figure is not above 0, or there are too few dampers.
     """
 
     def __init__(self, study: pandas.DataFrame) -> None:
@@ -139,7 +147,7 @@ class DamperMaps:
         }
 
     def predict(self, damper: Candidate) -> Prediction:
-        """Figures of a damper inside the box; of discs, by theory from those of dipoles.
+        """Predict the figures of a damper; of discs, by theory from those of dipoles.
 
         Parameters
         ----------
@@ -149,12 +157,13 @@ class DamperMaps:
         Returns
         -------
         Prediction
-            Figures of the damper with their errors.
+            Rest height [m], frequency [Hz], damping ratio, and the law of the swing (SI).
 
         Raises
         ------
         InputError
-            If it lies outside.
+            If the damper lies outside the box, has no such magnets, or its piston presses discs
+            together.
         """
         coordinates = damper.coordinates()
         if np.abs(coordinates).max() > _EDGE:
@@ -177,29 +186,35 @@ class DamperMaps:
         )
 
     def at(self, name: str, coordinates: np.ndarray) -> float:
-        """Map at a place (4,); the logarithm of the first three figures.
+        """Value of a map at a point of the box.
 
         Parameters
         ----------
         name : str
-            Name of a figure.
+            Name of a figure: ``rest_height`` [m], ``frequency`` [Hz], ``damping_ratio``,
+            ``quadratic`` or ``cubic``.
         coordinates : float64 (4,)
             Point of the box, each coordinate from -1 to 1.
 
         Returns
         -------
         float
-            Value of the map.
+            Natural logarithm of the figure for the first three, else the figure itself.
+
+        Raises
+        ------
+        KeyError
+            If there is no figure of that name.
         """
         return float(_monomials(coordinates, DEGREES[name]) @ self.surfaces[name].coefficients)
 
     def view(self) -> LivePage:
-        """Return the maps under sliders, as a page; ``.save`` writes it for a browser.
+        """Page with the maps under sliders; its ``save`` writes it for a browser.
 
         Returns
         -------
         LivePage
-            Page that a notebook shows and `save` writes.
+            Page that a notebook shows, and that ``save`` writes to a file.
         """
         from granular.shared.html import LivePage
 
@@ -228,12 +243,17 @@ class DamperMaps:
 
 @functools.cache
 def damper_maps(path: Path = COMMITTED) -> DamperMaps:
-    """Return maps of the study in a CSV file; of the one that comes with the package by default.
+    """Return the maps of a study in a CSV file, of that of the package by default.
 
     Parameters
     ----------
     path : Path
-        CSV file of a study.
+        CSV file of a study, as the table of `run_study`; the package's if not given.
+
+    Returns
+    -------
+    DamperMaps
+        Maps, made once for each path.
 
     Raises
     ------

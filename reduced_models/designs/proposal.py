@@ -29,14 +29,17 @@ class DesignTarget(NamedTuple):
     Attributes
     ----------
     frequency : float
-        Of the undamped small swing about rest [Hz].
+        Frequency of the undamped small swing about rest [Hz].
     damping : float
-        Ratio, a fraction of critical damping.
+        Damping ratio, a fraction of critical damping.
     grains : int or None
+        Number of grains, from 92 to 368; None where it is free.
     mass : float or None
-        Of the piston [kg].
+        Mass of the piston [kg]; None where it is free. At most one of both is fixed.
     small_share : float
+        Fraction of grains with 0.6 of the diameter, from 0 to 0.5.
     magnets : str
+        ``"dipoles"``, or ``"cylinders"``: discs.
     """
 
     frequency: float
@@ -52,6 +55,8 @@ class DesignTarget(NamedTuple):
         Raises
         ------
         InputError
+            If frequency, damping or mass is not above 0, grains and mass are both fixed, or the
+            number of grains or the fraction of small ones lies outside the maps.
         """
         for name, value, unit in (
             ("frequency", self.frequency, " Hz"),
@@ -84,7 +89,7 @@ Coordinates = Callable[[float, float], np.ndarray | None]
 
 
 def propose_design(maps: DamperMaps, target: DesignTarget) -> Candidate:
-    """Damper of which the maps promise what is wished.
+    """Propose a damper that has the wanted figures by the maps.
 
     Parameters
     ----------

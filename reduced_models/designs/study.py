@@ -55,33 +55,43 @@ def run_study(
     workers: int | None = None,
     progress: bool = True,
 ) -> pandas.DataFrame:
-    """Simulate the dampers of a study.
+    """Simulate dampers spread over the box of the maps.
+
+    The corners of the box, and points of Sobol's sequence (1967, doi:10.1016/0041-5553(67)90144-9).
 
     Parameters
     ----------
     out : str or Path, optional
         Directory that keeps every case as soon as it is done; called again, the study goes on.
     points : int
-        Of Sobol's sequence, a power of two.
+        Number of points of Sobol's sequence, a power of two from 64 on; the sixteen corners of the
+        box are added.
     executor : concurrent.futures.Executor, optional
         Where the cases run, as in `granular.sweep`.
     workers : int, optional
         Number of processes; as many as there are processors if not given.
     progress : bool
-        Show a progress bar.
+        Show a progress bar on standard error.
 
     Returns
     -------
     DataFrame
-        One row a damper: ``mass`` [kg], ``grains``, ``drag`` [kg/s], ``small_share``, the figures
-        of `damper_figures`, and ``error`` where its run failed.
+        One row a damper: ``mass`` [kg], ``grains``, ``drag`` [kg/s], ``small_share``, ``magnets``,
+        the figures of the fall and the swing (``rest_height`` [m], ``frequency`` [Hz],
+        ``damping_ratio``, ``lam`` [1/s], ``k1`` [1/s^2], ``k2`` [1/(m s^2)], ``k3`` [1/(m^2 s^2)],
+        ``misfit``, ``rest_gap``, ``fall_gap`` and ``ledger``), and ``error``: why its run failed,
+        else empty.
 
     Raises
     ------
     InputError
         If ``points`` is no power of two from 64 on: fewer do not make maps.
+    StoreError
+        If ``out`` cannot be made or written to.
     ExecutorLostError
         If the executor's processes are gone; what is done is kept in ``out``.
+    KeyboardInterrupt
+        On Ctrl-C; ``out`` keeps what was done.
 
     Warns
     -----
