@@ -140,19 +140,19 @@ def _law_row(maps: DamperMaps, candidate: Candidate) -> tuple[str, ...]:
 
 
 def plot_maps(maps: DamperMaps, fraction: float = 0.0) -> Figure:
-    """Frequency, damping ratio and height of rest for 92, 184 and 368 grains.
+    """Draw contours of frequency, damping ratio and height of rest for 92, 184 and 368 grains.
 
     Parameters
     ----------
     maps : DamperMaps
         Maps of a study of dampers.
     fraction : float
-        Of small grains, from 0 to 0.5.
+        Fraction of small grains, from 0 to 0.5.
 
     Returns
     -------
     Figure
-        Picture with one panel a number of grains.
+        Picture with one panel a number of grains, over mass [kg] and drag of a grain [kg/s].
     """
     with figure(1, len(COUNTS), width=10.0, height=3.6) as (drawing, axes):
         for panel, count in zip(axes, COUNTS, strict=True):

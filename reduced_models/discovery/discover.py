@@ -75,7 +75,8 @@ def discover(
     Every method proposes structures. All are weighed by the same white residuals of the weak form;
     those that no simpler one beats make the Pareto front; the best of them are fitted through their
     differential equation, and the simplest is chosen to which the information criterion does not
-    strongly prefer another.
+    strongly prefer another (Bayesian information criterion; Schwarz 1978,
+    doi:10.1214/aos/1176344136).
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def discover(
     effort : float
         Times the usual length of a symbolic regression.
     seed : int
-        Of random searches.
+        Seed of random searches.
     progress : bool
         Whether a line on standard error shows what is being done.
 
@@ -144,7 +145,8 @@ def discover(
     RecordError
         If the record is too short or does not move, or has no such column.
     InputError
-        If an option is out of its range, or a program that the method needs is not installed.
+        If an option is out of its range, a term or function cannot be read, or a program that the
+        method needs is not installed.
     """
     records = as_records(record)
     terms, functions = _as_texts(terms), _as_texts(functions)

@@ -94,19 +94,22 @@ def touching_density(grains: Grains) -> float:
 
 
 def lattice_pressure(grains: Grains, density: float) -> float:
-    """Pressure of the hexagonal lattice of grains [F*/D], at a density [1/D^2].
+    """Compute the pressure of the hexagonal lattice of grains, by a lattice sum.
+
+    That of dipoles is 1.6674 (F*/D) rho^(5/2) times the square of their mean moment; its derivation
+    is "The laws, derived" in the documentation.
 
     Parameters
     ----------
     grains : Grains
         Dipoles or discs; a mixture at random.
     density : float
-        Grains an area, over that of D^2.
+        Number of grains an area, rho [1/D^2].
 
     Returns
     -------
     float
-        Pressure over F*/D.
+        Pressure, a force a length [F*/D].
     """
     if grains.magnets == "dipoles":
         moment = float(np.array(grains.fractions()) @ grains.moment_ratios())

@@ -194,28 +194,28 @@ def score_drops(
     Parameters
     ----------
     record : PistonRecord
-        A fall, from the moment the piston is released.
+        Fall that is fitted, heights [m] from the moment the piston is released.
     unseen : mapping of str to PistonRecord
-        Other falls, by what they differ in.
+        Other falls, under labels that say what they differ in.
     laws : sequence of str or Law
-        To fit.
+        Names, equations or laws to fit.
     rest : float, optional
         Level where the piston comes to rest [m]; the mean of the record's last tenth if not given.
     scene : Scene, optional
-        What fell; fits of ``elastoplastic-bed`` begin at what it says of the law.
+        Scene of the fall; fits of ``elastoplastic-bed`` begin at what it says of the law.
     starts : int
-        Random starts of each fit.
+        Number of random starts of each fit.
 
     Returns
     -------
     DropScores
-        Errors of each law on each fall, over the height of the drop.
+        Rms errors of each law on each fall, over the height of the drop, best law first.
 
     Raises
     ------
     InputError
-        If there is no unseen fall, no law, no law that can be fitted, or a record begins below the
-        level of rest.
+        If there is no unseen fall, no law or none of that name, no law that can be fitted, or a
+        record begins below the level of rest.
     """
     if not laws:
         raise InputError("give at least one law")

@@ -99,7 +99,7 @@ class PredictedLaw(FittedLaw):
 
 
 def predict(scene: Scene) -> PredictedLaw:
-    """Law of a scene's fall, from the scene alone: nothing is run, and nothing fitted.
+    """Predict the law of a scene's fall from the scene alone: nothing is run, and nothing fitted.
 
     The law is ``elastoplastic-bed``: the pressure of a triangular lattice, which goes as the height
     to the power -2.5 for dipoles and grows faster for discs, and a shear stress that yields; its
@@ -115,18 +115,20 @@ def predict(scene: Scene) -> PredictedLaw:
     Returns
     -------
     PredictedLaw
-        Law with its numbers and where they come from.
+        Law with its parameters (SI), the initial height [m] and the small swing at rest; with
+        friction of the piston the law has a term of it, and no small swing.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps.
+        If the scene has no heavy piston over magnets that drag alone damps, or its piston presses
+        discs together at rest.
 
     Warns
     -----
     OutsideRangeWarning
-        With too few grains for what was measured, or more drag over the piston's mass than was
-        compared with falls: the law is what is expected there.
+        With too few grains for what was measured, walls of discs, or more drag over the piston's
+        mass than was compared with falls: the law is what is expected there.
 
     Examples
     --------
@@ -323,7 +325,7 @@ LOSS_ERROR = 0.13
 
 
 def shaking_range(scene: Scene) -> ShakingRange:
-    """Range in which ``annealing-bed`` may stand in for the bed of a scene.
+    """Return the range in which ``annealing-bed`` may stand in for the bed of a scene.
 
     Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured. The bounds
     are those of simulated responses of the packaged damper, of 368 grains: see `ShakingRange`.
@@ -342,8 +344,9 @@ def shaking_range(scene: Scene) -> ShakingRange:
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps, too few grains, or
-        more drag over the piston's mass than was compared with falls.
+        If the scene has no heavy piston over magnets that drag alone damps, discs that its piston
+        presses together, too few grains, walls of discs, or more drag over the piston's mass than
+        was compared with falls.
     """
     bed_parameters(scene)  # refuses what is not known
     grains = scene.grains

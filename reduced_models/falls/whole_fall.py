@@ -98,28 +98,31 @@ def whole_fall(
     scene : Scene
         Scene of a bed below a falling piston.
     height : float, optional
-        Of the start [m]; that of the scene's piston if not given.
+        Height of the start [m]; that of the scene's piston if not given.
     simulate : bool, optional
         Simulate the fall always, or never; only where `predict` warns if not given.
     progress : bool
-        Show a progress bar of the simulation, with the time that is left.
+        Show a progress bar of the simulation on standard error, with the time that is left.
 
     Returns
     -------
     WholeFall
-        Rest height [m], period [s], damping ratio and the fall itself.
+        Heights of start and rest and the least one [m], settling time [s], greatest force [N] and
+        energies lost [J]; and the same of the simulation, where one was run.
 
     Raises
     ------
     InputError
-        If the scene has no heavy piston over magnets that drag alone damps, or the height is not
-        above the level of rest.
+        If the scene has no heavy piston over magnets that drag alone damps, its piston presses
+        discs together at rest, or the height is not above the level of rest.
+    RunError
+        If the simulation cannot be trusted any more.
 
     Warns
     -----
     OutsideRangeWarning
-        With too few grains for what was measured, or more drag over the piston's mass than was
-        compared with falls.
+        With too few grains for what was measured, walls of discs, more drag over the piston's mass
+        than was compared with falls, or a fall that presses discs together.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -127,15 +127,16 @@ def fit(
         How the height enters a law that has a map (``law.mapped``): as given, fitted, or fitted
         unless the record is described as well with z = height (Bayesian information criterion).
     starts : int
-        Random starts.
+        Number of random starts.
     test_fraction : float
-        Fraction of each record's whole swings, spread over those above its noise, that is held out:
-        a model is fitted without them, through them, and judged on them. Of a motion with few swings
-        it is the end. The model that is given back is fitted to all of the record. 0 for none.
+        Fraction, from 0 to 0.9, of each record's whole swings, spread over those above its noise,
+        that is held out: a model is fitted without them, through them, and judged on them. Of a
+        motion with few swings it is the end. The model that is given back is fitted to all of the
+        record. 0 for none.
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
-        Of all that is random: the starts, and the records that a bootstrap draws.
+        Seed of all that is random: the starts, and the records that a bootstrap draws.
     own : sequence of str
         Parameters that each of several records has for itself; the others are shared. Every record
         has its own initial state.
@@ -152,7 +153,7 @@ def fit(
     positive : sequence of str
         Parameters that are above zero, next to those of which the law says so.
     weights : float (n,), optional
-        Of the residuals; for several records a list of such.
+        Weights of the residuals, without unit; for several records a list of such.
     noise : float or float (n,), optional
         Standard deviation of the noise [m], of all samples or of each; for several records a list.
         Intervals then come from it, and weights where it is given for each sample.
@@ -188,8 +189,9 @@ def fit(
     RecordError
         If a record is too short, does not move, or lacks a column that is an input of the law.
     InputError
-        If an argument is out of its range, no start led to a solution that stays finite, or the
-        solution cannot be followed to the accuracy that the fit needs.
+        If an argument is out of its range, there is no such law or parameter, options do not go
+        together, no start led to a solution that stays finite, or the solution cannot be followed
+        to the accuracy that the fit needs.
 
     Warns
     -----

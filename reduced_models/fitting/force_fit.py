@@ -74,7 +74,8 @@ def fit_force(
     Parameters
     ----------
     record : PistonRecord, or a sequence of them
-        With a column ``force``. Several are of one damper, at other amplitudes and frequencies.
+        Records of heights [m] with a column ``force`` [N]. Several are of one damper,
+        at other amplitudes and frequencies.
     law : str or ForceLaw
         Name in `FORCE_LAWS`, or an equation such as ``"force = c*z' + k*z + zero"``; names that are
         columns of the record, such as a current, are inputs, and all others are parameters.
@@ -82,13 +83,13 @@ def fit_force(
         Load cell, with its column, and its gain and offset where they are known. The sign of an
         unknown gain follows from the energy, which a damper takes.
     starts : int
-        Starts of the search.
+        Number of starts of the search.
     test_fraction : float
         Fraction of each record, at its end, on which a fit to the rest is tested.
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals, a fraction between 0 and 1.
     seed : int
-        Of the starts.
+        Seed of the starts.
     bounds : mapping of str to (float, float), optional
         Least and greatest value of parameters; None for an open end.
     start, fix : mapping of str to float, optional
@@ -104,9 +105,11 @@ def fit_force(
     Raises
     ------
     RecordError
-        If a record has no force, or its stroke does not move.
+        If a record has no force or lacks an input of the law, its stroke does not move, or its
+        force does not change.
     InputError
-        If an argument is out of its range, or no start leads to a finite force.
+        If an argument is out of its range, there is no such law or parameter, the sensor has a
+        filter or a base, or no start leads to a finite force.
 
     Warns
     -----

@@ -48,7 +48,11 @@ def posterior(
     chains: int = 2,
     seed: int = 0,
 ) -> arviz.InferenceData:
-    """Draws from the posterior of a fitted model (needs the extra ``posterior``).
+    """Draw from the posterior of a fitted model's parameters (needs the extra ``posterior``).
+
+    Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
+    at the fit. Priors are flat in the logarithms of positive parameters, in the others and in the
+    logarithm of the noise, up to a hundred standard deviations of the fit.
 
     Parameters
     ----------
@@ -61,21 +65,24 @@ def posterior(
         normal population, in the search's units, whose mean and spread are found with them
         (``<name>_mean``, ``<name>_spread``).
     draws, warmup, chains : int
-        Of each chain, the draws before them that tune it, and how many chains.
+        Number of draws of each chain, of the draws before them that tune it, and of chains.
     seed : int
         Seed of the draws.
 
     Returns
     -------
     arviz.InferenceData
-        Parameters in their units, ``height`` and ``velocity`` at the start, and ``noise`` [m], over
-        chain, draw and, where they are a record's own, record. ``arviz.summary`` gives convergence
-        figures.
+        Parameters in their units, ``height`` [m] and ``velocity`` [m/s] at the start, and ``noise``
+        [m], each (chains, draws) or, where they are a record's own, (chains, draws, records).
+        ``arviz.summary`` gives convergence figures.
 
     Raises
     ------
     InputError
-        If models and records do not fit together.
+        If models and records are not as many, a name in ``own`` is no parameter, or a model was
+        fitted to a sensor's signal.
+    RecordError
+        If a record is too short, does not move, or lacks an input of the law.
     MissingError
         If the extra is not installed.
     """

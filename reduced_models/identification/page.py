@@ -35,7 +35,7 @@ _MOST_LINES = 3  # of laws over a fall; more hide each other
 
 
 def comparison_page(table: Comparison) -> Page:
-    """Return a comparison of laws as a page.
+    """Make a page of a comparison of laws.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def comparison_page(table: Comparison) -> Page:
     Returns
     -------
     Page
-        Page to show or save.
+        Page with verdict, table and picture; a notebook shows it, and ``save`` writes it.
     """
     page = Page("Laws compared", table.verdict)
     add_comparison(page, table)

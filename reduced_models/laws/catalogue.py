@@ -43,17 +43,17 @@ LAWS = Registry(((law.name, law) for law in _ALL), lambda law: law.equation)
 
 
 def law_named(name: str) -> Law:
-    """Law of that name.
+    """Return the law of a name.
 
     Parameters
     ----------
     name : str
-        Name in the catalogue, or an equation.
+        Name in `reduced_models.laws.LAWS`.
 
     Returns
     -------
     Law
-        The law.
+        Law of the catalogue.
 
     Raises
     ------

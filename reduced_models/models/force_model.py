@@ -112,12 +112,17 @@ class ForceModel:
         Parameters
         ----------
         record : PistonRecord
-            Stroke, with the columns that are inputs of the law.
+            Stroke, heights (n,) [m], with the columns that are inputs of the law.
 
         Returns
         -------
         float64 (n,)
             Forces [N].
+
+        Raises
+        ------
+        RecordError
+            If the record lacks an input of the law.
         """
         values = np.array([self.parameters[name] for name in self.law.parameters])
         start = np.array([self.hidden.get(name, 0.0) for name in self.law.hidden])
@@ -141,6 +146,13 @@ class ForceModel:
         -------
         float64 (n,)
             Residuals [N].
+
+        Raises
+        ------
+        InputError
+            If the record holds no force.
+        RecordError
+            If the record lacks an input of the law.
         """
         if record.force is None:
             raise InputError("the record holds no force; give one with a column force")
@@ -161,7 +173,8 @@ class ForceModel:
         Returns
         -------
         ForceCycle
-            Energy, stiffness and damping of the cycle.
+            Energy [J], stiffness [N/m] and damping [N s/m] of the cycle, with the half-widths of
+            their intervals.
 
         Raises
         ------
@@ -214,6 +227,11 @@ class ForceModel:
         -------
         Axes
             Axes that hold the drawing.
+
+        Raises
+        ------
+        RecordError
+            If the record lacks an input of the law.
         """
         from granular.shared.plotting import axes_or_new
 

@@ -116,11 +116,11 @@ class ReducedModel(FittedLaw):
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlations (p, p) of what the covariance is of."""
+        """Correlation matrix (p, p) of what ``covariance_names`` names, without unit."""
         return prediction.correlation_matrix(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
-        """Heights (n,) of a record, that the model was fitted to, less those of the model [m].
+        """Heights of a record that the model was fitted to, less those of the model.
 
         Where a sensor's signal was fitted, its signal less that of the model, in its unit.
 
@@ -146,27 +146,27 @@ class ReducedModel(FittedLaw):
     def prediction(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
     ) -> prediction.Band:
-        """Motion at increasing times [s] with its confidence band; see `simulate`.
+        """Motion at increasing times with its confidence band, by error propagation; see `simulate`.
 
         Parameters
         ----------
         t : float64 (n,)
             Increasing times [s].
         inputs : mapping of str to array, optional
-            Inputs at these times.
+            Inputs (n,) of the law at these times, in the units of the records' columns.
         confidence : float, optional
-            Confidence level; that of the fit if not given.
+            Confidence level, between 0 and 1; that of the fit if not given.
 
         Returns
         -------
         prediction.Band
-            Heights [m] with lower and upper bounds.
+            Heights (n,) [m] with lower and upper bounds.
 
         Raises
         ------
         InputError
-            If the model has no covariance, the times do not increase, an input is missing, or the
-            solution diverges.
+            If the confidence is no such fraction, the model has no covariance, the times do not
+            increase, an input is missing, or the solution diverges.
         """
         from scipy.stats import norm
 
@@ -279,7 +279,7 @@ class ReducedModel(FittedLaw):
         return 1.0 - roll_out(self, record).relative ** 2
 
     def decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
-        """Motion of a piston released so far above its level of rest [m]; see `response`.
+        """Motion of a piston released from a height above its level of rest; see `response`.
 
         Parameters
         ----------
@@ -291,7 +291,12 @@ class ReducedModel(FittedLaw):
         Returns
         -------
         PistonRecord
-            Motion from the release on.
+            Motion from the release on, its inputs zero: times [s] and heights [m].
+
+        Raises
+        ------
+        InputError
+            If the law has no level of rest, or the motion cannot be followed.
         """
         return response.free_decay(self, amplitude, periods)
 
@@ -303,12 +308,19 @@ class ReducedModel(FittedLaw):
         amplitude : float
             Amplitude about rest [m].
         frequency : float, optional
-            Frequency [Hz]; that of the free swing if not given.
+            Angular frequency [rad/s]; if not given, that at which the equivalent stiffness carries
+            the inertia.
 
         Returns
         -------
         response.HarmonicCycle
-            Stiffness, damping and energy of a cycle.
+            Stiffness [1/s^2], damping [1/s] and energy [J/kg] of a cycle, per kilogram.
+
+        Raises
+        ------
+        InputError
+            If the amplitude is not above zero, the law has no level of rest or no stiffness at this
+            amplitude, or the cycle leaves where the law is defined.
         """
         return response.harmonic_cycle(self, amplitude, frequency)
 
@@ -322,14 +334,20 @@ class ReducedModel(FittedLaw):
         force : float
             Amplitude of the force [N/kg].
         frequencies : float64 (k,)
-            Frequencies [Hz].
+            Angular frequencies [rad/s].
         largest : float, optional
-            Greatest amplitude that is looked for [m].
+            Greatest amplitude that is looked for [m]; ten times the farthest swing of the record if
+            not given.
 
         Returns
         -------
         response.SteadyAmplitudes
-            Amplitudes [m] at each frequency.
+            Least and greatest amplitude (k,) [m] at each frequency; NaN where there is none.
+
+        Raises
+        ------
+        InputError
+            If the force is not above zero, or the law has no level of rest.
         """
         return response.frequency_response(self, force, frequencies, largest)
 

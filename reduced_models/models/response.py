@@ -174,19 +174,19 @@ def frequency_response(
 
 
 def forced_law(law: Law, name: str = "drive") -> Law:
-    """Law under a force per kilogram, in the units of z'', that is an input of that name.
+    """Drive a law by a force per kilogram, an input in the units of z''.
 
     Parameters
     ----------
     law : Law
         Law without that input.
     name : str
-        Name of the input.
+        Name of the input, a column of the records that the law is fitted to.
 
     Returns
     -------
     Law
-        Law with one more input.
+        Law with one more input; parameters and their units stay.
 
     Raises
     ------

@@ -63,7 +63,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     Returns
     -------
     RollOut
-        Motion and its error over the rms swing.
+        Motion [m], its rms error [m] and that over the rms swing; infinite where it diverges.
 
     Raises
     ------

@@ -57,12 +57,12 @@ class Envelope:
     time : float64 (n,)
         Time of each cycle's middle extreme [s].
     level : float64 (n,)
-        About which the height swings [m].
+        Level about which the height swings [m].
     amplitude, frequency, damping : float64 (n,)
         Half the swing [m]; angular frequency [rad/s]; rate at which the logarithm of the amplitude
         falls [1/s] (negative where the swing grows).
     amplitude_noise, frequency_noise : float64 (n,)
-        Standard deviations that the record's noise leaves.
+        Standard deviations [m] and [rad/s] that the record's noise leaves.
     """
 
     time: np.ndarray
@@ -86,12 +86,14 @@ class Envelope:
 
     @property
     def damping_ratio(self) -> np.ndarray:
-        """Damping over frequency, as a fraction of critical damping for small damping."""
+        """Damping over frequency (n,), the fraction of critical damping where that is small."""
         return self.damping / self.frequency
 
 
 def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-golay") -> Envelope:
-    """Amplitude, frequency and damping of a record's swing in the course of time.
+    """Find amplitude, frequency and damping of a record's swing in the course of time.
+
+    From every three successive extremes, as by the logarithmic decrement.
 
     Parameters
     ----------
@@ -103,7 +105,7 @@ def envelope(record: PistonRecord, derivative: DerivativeMethod = "savitzky-gola
     Returns
     -------
     Envelope
-        Amplitude [m], frequency [Hz] and damping ratio of each cycle.
+        Amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle, (n,) each.
 
     Raises
     ------

@@ -43,7 +43,7 @@ _DRIVES = ("force", "base", "drive", "input")
 
 
 def cut_at_release(record: PistonRecord) -> PistonRecord:
-    """Record from its release on, where it stands still before it moves; else as it is.
+    """Cut a record at its release, where it stands still before it moves.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     Returns
     -------
     PistonRecord
-        Record from the release on.
+        Record from the release on; the same object where it does not stand still.
 
     Warns
     -----

@@ -110,7 +110,7 @@ def show_path(path: Path, most: int = 80) -> str:
 
 
 def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said: Any) -> PistonRecord:
-    """Motion in a file: what `PistonRecord.from_file` reads, from its release on.
+    """Read the motion in a file, as `PistonRecord.from_file` does, from its release on.
 
     Left out are samples that the sensor lost or clipped, what stands before the release, further
     releases, what follows a knock, and an end that is noise (`reduced_models.records.motion`),
@@ -121,7 +121,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     path : str or Path
         File to read.
     units : mapping of str to str, optional
-        Units of the columns, instead of those in the file.
+        Units of the columns by their names, instead of those in the file.
     **said
         How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
@@ -130,12 +130,15 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     Returns
     -------
     PistonRecord
-        Motion in SI units.
+        Motion in SI units: times [s] and heights [m], (n,) each.
 
     Raises
     ------
     RecordError
-        If the file cannot be read as such.
+        If the file cannot be read as a record, an option is out of its range, or the file holds no
+        such release.
+    TypeError
+        If there is no option of a name.
 
     Warns
     -----
@@ -151,7 +154,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
 def read_releases(
     path: str | Path, units: Mapping[str, str] | None = None, **said: Any
 ) -> list[PistonRecord]:
-    """Motions in a file that holds several releases, to be fitted together or one by one.
+    """Read the motions in a file of several releases, to be fitted together or one by one.
 
     Parameters
     ----------
@@ -165,12 +168,14 @@ def read_releases(
     Returns
     -------
     list of PistonRecord
-        One for each release, in SI units.
+        One for each release, in SI units: times [s] and heights [m], (n,) each.
 
     Raises
     ------
     RecordError
-        If the file cannot be read as such.
+        If the file cannot be read as a record, or an option is out of its range.
+    TypeError
+        If there is no option of a name.
 
     Warns
     -----
