@@ -178,17 +178,17 @@ HEADER = (
 
 
 def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
-    """One row a result.
+    """Make a table of convergence results, one row each.
 
     Parameters
     ----------
     results : sequence of ConvergenceResult
-        Results, one a method and problem.
+        Results, one for each method and problem.
 
     Returns
     -------
     TextTable
-        Table of texts.
+        Table of texts: problem, method, its declared order, the measured slope and errors.
     """
     return TextTable(HEADER, tuple(result.summary() for result in results))
 

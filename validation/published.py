@@ -34,22 +34,23 @@ def published_values() -> dict[str, dict[str, Any]]:
 
 
 def published_value(key: str) -> Any:
-    """Value at a key such as ``"damper.van_der_pol_like.alpha"`` or ``"section.name[2]"``.
+    """Look up a number that de Paula (2025) prints.
 
     Parameters
     ----------
     key : str
-        Path of a value in the table.
+        Path of a value in ``published.toml``, such as ``"damper.van_der_pol_like.alpha"`` or
+        ``"section.name[2]"``.
 
     Returns
     -------
     Any
-        Number or text, in the unit of the thesis.
+        Number, text or list, in the unit of the thesis.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is no value at the key.
 
     Examples
     --------
@@ -87,14 +88,16 @@ def _flatten_below(key: str, value: Any) -> Iterator[str]:
 
 
 def compression_duration(count: int, speed: float) -> float:
-    """Duration of the compression of a bed of equal 6 mm grains [s].
+    """Compute the duration of the compression of a bed of equal 6 mm grains.
+
+    From the heights of the piston before and after it by de Paula (2025, Table 2.1 and section 3.4).
 
     Parameters
     ----------
     count : int
-        Number of grains.
+        Number of grains, from 1 on.
     speed : float
-        Speed of the piston [m/s].
+        Speed of the piston [m/s], above 0.
 
     Returns
     -------

@@ -73,16 +73,17 @@ def outcome(
     case : HardCase
         Case of the catalogue.
     method : str
-        Name of the method.
+        Name of the method, one of `granular.methods.METHODS`.
     dt : float or str, optional
-        The case's own step without.
+        Time step [s], or a rule such as ``"auto"``; the case's own if not given.
     full : bool
-        Up to the case's full time instead of the quick one.
+        Run up to the case's full time instead of the quick one.
 
     Returns
     -------
     Outcome
-        How the run ended, its error and its time.
+        How the run ended, its error in the case's unit, and its wall time [s]. A run that raises an
+        error is an outcome too.
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()

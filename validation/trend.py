@@ -76,16 +76,19 @@ class Trend:
 
 
 def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> Trend:
-    """Test a series for a trend.
+    """Test the energy of a run for a trend, against stationary noise and against a random walk.
+
+    The p-value is the greater one of both tests (intersection-union test; Berger 1982,
+    doi:10.1080/00401706.1982.10487790).
 
     Parameters
     ----------
     time : float (n,)
-        Equidistant [s].
+        Equidistant times [s].
     energy : float (n,)
         Energy, or its error, in any unit. A block should hold a period of its swing or more.
     blocks : int
-        How many block means the test is made of.
+        Number of block means that the test is made of, from 8 on.
 
     Returns
     -------
@@ -95,8 +98,8 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     Raises
     ------
     InputError
-        If there are fewer than four samples a block, fewer than eight blocks, or a value that is
-        not finite.
+        If there are fewer than four samples a block, fewer than eight blocks, not as many times as
+        energies, or an energy that is not finite.
     """
     energy = np.asarray(energy, dtype=float)
     if blocks < 8 or len(energy) < 4 * blocks or len(time) != len(energy):

@@ -96,7 +96,7 @@ class LawEstimator:
         return {name: getattr(self, name) for name in names}
 
     def set_params(self, **parameters: Any) -> Self:
-        """Change what it was made with.
+        """Change arguments that the estimator was made with.
 
         Parameters
         ----------
@@ -120,25 +120,33 @@ class LawEstimator:
         return self
 
     def fit(self, X: Any, y: Any) -> Self:
-        """Fit to heights y (n,) [m] at times X (n,) or (n, 1) [s], in any order.
+        """Fit the law to heights at given times.
 
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs then.
+            Times [s], in any order, and the inputs at these times.
         y : array (n,)
             Heights [m].
 
         Returns
         -------
         LawEstimator
-            This estimator.
+            This estimator, with ``model_``.
 
         Raises
         ------
         InputError
-            If they make no record (two heights at one time, a value that is not finite), or the law
-            cannot be fitted to it.
+            If X or y has another shape or holds a value that is no finite real number, an argument
+            of the estimator is out of its range, or the law cannot be fitted.
+        RecordError
+            If times and heights make no record (two heights at one time, too few of them, no
+            motion).
+
+        Warns
+        -----
+        UserWarning
+            For each note of the model, as `reduced_models.fit` does, and for heights in a column.
         """
         table, heights = self._table(X), _height_vector(y)
         if len(table) != len(heights):
@@ -153,14 +161,14 @@ class LawEstimator:
         return self
 
     def predict(self, X: Any) -> np.ndarray:
-        """Heights (n,) [m] at times X (n,) or (n, 1) [s] from the start of the fitted record on.
+        """Predict heights at times from the start of the fitted record on.
 
         Between the fitted record and these times the inputs are interpolated.
 
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs then.
+            Times [s], in any order, and the inputs at these times.
 
         Returns
         -------
@@ -170,8 +178,8 @@ class LawEstimator:
         Raises
         ------
         InputError
-            Before a fit (for scikit-learn it is a NotFittedError too), for times before the record,
-            or where the motion diverges.
+            Before a fit (for scikit-learn it is a NotFittedError too), for X of another shape or
+            without rows, for times before the record, or where the motion diverges.
         """
         if not hasattr(self, "model_"):
             raise _not_fitted_error("the estimator has seen no data; call fit first")
@@ -215,14 +223,19 @@ class LawEstimator:
         Parameters
         ----------
         X : array (n,), (n, 1) or (n, 1 + inputs)
-            Times [s], in any order, and the inputs then.
+            Times [s], in any order, and the inputs at these times.
         y : array (n,)
             Heights [m].
 
         Returns
         -------
         float
-            R^2, at most 1.
+            R^2, without unit, at most 1.
+
+        Raises
+        ------
+        InputError
+            As `predict`, and for heights of another shape or that are no finite numbers.
         """
         wanted = _height_vector(y)
         left = ((wanted - self.predict(X)) ** 2).sum()

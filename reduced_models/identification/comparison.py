@@ -77,7 +77,8 @@ def compare(
     Raises
     ------
     InputError
-        If there is no law, an argument is out of its range, or no law can be fitted.
+        If no law is given or there is none of a name, an argument is out of its range, ``own`` and
+        ``test_records`` are both given, or no law can be fitted.
     RecordError
         If a record is too short or does not move.
 

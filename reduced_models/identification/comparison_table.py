@@ -92,10 +92,11 @@ class Comparison:
     Attributes
     ----------
     rows : tuple of Row
+        One law each, with its models, errors and information criteria.
     verdict : str
-        In plain words.
+        Which laws predict best, in plain words.
     noise : float
-        White noise of the records, in rms swings.
+        White noise of the records, in rms swings, without unit.
     at_rest : float
         Test error of the baseline, a piston that stays at rest.
     """
@@ -155,7 +156,7 @@ class Comparison:
         )
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Table as texts: errors in per cent of the rms swing, AIC and BIC above the least.
+        """Cells of the table as texts: errors in % of the rms swing, AIC and BIC above the least.
 
         Returns
         -------
@@ -233,12 +234,12 @@ class Comparison:
         return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Law a row, errors in rms swings; columns as in `Row`, ``record 1`` ... held out.
+        """Make a table of the laws; columns as in `Row`, and ``record 1`` and on of held-out records.
 
         Returns
         -------
         pandas.DataFrame
-            One row a law.
+            One row a law, errors in rms swings, without unit.
         """
         import pandas
 

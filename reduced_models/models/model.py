@@ -584,22 +584,22 @@ def _at_rest(plain: Mapping[str, Any]) -> AtRest:
 
 
 def load_model(path: str | Path) -> ReducedModel:
-    """Model from the JSON file that `ReducedModel.save` wrote.
+    """Load a model from the JSON file that `ReducedModel.save` wrote.
 
     Parameters
     ----------
     path : str or Path
-        JSON file, or the directory that holds ``model.json``.
+        JSON file, such as ``model.json``.
 
     Returns
     -------
     ReducedModel
-        The model.
+        Model as it was saved, to the same bits.
 
     Raises
     ------
     InputError
-        If there is no such file, or it holds no model.
+        If there is no such file, it cannot be read, or it holds no model.
     """
     plain = read_model(Path(path))
     try:

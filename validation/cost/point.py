@@ -20,9 +20,10 @@ class SolverSettings(NamedTuple):
     Attributes
     ----------
     method : str
-        Or the name of an outside reference, one of `validation.outside.ORDERS`.
+        Name of a method, or of an outside reference, one of `validation.outside.ORDERS`.
     dt : float or str
-        For an outside reference its tolerance.
+        Time step [s], or a rule such as ``"auto"``; for an outside reference its tolerance, without
+        unit.
     changes : mapping of str to anything
         Changes to the scene, by dotted keys.
     """

@@ -27,12 +27,12 @@ TIME = 0.12
 
 
 def oscillation_problem(amplitude: float = AMPLITUDE, time: float = TIME) -> Problem:
-    """Oscillation from a fraction of the height of rest above it.
+    """Make the problem of a grain that oscillates above a wall that repels it.
 
     Parameters
     ----------
     amplitude : float
-        Amplitude over the height of rest.
+        Height of the start above that of rest, over that of rest, without unit.
     time : float
         Duration [s].
 
@@ -60,14 +60,16 @@ def rest_height(scene: Scene) -> Number:
 
 
 def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
-    """Period with the amplitude correction [s], the amplitude in units of the height of rest.
+    """Compute the period of a small oscillation, corrected for its amplitude to second order.
+
+    By Landau and Lifshitz, Mechanics, section 28.
 
     Parameters
     ----------
     scene : Scene
         Scene of one grain on a wall.
     amplitude : float
-        Amplitude over the height of rest.
+        Amplitude over the height of rest, without unit; 0 for the harmonic limit.
 
     Returns
     -------

@@ -53,7 +53,7 @@ COSTLY = (
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """All hard cases.
+    """Return all hard cases.
 
     Returns
     -------

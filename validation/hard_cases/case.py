@@ -81,7 +81,7 @@ _ENERGIES = ("kinetic", "pair", "wall", "weight", "contact", "piston")
 
 
 def energy_change(run: Trajectory) -> float:
-    """Energy at the end over that at the start, minus one (no losses, no work).
+    """Compute the relative change of the energy over a run in which nothing is lost and no work done.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def energy_change(run: Trajectory) -> float:
     Returns
     -------
     float
-        Relative change, without unit.
+        Magnitude of the change over the energy at the start, without unit.
     """
     data = run.dataset
     parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]

@@ -34,12 +34,14 @@ ENERGY_AFTERWARDS = Measure("relative change of the energy afterwards", energy_c
 
 
 def head_on_collision(closest: float) -> Problem:
-    """Two grains head-on at the speed that brings them to a distance [D], from 6 D apart.
+    """Make the problem of two grains that collide head-on, from 6 D apart.
+
+    Their speed is that at which the dipoles stop them at a given distance, by their energy.
 
     Parameters
     ----------
     closest : float
-        Closest distance [D].
+        Closest distance of the centres [D], above 0 and below 6.
 
     Returns
     -------
@@ -236,14 +238,17 @@ linear to rounding, and its energy below what the ledger judges."""
 
 
 def near_stability_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
-    """Grain where the wall carries it, and that fraction of the longest stable step, 2/omega.
+    """Make a scene of a swinging grain, with a fraction of the longest step at which Verlet is stable.
+
+    That step is 2/omega, by Hairer, Lubich and Wanner (2003, doi:10.1017/S0962492902000144), section
+    5.1; omega is the angular frequency of a grain about the height at which the wall carries it.
 
     Parameters
     ----------
     fraction : float
-        Step over the longest stable one.
+        Step over the longest stable one, without unit.
     amplitude : float
-        Start above the place of rest, in units of its height.
+        Height of the start above that of rest, over that of rest, without unit.
 
     Returns
     -------
