@@ -75,7 +75,8 @@ def method_report(
     Raises
     ------
     InputError
-        If no method is given, one or a quantity is unknown, or the directory cannot be written.
+        If no method is given, one or a quantity is unknown, no method can run the scene, or the
+        directory cannot be written.
     """
     if not methods:
         raise InputError("no method is given; give the name of one, or a granular.Method")

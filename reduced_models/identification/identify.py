@@ -93,7 +93,7 @@ def identify(
     drive : str, optional
         Column of the record that drives the motion: each of the laws has it as its input.
     mass : float, optional
-        Of what moves [kg], for stiffness in N/m and damping in N s/m; a scene's piston has its own.
+        Mass of what moves [kg], for stiffness in N/m and damping in N s/m; a scene's piston has its own.
     changes : mapping, optional
         Dotted keys of the scene and their new values.
     dt, method, threads : optional
@@ -117,7 +117,7 @@ def identify(
     progress : bool
         Show what is being done.
     announce : callable, optional
-        Is handed what was identified while the checks, which are to follow, still run.
+        Function that is handed what was identified while the checks, which are to follow, still run.
 
     Returns
     -------

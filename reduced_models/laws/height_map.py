@@ -13,7 +13,7 @@ class HeightMap:
     Attributes
     ----------
     shift, scale : float
-        [m]
+        Height at z = 0, and height per unit of z [m].
     fitted : bool
         Whether the map was fitted to the data, or given.
 

@@ -105,7 +105,7 @@ class Law:
 
     @property
     def acceleration(self) -> sympy.Expr:
-        """Z'' as an expression in the symbols z, z_first, hidden states, inputs and parameters."""
+        """Acceleration z'' in the symbols z, z_first, hidden states, inputs and parameters."""
         return self.parsed.acceleration
 
     def sympy_equation(self, values: Mapping[str, float] | None = None) -> sympy.Eq:

@@ -164,7 +164,7 @@ def design_for(
     workers: int | None = None,
     progress: bool = True,
 ) -> DamperDesign:
-    """Damper of the packaged kind of at most so much mass that makes the peak least.
+    """Design a damper of the packaged kind and a limited mass that makes a host's peak least.
 
     Grains of 6 mm in a cell of 60 D; their number, the piston's mass and the drag are searched by
     the law. The law has no memory of how a real bed scatters from start to start; where the piston
@@ -174,9 +174,9 @@ def design_for(
     Parameters
     ----------
     host : Host
-        Of one body, which is to carry the cell.
+        Host of one body on a spring, which is to carry the cell.
     excitation : Excitation
-        A sine of a force; its frequency may be any.
+        Sine of a force [N]; its frequency may be any.
     limit : float
         Greatest mass of piston and grains [kg].
     magnets : str
@@ -186,9 +186,9 @@ def design_for(
     out : str or Path, optional
         Directory that keeps the simulations; the same call goes on from there.
     workers : int, optional
-        Processes.
+        Number of processes; as many as there are processors if not given.
     progress : bool
-        Show a progress bar, with the time that is left.
+        Show a progress bar on standard error, with the time that is left.
 
     Returns
     -------

@@ -252,16 +252,16 @@ class PredictedResponse:
 def predicted_response(
     scene: Scene, frequencies: Sequence[float], force: float | None = None
 ) -> PredictedResponse:
-    """Response of a scene's host by the law alone, in milliseconds a frequency.
+    """Solve the response of a scene's host by the law alone, in milliseconds a frequency.
 
     Parameters
     ----------
     scene : Scene
         Scene whose host is shaken.
     frequencies : sequence of float
-        [Hz].
+        Frequencies of the force [Hz].
     force : float, optional
-        Amplitude [N]; the scene's own if not given.
+        Amplitude of the force [N]; the scene's own if not given.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class ForceModel:
     quantile : float
         Half-width of an interval over the standard deviation.
     covariance : float64 (p, p)
-        Of the parameters, in their order and units.
+        Covariance of the parameters, in their order and units.
     quality : Quality
         Residual and noise are in N.
     cycles : tuple of ForceCycle
@@ -82,7 +82,7 @@ class ForceModel:
     hidden : mapping of str to float
         Hidden states at the first record's start.
     sign : float
-        Of the measured force; -1 where it is the reaction of what is moved.
+        Sign of the measured force; -1 where it is the reaction of what is moved.
     notes : tuple of str
     provenance : mapping of str to str
     """
@@ -307,7 +307,12 @@ class ForceModel:
         Parameters
         ----------
         path : str or Path
-            File to write.
+            JSON file to write; one that exists is replaced.
+
+        Raises
+        ------
+        InputError
+            If the directory does not exist, or the file cannot be written.
         """
         write_json(Path(path), self.to_plain())
 

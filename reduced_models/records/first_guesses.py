@@ -33,7 +33,7 @@ class FirstGuesses:
     frequency, decay : float
         Angular frequency [rad/s] and decay rate [1/s] of the swing about it.
     height, velocity : float
-        At the start [m], [m/s].
+        Height [m] and velocity [m/s] at the start.
     crossings : int
         Passages through the level of rest that were counted.
     rivals : tuple of float

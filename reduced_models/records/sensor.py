@@ -42,7 +42,8 @@ class Sensor:
     low_pass, high_pass : float, optional
         Corner frequency of the filter [Hz]. A geophone is a velocity behind a high pass.
     damping_ratio : float, optional
-        Of a filter of second order; one of first order where it is not given.
+        Damping ratio of a filter of second order, without unit; the filter is of first order where
+        it is not given.
     absolute : bool
         Measures in the frame at rest: the motion of the base (column ``base_height`` or
         ``base_acceleration``) counts too.
