@@ -127,13 +127,13 @@ class Candidate(NamedTuple):
             box.
         """
         plain = (self.mass / self.scale, self.grains, affine_damping_ratio(self), self.small_share)
-        low, high = _scale(LOWEST), _scale(HIGHEST)
-        return 2.0 * (_scale(plain) - low) / (high - low) - 1.0
+        low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
+        return 2.0 * (_logarithmic_coordinates(plain) - low) / (high - low) - 1.0
 
 
 def damper_at(coordinates: np.ndarray) -> Candidate:
     """Damper at a place (4,) of the box; the number of grains is rounded."""
-    low, high = _scale(LOWEST), _scale(HIGHEST)
+    low, high = _logarithmic_coordinates(LOWEST), _logarithmic_coordinates(HIGHEST)
     scaled = low + 0.5 * (np.asarray(coordinates, dtype=float) + 1.0) * (high - low)
     mass, count, ratio = (math.exp(log) for log in scaled[:3])
     plain = Candidate(mass, round(count), 1.0, float(scaled[3]))
@@ -141,7 +141,7 @@ def damper_at(coordinates: np.ndarray) -> Candidate:
     return plain._replace(drag=ratio / affine_damping_ratio(plain))
 
 
-def disc_factors(candidate: Candidate) -> np.ndarray:
+def disc_over_dipole_figures(candidate: Candidate) -> np.ndarray:
     """Rest height, frequency and damping ratio of discs over those of dipoles, by theory (3,).
 
     All are 1 for dipoles.
@@ -187,5 +187,5 @@ def _mean_grain_mass(candidate: Candidate) -> float:
     return 1.0 - candidate.small_share * (1.0 - ASPECT**2)
 
 
-def _scale(plain: tuple[float, ...]) -> np.ndarray:
+def _logarithmic_coordinates(plain: tuple[float, ...]) -> np.ndarray:
     return np.array([*np.log(plain[:3]), plain[3]])

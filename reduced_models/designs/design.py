@@ -153,7 +153,7 @@ def _search(
     rounds: list[DesignRound] = []
     targets = targets_by_grain_count(target)
     for target_ in targets:
-        aim = _first_aim(target, rounds)
+        aim = _aim_for_next_grain_count(target, rounds)
         first = len(rounds)
         met: Design | None = None
         for _ in range(CORRECTIONS):
@@ -174,7 +174,11 @@ def _search(
                     break
             if met is not None and len(rounds) - first >= CENTRING:
                 break
-            if met is None and len(targets) > 1 and not result.agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            if (
+                met is None
+                and len(targets) > 1
+                and not result.seeds_agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE)
+            ):
                 break
             aim = _corrected_target(target, rounds[first:])
         if met is not None:
@@ -186,15 +190,15 @@ def _search(
     raise DesignError(_miss_text(result), result)
 
 
-def _first_aim(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
+def _aim_for_next_grain_count(target: DesignTarget, rounds: Sequence[DesignRound]) -> tuple[float, float]:
     """Frequency and damping ratio to aim at with another number of grains: the maps err there alike."""
     return (
-        target.frequency * math.exp(-_mean_error(rounds, "frequency")),
-        target.damping * math.exp(-_mean_error(rounds, "damping_ratio")),
+        target.frequency * math.exp(-_mean_logarithmic_map_error(rounds, "frequency")),
+        target.damping * math.exp(-_mean_logarithmic_map_error(rounds, "damping_ratio")),
     )
 
 
-def _mean_error(rounds: Sequence[DesignRound], name: str) -> float:
+def _mean_logarithmic_map_error(rounds: Sequence[DesignRound], name: str) -> float:
     """Mean of the logarithm of a measured figure over the promised one."""
     errors = [math.log(made.mean(name) / getattr(made.promise, name)) for made in rounds]
     return sum(errors) / len(errors) if errors else 0.0
@@ -210,11 +214,13 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     last = rounds[-1]
     aim = last.promise.frequency
     if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
-        aim *= (target.frequency / last.mean("frequency")) ** (1.0 / _frequency_response_slope(rounds))
-    return aim, target.damping * math.exp(-_mean_error(rounds, "damping_ratio"))
+        aim *= (target.frequency / last.mean("frequency")) ** (
+            1.0 / _slope_of_measured_by_promised_frequency(rounds)
+        )
+    return aim, target.damping * math.exp(-_mean_logarithmic_map_error(rounds, "damping_ratio"))
 
 
-def _frequency_response_slope(rounds: Sequence[DesignRound]) -> float:
+def _slope_of_measured_by_promised_frequency(rounds: Sequence[DesignRound]) -> float:
     """Slope of the measured frequency by the promised one; 1 where it was hardly moved."""
     if len(rounds) < 2:
         return 1.0

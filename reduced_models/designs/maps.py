@@ -29,7 +29,7 @@ from reduced_models.designs.damper import (
     REFERENCE_MASS,
     REFERENCE_REST,
     Candidate,
-    disc_factors,
+    disc_over_dipole_figures,
 )
 from reduced_models.designs.study import COMMITTED
 
@@ -143,7 +143,7 @@ class DamperMaps:
             name: _fit_surface(
                 np.array([_monomials(coordinates, DEGREES[name]) for coordinates in positions]), values
             )
-            for name, values in _study_figures(sound).items()
+            for name, values in _logarithms_and_ratios_of_study(sound).items()
         }
 
     def predict(self, damper: Candidate) -> Prediction:
@@ -173,7 +173,7 @@ class DamperMaps:
             raise InputError(f"{damper} lies outside the maps; keep to {limits}")
         values = {name: self.at(name, coordinates) for name in (*LOGARITHMIC, *PLAIN)}
         dipoles = np.exp([values[name] for name in LOGARITHMIC])
-        height, frequency, ratio = (dipoles * disc_factors(damper)).tolist()
+        height, frequency, ratio = (dipoles * disc_over_dipole_figures(damper)).tolist()
         k1 = (2.0 * math.pi * frequency) ** 2
         return Prediction(
             rest_height=height,
@@ -277,7 +277,7 @@ def damper_maps(path: Path = COMMITTED) -> DamperMaps:
         raise InputError(f"{path} holds no study ({error}); make one by run_study") from None
 
 
-def _study_figures(study: pandas.DataFrame) -> dict[str, np.ndarray]:
+def _logarithms_and_ratios_of_study(study: pandas.DataFrame) -> dict[str, np.ndarray]:
     height, k1 = study["rest_height"].to_numpy(), study["k1"].to_numpy()
     figures = {name: np.log(study[name].to_numpy()) for name in LOGARITHMIC}
     figures["quadratic"] = study["k2"].to_numpy() * height / k1

@@ -23,7 +23,7 @@ _SHORTEST = 15
 """Points of a line that is drawn: shorter ones are corners of the map, with no room for a label."""
 
 
-class Line(NamedTuple):
+class ContourStyle(NamedTuple):
     """The look of the lines of one figure on a map."""
 
     words: str
@@ -35,9 +35,11 @@ class Line(NamedTuple):
 
 DARK = "#54585e"
 LINES = {
-    "frequency": Line("frequency [Hz]", 1.0, 6, COLOURS[0], "-"),
-    "damping_ratio": Line("damping ratio", 1.0, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4), COLOURS[1], "--"),
-    "rest_height": Line("height of rest [D]", 1.0 / DIAMETER, 6, DARK, ":"),
+    "frequency": ContourStyle("frequency [Hz]", 1.0, 6, COLOURS[0], "-"),
+    "damping_ratio": ContourStyle(
+        "damping ratio", 1.0, (0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.4), COLOURS[1], "--"
+    ),
+    "rest_height": ContourStyle("height of rest [D]", 1.0 / DIAMETER, 6, DARK, ":"),
 }
 ENDS: dict[str, tuple[int, Any, tuple[int, int], tuple[str, str]]] = {
     "frequency": (1, np.argmin, (0, -2), ("center", "top")),

@@ -12,7 +12,7 @@ import numpy as np
 from granular.scene.beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_factors
+from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_over_dipole_figures
 from reduced_models.designs.maps import DamperMaps
 
 _MET = 1e-4
@@ -139,7 +139,7 @@ def damper_for_target(maps: DamperMaps, target: DesignTarget, aim: tuple[float, 
     for _ in range(0 if target.magnets == "dipoles" else _ROUNDS):
         if damper is None:
             break
-        factors = disc_factors(damper._replace(magnets=target.magnets))
+        factors = disc_over_dipole_figures(damper._replace(magnets=target.magnets))
         damper = _solve_for_damper(maps, positions, (aim[0] / factors[1], aim[1] / factors[2]))
     if damper is None:
         return None

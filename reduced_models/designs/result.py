@@ -145,7 +145,7 @@ class Design:
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
-    def agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
+    def seeds_agree(self, frequency_tolerance: float, damping_tolerance: float) -> bool:
         """Return true where random starts differ so little that all could meet the tolerances."""
         pairs = (
             ("frequency", frequency_tolerance * self.target.frequency),

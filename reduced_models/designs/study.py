@@ -141,11 +141,11 @@ def damper_figures(run: Trajectory) -> Mapping[str, Any]:
         of two grains at rest over that of their contact, and of two grains in the whole run over
         the large diameter; ``ledger``.
     """
-    bed, motion = bed_figures(run), motion_figures(run.piston("release").from_zero())
+    bed, motion = measure_rest_and_gaps(run), fit_motion_figures(run.piston("release").from_zero())
     return {"rest_height": bed.pop("rest_height"), **motion, **bed}
 
 
-def bed_figures(run: Trajectory) -> dict[str, float]:
+def measure_rest_and_gaps(run: Trajectory) -> dict[str, float]:
     """Figures of `damper_figures` that no law is fitted for."""
     settings = run.settings()
     return {
@@ -156,7 +156,7 @@ def bed_figures(run: Trajectory) -> dict[str, float]:
     }
 
 
-def motion_figures(motion: PistonRecord) -> dict[str, float]:
+def fit_motion_figures(motion: PistonRecord) -> dict[str, float]:
     """Figures of `damper_figures` by the law of the motion after the release."""
     from reduced_models.fitting.fit import fit
 
@@ -184,9 +184,12 @@ def _least_gap(run: Trajectory) -> float:
 
 
 def check_columns(run: Trajectory) -> Mapping[str, Any]:
-    """`bed_figures`, and the motion after the release as columns; nothing is fitted."""
+    """`measure_rest_and_gaps`, and the motion after the release as columns; nothing is fitted."""
     columns = run.piston("release").from_zero().columns
-    return {**bed_figures(run), "motion": {name: values.tolist() for name, values in columns.items()}}
+    return {
+        **measure_rest_and_gaps(run),
+        "motion": {name: values.tolist() for name, values in columns.items()},
+    }
 
 
 def check_figures(columns: Mapping[str, Any]) -> dict[str, Any]:
@@ -194,7 +197,7 @@ def check_figures(columns: Mapping[str, Any]) -> dict[str, Any]:
     motion = PistonRecord.from_columns(columns["motion"])
     return {
         **{name: value for name, value in columns.items() if name != "motion"},
-        **motion_figures(motion),
+        **fit_motion_figures(motion),
         "times": motion.time[::SHOWN_EVERY].tolist(),
         "heights": motion.height[::SHOWN_EVERY].tolist(),
     }
