@@ -171,7 +171,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     """
     positions = check_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
-    pairs = _match_pairs(cells)
+    pairs = _fit_draws_to_accelerations(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
     arm = seven - five
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=1) / np.linalg.norm(arm, axis=1)[:, None]
@@ -182,11 +182,11 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 def count_defects(cells: VoronoiCells) -> dict[str, float]:
     """Disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
     number = int(np.count_nonzero(disclination_charges(cells)))
-    pairs = len(_match_pairs(cells))
+    pairs = len(_fit_draws_to_accelerations(cells))
     return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}
 
 
-def _match_pairs(cells: VoronoiCells) -> np.ndarray:
+def _fit_draws_to_accelerations(cells: VoronoiCells) -> np.ndarray:
     """Greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching

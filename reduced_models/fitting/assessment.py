@@ -19,16 +19,16 @@ from reduced_models.fitting.covariance import (
     calibration_shifts,
     joint_covariance,
     marginal_information,
-    normal_scores,
-)
-from reduced_models.fitting.diagnostics import (
-    SLIGHT,
-    autocorrelation_time,
-    residual_structure,
-    samples_of_transient,
+    stratified_normal_draws,
 )
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult
+from reduced_models.fitting.residual_diagnostics import (
+    SLIGHT,
+    autocorrelation_time,
+    count_transient_samples,
+    residual_structure,
+)
 from reduced_models.fitting.uncertainty import (
     Interval,
     bootstrap_intervals,
@@ -107,7 +107,7 @@ def make_models(result: SearchResult, *, drift_was_found: bool = False) -> tuple
     shifts = calibration_shifts(joint, theta)
     covariance = covariance + shifts.T @ shifts
     if again is not None:
-        again = again + normal_scores((len(again), len(shifts)), problem.seed) @ shifts
+        again = again + stratified_normal_draws((len(again), len(shifts)), problem.seed) @ shifts
     free = ~joint.held
     known = [
         Information(
@@ -191,7 +191,12 @@ def _make_model(
         quality=quality,
         domain=_ranges_of_motion(motions),
         notes=(
-            *_model_notes(quality, _usual_residual(grid, residuals), record, _release_text(grid, residuals)),
+            *_model_notes(
+                quality,
+                _robust_residual_size(grid, residuals),
+                record,
+                _release_transient_text(grid, residuals),
+            ),
             *_bound_notes(parameters, problem.bounds),
             *(() if record.angle else _suspicious_unit_notes(unknowns.amplitude, unknowns.speed)),
         ),
@@ -288,7 +293,7 @@ def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
     error = None
     if swings:
         unseen = grid.residuals(result.trained[here])
-        error = _error_of_trained(record, unseen, unit, swings, problem.training_masks[k])
+        error = _error_on_held_out_swings(record, unseen, unit, swings, problem.training_masks[k])
     return Quality(
         residual=residual,
         relative=residual / swing,
@@ -303,12 +308,14 @@ def _quality(result: SearchResult, k: int, residuals: np.ndarray) -> Quality:
         noise=noise_level(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(residuals),
         collocation=result.collocation,
-        shifts=_shifts_of_figures(grid.unknowns, result.theta[here], result.trained[here]) if swings else {},
+        shifts=_small_motion_changes(grid.unknowns, result.theta[here], result.trained[here])
+        if swings
+        else {},
         **structure,
     )
 
 
-def _shifts_of_figures(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray) -> dict[str, float]:
+def _small_motion_changes(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray) -> dict[str, float]:
     """Relative changes of the figures of rest between two search vectors; empty where there are none."""
     figures, others = (small_motion(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoSwing) or isinstance(others, NoSwing):
@@ -318,7 +325,7 @@ def _shifts_of_figures(unknowns: Unknowns, theta: np.ndarray, trained: np.ndarra
     return {name: float(by) for name, by in moves.items() if math.isfinite(by)}
 
 
-def _error_of_trained(
+def _error_on_held_out_swings(
     record: PistonRecord, residuals: np.ndarray, unit: float, swings: Sequence[slice], mask: np.ndarray
 ) -> SwingError:
     """Error on the test swings of a model that has seen the other samples, which are a mask's."""
@@ -371,7 +378,7 @@ def _misfit_text(quality: Quality, record: PistonRecord) -> str:
     return f"the law or the fit is not right; try another law or more starts{drift}"
 
 
-def _usual_residual(grid: GriddedRecord, residuals: np.ndarray) -> float:
+def _robust_residual_size(grid: GriddedRecord, residuals: np.ndarray) -> float:
     """Residual [m] that notes go by: where the loss spares outliers, they do not count."""
     if grid.loss.name == "linear":
         return _rms(residuals) * grid.unknowns.residual_unit
@@ -379,11 +386,11 @@ def _usual_residual(grid: GriddedRecord, residuals: np.ndarray) -> float:
     return usual * grid.unknowns.residual_unit
 
 
-def _release_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
+def _release_transient_text(grid: GriddedRecord, residuals: np.ndarray) -> str:
     """Words on what a release stirs up, where a law holds but for that; empty elsewhere."""
     left = residuals * grid.unknowns.residual_unit
     time, period = grid.record.time, math.tau * grid.unknowns.amplitude / grid.unknowns.speed
-    start, swing = samples_of_transient(time, left, period), float(grid.record.height.std())
+    start, swing = count_transient_samples(time, left, period), float(grid.record.height.std())
     after = _rms(left[start:]) / swing
     if not start or after > SLIGHT:
         return ""

@@ -19,13 +19,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.fitting.diagnostics import autocorrelation_time, fit_autoregression, propagate_covariance
+from reduced_models.fitting.residual_diagnostics import (
+    autocorrelation_time,
+    fit_autoregression,
+    gradient_covariance,
+)
 from reduced_models.least_squares.joint_records import Entries, JointRecords
 from reduced_models.least_squares.residuals import (
     Loss,
     add_random_walk,
     cost_and_weight,
-    half_curvature,
+    half_cost_curvature,
     remove_random_walk,
 )
 
@@ -110,11 +114,11 @@ def joint_covariance(
     independent = 0.0
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
-    alike = _variance_ratios([left for left, _ in linear])
+    alike = _record_variance_weights([left for left, _ in linear])
     parts = zip(linear, losses, noise, entries, alike, strict=True)
     for (left, slopes), loss, known, here, ratio in parts:
         _, weight = cost_and_weight(left, loss.numbers, np)
-        bread[np.ix_(here, here)] += slopes.T @ (half_curvature(left, loss)[:, None] * slopes)
+        bread[np.ix_(here, here)] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
         series = fit_autoregression(pull)
         level = float((pull**2).mean()) * inflation
@@ -123,8 +127,8 @@ def joint_covariance(
             spread[np.ix_(here, here)] += level * slopes.T @ slopes
             independent += len(left)
         else:
-            spread[np.ix_(here, here)] += inflation * ratio * propagate_covariance(slopes, series)
-            still = float(series.spectrum(2)[0]) if level > 0.0 else 0.0
+            spread[np.ix_(here, here)] += inflation * ratio * gradient_covariance(slopes, series)
+            still = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             memory = max(1.0, still / max(level, 1e-300))
             independent += len(left) / memory
             level *= memory
@@ -149,7 +153,7 @@ def calibration_shifts(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
     pulls: dict[tuple[int, str, int], np.ndarray] = {}
     for grid, here in zip(joint.grids, joint.entries, strict=True):
         left, slopes = grid.linearise(theta[here])
-        weighted = half_curvature(left, grid.loss)[:, None] * slopes
+        weighted = half_cost_curvature(left, grid.loss)[:, None] * slopes
         matrix[np.ix_(here, here)] += slopes.T @ weighted
         for name, every in grid.record.deviations.items():
             for k, deviation in enumerate(every):
@@ -163,7 +167,7 @@ def calibration_shifts(joint: JointRecords, theta: np.ndarray) -> np.ndarray:
     return result
 
 
-def normal_scores(shape: tuple[int, int], seed: int) -> np.ndarray:
+def stratified_normal_draws(shape: tuple[int, int], seed: int) -> np.ndarray:
     """Return standard normal numbers, each column with the quantiles of the normal law."""
     from scipy.stats import norm
 
@@ -172,7 +176,7 @@ def normal_scores(shape: tuple[int, int], seed: int) -> np.ndarray:
     return np.reshape([random.permutation(scores) for _ in range(columns)], (columns, count)).T
 
 
-def _variance_ratios(residuals: Sequence[np.ndarray]) -> np.ndarray:
+def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return common variance over that of each record, where all are as noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _AS_NOISY * levels.min():
@@ -241,23 +245,23 @@ def _residual_resampler(
     count = len(residuals)
     if gain > 0.0:
         left = remove_random_walk(residuals, gain)
-        left = left - location_estimate(left, loss)
+        left = left - robust_location(left, loss)
         return lambda random: add_random_walk(random.choice(left, count), gain)
-    centred = residuals - location_estimate(residuals, loss)
+    centred = residuals - robust_location(residuals, loss)
     series = fit_autoregression(centred)
-    new = series.new(centred)
-    new = new - location_estimate(new, loss)
+    new = series.innovations(centred)
+    new = new - robust_location(new, loss)
     # What comes first has nothing before it: as much again, and more, is drawn and left out.
     ahead = count if len(series.weights) else 0
 
     def draw(random: np.random.Generator) -> np.ndarray:
         drawn = random.choice(new, count + ahead)
-        return np.asarray(lfilter([1.0], series.filter, drawn)[ahead:])
+        return np.asarray(lfilter([1.0], series.whitening_filter, drawn)[ahead:])
 
     return draw
 
 
-def location_estimate(values: np.ndarray, loss: Loss) -> float:
+def robust_location(values: np.ndarray, loss: Loss) -> float:
     """Location of the least loss of values, which outliers do not move as they move the mean."""
     result = 0.0
     for _ in range(_ROUNDS):

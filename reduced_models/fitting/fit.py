@@ -22,7 +22,6 @@ from granular.run.record import PistonRecord, Table
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.fitting.assessment import make_models, sensor_drifts
-from reduced_models.fitting.diagnostics import ljung_box
 from reduced_models.fitting.force_fit import fit_force, is_force_fit
 from reduced_models.fitting.history import align_histories, fit_with_histories, is_history
 from reduced_models.fitting.options import (
@@ -40,8 +39,9 @@ from reduced_models.fitting.options import (
 )
 from reduced_models.fitting.problem import FitProblem, Intervals, as_records, training_data, weights_and_noise
 from reduced_models.fitting.refinement import SearchResult, fine_grids, solve_on_verified_grids
+from reduced_models.fitting.residual_diagnostics import ljung_box
 from reduced_models.fitting.search import search_fit
-from reduced_models.fitting.sensor_view import SensorView, sensor_view
+from reduced_models.fitting.sensor_identifiability import IdentifiableSensor, identifiable_sensor
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_law import ForceLaw
 from reduced_models.laws.height_map import HeightMap
@@ -251,9 +251,9 @@ def fit(
     sensor = None if given_sensor == "height" else chosen_sensor(given_sensor)
     if sensor is not None and histories:
         raise InputError("initial: a motion before is followed by its heights; fit these")
-    view = SensorView(None)
+    view = IdentifiableSensor(None)
     if sensor is not None:
-        view = sensor_view(chosen, sensor, declared, state)
+        view = identifiable_sensor(chosen, sensor, declared, state)
     pairs |= dict.fromkeys(view.held, (0.0, 0.0))
     if sensor is not None and sensor != view.sensor:  # its gain is held
         records = [
@@ -299,7 +299,7 @@ def fit(
         result = _fit_with_drift(result)
     result = solve_on_verified_grids(result)
     models = make_models(result)
-    if drift is None and intervals != "profile" and _residuals_walk(result, models):
+    if drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
         models = make_models(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", stacklevel=3)
@@ -337,7 +337,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
         grids = tuple(grid.on(steps, how) for grid, steps in zip(result.joint.grids, aligned, strict=True))
         joint = dataclasses.replace(result.joint, grids=grids)
         theta = joint.refit(result.trained, counts, tolerance=1e-6)
-        errors[how] = (_later_mean_square(joint, theta, counts), joint)
+        errors[how] = (_mean_square_after(joint, theta, counts), joint)
     best = min(INTERPOLATIONS, key=lambda how: errors[how][0])
     if best == "spline" or errors[best][0] > _CLEARLY * errors["spline"][0]:
         return result
@@ -345,7 +345,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     return result.with_training(joint, joint.refit(result.trained, problem.samples))
 
 
-def _later_mean_square(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
+def _mean_square_after(joint: JointRecords, theta: np.ndarray, counts: list[int]) -> float:
     """Mean squared residual behind so many samples of each record, over as many at most."""
     total, size = 0.0, 0
     for residuals, count in zip(joint.residuals(theta), counts, strict=True):
@@ -375,7 +375,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
     return result.with_training(joint, theta)
 
 
-def _residuals_walk(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
+def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:
     """Tell whether residuals of a record drift, and are a random walk next to white noise."""
     for model, residuals in zip(models, result.joint.residuals(result.theta), strict=True):
         if not sensor_drifts(model.quality):

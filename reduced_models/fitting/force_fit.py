@@ -18,7 +18,6 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models.fitting.covariance import LEAST_DOF, joint_covariance
-from reduced_models.fitting.diagnostics import autocorrelation_time, residual_structure
 from reduced_models.fitting.force_search import POLISHED, ForceProblem, ForceSearch, search_force
 from reduced_models.fitting.options import (
     STARTS,
@@ -30,6 +29,7 @@ from reduced_models.fitting.options import (
     parameter_starts,
 )
 from reduced_models.fitting.problem import as_records
+from reduced_models.fitting.residual_diagnostics import autocorrelation_time, residual_structure
 from reduced_models.laws.force_law import ForceLaw, force_law, is_force_equation
 from reduced_models.least_squares.levenberg_marquardt import levenberg_marquardt
 from reduced_models.least_squares.residuals import Loss
@@ -146,14 +146,16 @@ def fit_force(
     return model
 
 
-class _Measured(NamedTuple):
+class _MeasuredForces(NamedTuple):
     """Forces (n,) that move the stroke of each record [N], and the sign of those measured."""
 
     forces: tuple[np.ndarray, ...]
     sign: float
 
 
-def _measured_forces(records: Sequence[PistonRecord], sensor: Sensor | None) -> tuple[_Measured, list[str]]:
+def _measured_forces(
+    records: Sequence[PistonRecord], sensor: Sensor | None
+) -> tuple[_MeasuredForces, list[str]]:
     """Return the forces of some records, and notes on them."""
     cell = sensor or Sensor("force")
     if cell.order or cell.absolute:
@@ -170,18 +172,18 @@ def _measured_forces(records: Sequence[PistonRecord], sensor: Sensor | None) -> 
         forces.append((signal - offset) / gain)
         energy += float(np.sum(0.5 * (forces[-1][1:] + forces[-1][:-1]) * np.diff(record.height)))
     if known or energy >= 0.0:
-        return _Measured(tuple(forces), 1.0), []
+        return _MeasuredForces(tuple(forces), 1.0), []
     note = (
         "the measured force is the reaction of what is moved (its loops give energy), so its sign "
         "was turned; Sensor('force', gain=1.0) keeps it"
     )
-    return _Measured(tuple(-force for force in forces), -1.0), [note]
+    return _MeasuredForces(tuple(-force for force in forces), -1.0), [note]
 
 
 def _make_model(
     problem: ForceProblem,
     result: ForceSearch,
-    measured: _Measured,
+    measured: _MeasuredForces,
     confidence: float,
     test_fraction: float,
     notes: list[str],
@@ -248,7 +250,7 @@ def _calibration_covariance(
     problem: ForceProblem,
     linear: Sequence[tuple[np.ndarray, np.ndarray]],
     held: np.ndarray,
-    measured: _Measured,
+    measured: _MeasuredForces,
 ) -> np.ndarray:
     """Covariance (q, q) by what the calibration of the load cell leaves open."""
     free = np.flatnonzero(~held)

@@ -29,7 +29,7 @@ from reduced_models.least_squares.levenberg_marquardt import Bounds as Edges
 from reduced_models.least_squares.levenberg_marquardt import (
     Normal,
     Prior,
-    agreement_cost,
+    agreeing_cost_limit,
     levenberg_marquardt,
 )
 from reduced_models.least_squares.residuals import BLOWN_UP
@@ -169,11 +169,13 @@ class ForceProblem:
         return [(np.asarray(left)[:, 0], np.asarray(slopes)[:, :, 0].T) for left, slopes in both]
 
     def _programs(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
-        return _programs(self.field.equation, self.field.inputs, tuple(self.logarithmic.tolist()))
+        return _compile_normal_equations(
+            self.field.equation, self.field.inputs, tuple(self.logarithmic.tolist())
+        )
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _programs(
+def _compile_normal_equations(
     equation: str, inputs: tuple[str, ...], logarithmic: tuple[bool, ...]
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Compile the normal equations of search vectors (s, p), and their residuals with derivatives."""
@@ -243,7 +245,7 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
     strokes = thin.strokes(_SEARCH_TRAVEL)
     values = _start_values(thin, strokes, near)
     units = np.where(problem.logarithmic, 1.0, np.abs(values[0]))
-    units = np.where(units > 0.0, units, [_natural(problem, name) for name in problem.field.parameters])
+    units = np.where(units > 0.0, units, [_natural_size(problem, name) for name in problem.field.parameters])
     parameters = np.where(
         problem.logarithmic, np.log(np.where(problem.logarithmic, values, 1.0)), values / units
     )
@@ -252,7 +254,7 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
     theta, cost = levenberg_marquardt(
         thin.normal(thin.data(strokes, units)), np.hstack([parameters, states]), thin.prior(), 1e-4, edges
     )
-    converged = int((cost <= agreement_cost(cost, thin.prior().samples)).sum())
+    converged = int((cost <= agreeing_cost_limit(cost, thin.prior().samples)).sum())
     theta = theta[np.argsort(cost, kind="stable")[:POLISHED]]
     travel, error = FINE, 0.0
     for _ in range(1 + _MOST_HALVINGS):
@@ -277,7 +279,7 @@ def search_force(problem: ForceProblem, near: Mapping[str, float]) -> ForceSearc
     return ForceSearch(best, units, data, len(values), converged, error)
 
 
-def _natural(problem: ForceProblem, name: str, random: np.random.Generator | None = None) -> float:
+def _natural_size(problem: ForceProblem, name: str, random: np.random.Generator | None = None) -> float:
     """Natural size of a parameter by its unit; of one without a unit a random one, or 1."""
     unit = problem.law.units.get(name)
     length, speed, force = problem.sizes
@@ -291,9 +293,9 @@ def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mappin
     """Values (starts, p) of the parameters, the best of many draws, factors from least squares."""
     names = problem.field.parameters
     held = {name: low for name, (low, high) in problem.bounds.items() if low == high}
-    factors = [names.index(name) for name in _factors(problem.field) if name not in {*held, *near}]
+    factors = [names.index(name) for name in _linear_parameters(problem.field) if name not in {*held, *near}]
     others = [k for k in range(len(names)) if k not in factors and names[k] not in held]
-    values = _draws(problem, others, near)
+    values = _draw_start_values(problem, others, near)
     values[:, [names.index(name) for name in held]] = list(held.values())
     function = compiled_forces(problem.field.equation, problem.field.inputs)
     states = np.zeros((len(problem.field.hidden), len(values)))
@@ -316,7 +318,7 @@ def _start_values(problem: ForceProblem, strokes: Sequence[Stroke], near: Mappin
     return values[np.argsort((left**2).sum(axis=0), kind="stable")[: problem.starts]]
 
 
-def _draws(problem: ForceProblem, drawn: Sequence[int], near: Mapping[str, float]) -> np.ndarray:
+def _draw_start_values(problem: ForceProblem, drawn: Sequence[int], near: Mapping[str, float]) -> np.ndarray:
     """Values (draws, p) of some parameters about their natural sizes, or near given values."""
     from scipy.stats.qmc import LatinHypercube
 
@@ -330,7 +332,7 @@ def _draws(problem: ForceProblem, drawn: Sequence[int], near: Mapping[str, float
             spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
             values[:, k] = near[name] * np.exp(spread)
             continue
-        size = np.array([_natural(problem, name, random) for _ in range(count)])
+        size = np.array([_natural_size(problem, name, random) for _ in range(count)])
         values[:, k] = size * np.exp(_LOW + (_HIGH - _LOW) * column)
         if name not in problem.law.positive:
             values[:, k] *= random.choice([-1.0, 1.0], count)
@@ -351,7 +353,7 @@ def _least_squares(
     return np.asarray(np.clip(values, low, high))
 
 
-def _factors(field: Law) -> list[str]:
+def _linear_parameters(field: Law) -> list[str]:
     """Parameters in which the force is linear together, and which no hidden state knows."""
     import sympy
 

@@ -20,7 +20,7 @@ from reduced_models.fitting.start_values import free_entries, match_acceleration
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.laws.symmetry import canonical_values
 from reduced_models.least_squares.joint_records import JointRecords, joint_vector
-from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreement_cost
+from reduced_models.least_squares.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.least_squares.residuals import BLOWN_UP, GriddedRecord, cost_and_weight, record_on_grid
 from reduced_models.least_squares.samples import grid_over
 from reduced_models.records.inputs import Grid, has_inputs_besides_time, input_column
@@ -139,7 +139,7 @@ def refine_best_start(
             coarse_cost *= other_cost / cost
             best = joint.refit(other, problem.samples)
             cost, collocation = _training_cost(problem, joint, best), "better"
-    limit = agreement_cost(np.array([coarse_cost]), count)
+    limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
     return SearchResult(problem, joint, best, best, converged, cost, coarse_cost, collocation)
 
@@ -262,7 +262,7 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
             grids.append(grid if error <= limit else _refine_grid(grid, error, complete=complete))
         if all(new is old for new, old in zip(grids, joint.grids, strict=True)):
             if any(data.test_swings for data in result.problem.data):
-                trained = _refit_to_part(joint, theta, result.problem.training_masks)
+                trained = _refit_to_masked_samples(joint, theta, result.problem.training_masks)
             return dataclasses.replace(
                 result, joint=joint, trained=trained, theta=theta, solver_errors=tuple(errors)
             )
@@ -270,7 +270,9 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
         trained = joint.refit(trained, training)
 
 
-def _refit_to_part(joint: JointRecords, theta: np.ndarray, masks: Sequence[np.ndarray]) -> np.ndarray:
+def _refit_to_masked_samples(
+    joint: JointRecords, theta: np.ndarray, masks: Sequence[np.ndarray]
+) -> np.ndarray:
     """Fit the samples of masks from a fit to all, by Gauss-Newton steps; by a search where they fail."""
     normal, free = joint.normal(masks), ~joint.held
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))

@@ -106,7 +106,7 @@ def _search(
     if swing is None:
         return joint, _search_over_horizons(problem, joint, limit)
     theta, least = swing
-    normal, prior = coarse_normal(problem, joint, math.inf)
+    normal, prior = coarse_normal_equations(problem, joint, math.inf)
     vectors = levenberg_marquardt(normal, theta, prior, bounds=bounds)
     poor = prior.samples * _POOR**2
     if vectors[1].min() > min(max(_FREER * least, prior.samples * TIE**2), poor):
@@ -119,9 +119,9 @@ def _search_over_horizons(problem: FitProblem, joint: JointRecords, limit: float
     """Search vectors that random starts of a law lead to, and what they cost."""
     theta = start = joint_vector(_start_vectors(problem, joint.unknowns), joint.entries)
     costs = np.zeros(problem.starts)
-    for swings in _search_horizons(problem, joint):
+    for swings in _horizons_in_swings(problem, joint):
         first, last = swings == FIRST_SWINGS, math.isinf(swings)
-        normal, prior = coarse_normal(problem, joint, swings)
+        normal, prior = coarse_normal_equations(problem, joint, swings)
         if problem.law.start is None and not first:
             theta = _keep_better_starts(normal, theta, start)
         rival = first and not math.isinf(limit)
@@ -174,8 +174,8 @@ def _swing_vectors(problem: FitProblem, joint: JointRecords) -> tuple[np.ndarray
     theta = joint_vector([with_initial_state(swinging, data, free) for data in problem.data], joint.entries)
     grids = tuple(dataclasses.replace(grid, unknowns=swinging) for grid in joint.grids)
     swing = dataclasses.replace(joint, grids=grids)
-    for swings in _search_horizons(problem, swing):
-        normal, prior = coarse_normal(problem, swing, swings)
+    for swings in _horizons_in_swings(problem, swing):
+        normal, prior = coarse_normal_equations(problem, swing, swings)
         theta, costs = levenberg_marquardt(normal, theta, prior, _TOLERANCE, trials=_TRIALS)
     values = swinging.physical(theta[:, joint.entries[0]].T)[0]
     mapped = form.mapped(dict(zip(form.law.parameters, values, strict=True)))
@@ -231,7 +231,7 @@ def _coarse_record(unknowns: Unknowns, problem: FitProblem, data: TrainingData) 
     return GriddedRecord(unknowns, training, grid, samples, how, weights, loss)
 
 
-def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
+def coarse_normal_equations(problem: FitProblem, joint: JointRecords, swings: float) -> tuple[Normal, Prior]:
     """Return the normal equations of the first swings of coarse records, with the prior."""
     normals, total = [], 0.0
     for data, grid in zip(problem.data, joint.grids, strict=True):
@@ -243,7 +243,7 @@ def coarse_normal(problem: FitProblem, joint: JointRecords, swings: float) -> tu
     return joint_normal(normals, joint.entries), joint.prior(total)
 
 
-def _search_horizons(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
+def _horizons_in_swings(problem: FitProblem, joint: JointRecords) -> Iterator[float]:
     """Swings that a search sees one after the other; infinitely many are all of them."""
     ends = [float(grid.record.time[-1]) for grid in joint.grids]
     most = max(end / data.guess.shortest_swing_period for end, data in zip(ends, problem.data, strict=True))

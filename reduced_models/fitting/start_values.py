@@ -22,7 +22,7 @@ from granular.shared.errors import InputError
 from reduced_models.fitting.problem import Pairs, TrainingData
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.laws.law import Law, Starts, SwingForm
+from reduced_models.laws.law import Law, NormalizedSwingLaw, Starts
 from reduced_models.laws.symmetry import canonical_values
 from reduced_models.least_squares.levenberg_marquardt import Normal, Prior, levenberg_marquardt
 from reduced_models.least_squares.unknowns import Unknowns
@@ -68,7 +68,7 @@ def start_values(
         )
     else:
         drawn = _random_draws(law, guess, random, _DRAWS, bounds)
-        draws = _match_pairs(law, guess, record, drawn, bounds)
+        draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     chosen = draws[np.arange(count) % len(draws)]
     # The best as it is: a frequency in the law may be known to far less than the spread.
     spread = _SPREAD * (np.arange(count) > 0)
@@ -85,7 +85,7 @@ def match_accelerations(
     """
     units = np.where(np.abs(values) > 0.0, values, 1.0)
     draws = _random_draws(law, guess, np.random.default_rng(0), _OTHER_DRAWS, bounds)
-    return np.asarray(_match_pairs(law, guess, record, np.vstack([units, draws]), bounds)[0])
+    return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
 def starts_near(values: dict[str, float], spread: float = 0.1) -> Starts:
@@ -113,7 +113,7 @@ def _random_draws(
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
-def _match_pairs(
+def _fit_draws_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Draws after a fit of the accelerations, the best one first, the poor ones left out."""
@@ -295,7 +295,7 @@ def start_vectors(
         mapped = data.look.mapped(shift, scale)
         draws = start_values(unknowns.law, seen, mapped, random, count, bounds)
     else:
-        draws = _mapped_draws(unknowns, data.guess, count, random)
+        draws = _draw_parameters_and_maps(unknowns, data.guess, count, random)
     for name, value in (near or {}).items():
         spread = _NEAR * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
@@ -339,7 +339,7 @@ def free_entries(unknowns: Unknowns, draws: Mapping[str, np.ndarray]) -> np.ndar
 
 
 def draw_swing_parameters(
-    form: SwingForm, data: TrainingData, count: int, random: np.random.Generator
+    form: NormalizedSwingLaw, data: TrainingData, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray] | None:
     """Random parameters (count,) of a swing form; None where it does not hold for the record."""
     guess = data.guess
@@ -348,7 +348,7 @@ def draw_swing_parameters(
     return form.start(data.look.time, swing, seen, random, count)
 
 
-def swing_unknowns(unknowns: Unknowns, form: SwingForm, draws: Mapping[str, np.ndarray]) -> Unknowns:
+def swing_unknowns(unknowns: Unknowns, form: NormalizedSwingLaw, draws: Mapping[str, np.ndarray]) -> Unknowns:
     """Unknowns of a swing form, in units that some draws tell."""
     units = tuple(
         1.0 if name in form.law.positive else float(np.abs(draws[name]).mean()) or 1.0
@@ -358,7 +358,7 @@ def swing_unknowns(unknowns: Unknowns, form: SwingForm, draws: Mapping[str, np.n
     return dataclasses.replace(unknowns, law=form.law, map=swing, units=units)
 
 
-def _mapped_draws(
+def _draw_parameters_and_maps(
     unknowns: Unknowns, guess: FirstGuesses, count: int, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Parameters with a shift (from the rest level) and a scale, both in amplitudes."""

@@ -53,7 +53,7 @@ def interval_analysis(
         intervals[name] = _confidence_interval(values[k], spread, unknowns, k, logarithmic=logs[k])
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
-    at_rest = _rest_figures(unknowns, theta, known.covariance, quantile, seen, shifts)
+    at_rest = _small_motion_figures(unknowns, theta, known.covariance, quantile, seen, shifts)
     return intervals, at_rest, undetermined_directions(open_names, information)
 
 
@@ -184,7 +184,7 @@ def undetermined_directions(names: Sequence[str], information: np.ndarray) -> tu
     return tuple(result)
 
 
-def _rest_figures(
+def _small_motion_figures(
     unknowns: Unknowns,
     theta: np.ndarray,
     covariance: np.ndarray,
@@ -199,7 +199,7 @@ def _rest_figures(
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
         return NoSwing(f"the level of rest, {figures[0]:.4g} m, lies far outside the record")
     sizes = np.array(FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
-    seen = _seen_damping(unknowns, theta[:, None], figures[:, None], sizes)
+    seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
     equivalent = np.isfinite(seen).all() and _unseen_damping_note(figures[2], seen[1, 0])
     if not (equivalent or math.isfinite(figures[2])):
         return JUMPS
@@ -214,7 +214,7 @@ def _rest_figures(
     around = np.transpose(moved)
     if equivalent:
         figures = np.append(figures[:2], seen[:, 0])
-        around = np.vstack([around[:2], _seen_damping(unknowns, thetas, around, sizes)])
+        around = np.vstack([around[:2], _damping_at_two_amplitudes(unknowns, thetas, around, sizes)])
     slope = (around[:, : len(theta)] - around[:, len(theta) :]) / (2.0 * step)
     spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     intervals = [
@@ -248,7 +248,7 @@ def _unseen_damping_note(small: float, at_tenth: float) -> bool:
     return abs(at_tenth - small) > max(FAR * max(abs(small), abs(at_tenth)), _NO_DAMPING)
 
 
-def _seen_damping(
+def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
     """Damping ratios at two amplitudes, and friction [m/s^2], (3, m) of search vectors (p, m)."""

@@ -14,8 +14,8 @@ from reduced_models.laws.elliptic import (
     EllipticMotion,
     averaged_amplitude,
     averaged_frequency,
-    critical_fraction,
     elliptic_motion,
+    greatest_damping_over_rate,
     turns_about_rest,
 )
 from reduced_models.models.model import ReducedModel
@@ -118,7 +118,7 @@ def average_elliptically(model: ReducedModel, time: np.ndarray) -> Averaging | N
         frequencies=_first_and_last_text(averaged_frequency(averaged, oscillator)),
         solved_amplitudes=_first_and_last_text(cycles.amplitude),
         solved_frequencies=_first_and_last_text(cycles.frequency / (2.0 * math.pi)),
-        critical=critical_fraction(float(cycles.amplitude[0]), oscillator),
+        critical=greatest_damping_over_rate(float(cycles.amplitude[0]), oscillator),
     )
 
 

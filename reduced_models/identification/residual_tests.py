@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.run.record import PistonRecord
-from reduced_models.fitting.diagnostics import SLIGHT, residual_structure, samples_of_transient
+from reduced_models.fitting.residual_diagnostics import SLIGHT, count_transient_samples, residual_structure
 from reduced_models.models.model import ReducedModel
 
 SURE = 1e-3
@@ -93,7 +93,7 @@ def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
     if model.at_rest is not None and rms > 0.0:
         period = model.at_rest.period
-        start = samples_of_transient(record.time, left, period)
+        start = count_transient_samples(record.time, left, period)
         time, later = record.time[start:], left[start:]
         swing, double = (_line(time, later, k / period) for k in (1.0, 2.0))
         if start:

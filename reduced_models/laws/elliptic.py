@@ -116,11 +116,11 @@ class Oscillator(NamedTuple):
     bend: float = 0.0
 
 
-def _of_duffing(values: Mapping[str, float], _: HeightMap) -> Oscillator:
+def _duffing_oscillator(values: Mapping[str, float], _: HeightMap) -> Oscillator:
     return Oscillator(values["k"], values["beta"], values["lam"])
 
 
-def _of_van_der_pol_like(values: Mapping[str, float], height_map: HeightMap) -> Oscillator:
+def _van_der_pol_like_oscillator(values: Mapping[str, float], height_map: HeightMap) -> Oscillator:
     alpha, square, scale = values["alpha"], values["omega"] ** 2, height_map.scale
     level = values["g0"] / square
     decay, tilt = alpha * (level**2 - 2.0 * level), 2.0 * alpha * (level - 1.0) / scale
@@ -128,8 +128,8 @@ def _of_van_der_pol_like(values: Mapping[str, float], height_map: HeightMap) -> 
 
 
 OSCILLATORS: Mapping[str, Callable[[Mapping[str, float], HeightMap], Oscillator]] = {
-    DUFFING.name: _of_duffing,
-    VAN_DER_POL_LIKE.name: _of_van_der_pol_like,
+    DUFFING.name: _duffing_oscillator,
+    VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
 """Laws by name, which make an oscillator of their parameters and the map of the height."""
 
@@ -139,7 +139,7 @@ def averaged_amplitude(time: np.ndarray, amplitude: float, oscillator: Oscillato
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
-        lambda _, a: _drift(a, oscillator),
+        lambda _, a: _amplitude_rate(a, oscillator),
         (time[0], time[-1]),
         [amplitude],
         t_eval=time,
@@ -157,7 +157,7 @@ def averaged_frequency(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndar
     return np.asarray(rate / (4.0 * ellipk(m)))
 
 
-def critical_fraction(amplitude: float, oscillator: Oscillator) -> float:
+def greatest_damping_over_rate(amplitude: float, oscillator: Oscillator) -> float:
     """Greatest damping within a swing over its rate: averaging holds well below 1."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _rate_and_parameter(np.array([amplitude]), oscillator)
@@ -178,18 +178,18 @@ def _rate_and_parameter(amplitude: np.ndarray, oscillator: Oscillator) -> tuple[
     return np.sqrt(square), 0.5 * stiffening / square
 
 
-def _drift(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
+def _amplitude_rate(amplitude: np.ndarray, oscillator: Oscillator) -> np.ndarray:
     """Da/dt (n,) at amplitudes (n,), by means over a quarter period."""
     from scipy.special import ellipk
 
     _, m = _rate_and_parameter(amplitude, oscillator)
     indices = (np.arange(_POINTS) + 0.5) / _POINTS
-    s, c, d = _functions(ellipk(m)[:, None] * indices, m[:, None])
+    s, c, d = _jacobi_functions(ellipk(m)[:, None] * indices, m[:, None])
     damping = oscillator.decay + oscillator.bend * (amplitude[:, None] * c) ** 2
     return np.asarray(-2.0 * amplitude * (damping * (s * d) ** 2).mean(axis=1))
 
 
-def _functions(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _jacobi_functions(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """sn, cn and dn, also for m < 0 (Abramowitz & Stegun 1964, 16.10)."""
     from scipy.special import ellipj
 

@@ -32,7 +32,7 @@ _MOST_HIDDEN = 8  # states: beyond what any record can tell apart
 
 
 @dataclasses.dataclass(frozen=True)
-class Parsed:
+class ParsedEquation:
     """An equation taken apart; ``hidden`` holds the rate of each hidden state."""
 
     left: Any
@@ -54,7 +54,7 @@ class Parsed:
         return [self.symbol_z, self.symbol_v, *map(sympy.Symbol, names)]
 
 
-class Trees(NamedTuple):
+class EquationTrees(NamedTuple):
     """The formulas of a law: two sides, and the rate of each hidden state.
 
     Whatever the coordinate is called, it is z in them.
@@ -75,7 +75,7 @@ class Trees(NamedTuple):
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
+def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquation:
     """Take an equation of motion apart.
 
     Raises
@@ -113,12 +113,12 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> Parsed:
         raise InputError(f"{law} cannot be computed with: {error}") from None
     known = {"z", *trees.hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in known)
-    return Parsed(
+    return ParsedEquation(
         left, right, acceleration, parameters, z, v, a, dict(zip(trees.hidden, rates, strict=True)), inputs
     )
 
 
-def parse_law_formulas(equation: str) -> Trees:
+def parse_law_formulas(equation: str) -> EquationTrees:
     """Formulas of a law; names and primes mean something in each of them."""
     law = f"the law {quote(equation)}"
     if len(equation) > formulas.MAX_CHARACTERS:
@@ -138,7 +138,7 @@ def parse_law_formulas(equation: str) -> Trees:
     if coordinate != "z":
         left, right = (_rename_coordinate(tree, coordinate) for tree in (left, right))
         hidden = [(name, _rename_coordinate(tree, coordinate)) for name, tree in hidden]
-    trees = Trees(left, right, dict(hidden))
+    trees = EquationTrees(left, right, dict(hidden))
     if coordinate in (name for name, _ in hidden):
         raise InputError(f"{law} has an equation for the rate of its coordinate; drop it")
     if len(trees.hidden) < len(hidden):
@@ -226,7 +226,7 @@ def jacobian_function(
     """Return the derivatives of rates as a function of real symbols; see `compile_jacobian`."""
     # The derivative of a sign is an impulse.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
-    function = algebra.compile_function(arguments, real_derivatives(rates, by), names)
+    function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
 
     def matrix(*values: float) -> np.ndarray:
         # NumPy's numbers overflow to infinity and have no roots below zero; Python's have.
@@ -240,7 +240,7 @@ def jacobian_function(
     return matrix
 
 
-def real_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
+def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
     """Return derivatives of each rate by each real symbol, a rate after the other."""
     import sympy
 

@@ -8,6 +8,7 @@ that friction and drag have the sign of the velocity. Hidden states have rates, 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import re
 from collections.abc import Collection, Mapping
 
@@ -60,7 +61,7 @@ class ForceLaw:
     @property
     def field(self) -> Law:
         """Law whose z'' stands for the force: what `compile_rates` takes."""
-        equation, inputs = _as_field(self.equation), self.inputs
+        equation, inputs = _acceleration_equation(self.equation), self.inputs
         if "z''" in self.equation:
             inputs = (ACCELERATION, *inputs)
         return Law(self.name, equation, positive=self.positive, units=self.units, inputs=inputs)
@@ -136,23 +137,25 @@ def force_law(law: str | ForceLaw, columns: Collection[str] = (), declared: Coll
     Raises
     ------
     InputError
-        If there is no such law.
+        If there is no such law; a near name is given.
     """
     if isinstance(law, ForceLaw):
         return law
     if law in FORCE_LAWS:
         return FORCE_LAWS[law]
     if not is_force_equation(law):
+        near = difflib.get_close_matches(law, FORCE_LAWS, 1)
+        advice = f"did you mean {quote(near[0])}? Or " if near else ""
         raise InputError(
-            f"{quote(law)} is no law of a force on a prescribed stroke; give one of "
+            f"{quote(law)} is no law of a force on a prescribed stroke; {advice}give one of "
             f'{", ".join(FORCE_LAWS)}, or an equation such as "force = c*z\' + k*z + zero"'
         )
-    known = law_from_text(_as_field(law), {*columns, ACCELERATION} - {"force"}, declared)
+    known = law_from_text(_acceleration_equation(law), {*columns, ACCELERATION} - {"force"}, declared)
     inputs = tuple(name for name in known.inputs if name != ACCELERATION)
     return ForceLaw(" ".join(law.split()), law, inputs=inputs)
 
 
-def _as_field(equation: str) -> str:
+def _acceleration_equation(equation: str) -> str:
     """Equation with z'' in place of the force, and a name in place of z''."""
     if not is_force_equation(equation):
         raise InputError(f"the law {quote(equation)} has no 'force =' in front; write \"force = c*z' + k*z\"")

@@ -11,7 +11,7 @@ import numpy as np
 from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.laws.equation import TIME_WORD, Parsed, parse_equation, parse_law_formulas
+from reduced_models.laws.equation import TIME_WORD, ParsedEquation, parse_equation, parse_law_formulas
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Law:
         The law does not keep its form when the height is shifted or scaled, so it holds for
         z = (height - shift)/scale with a map of its own. Its z is a pure number and its time unit
         is fixed at 1 s.
-    swing_form : SwingForm, optional
+    swing_form : NormalizedSwingLaw, optional
         Of a mapped law: the same law without a map, for the swing about the level of rest.
     source : str
     inputs : tuple of str
@@ -71,7 +71,7 @@ class Law:
     positive: tuple[str, ...] = ()
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     mapped: bool = False
-    swing_form: SwingForm | None = None
+    swing_form: NormalizedSwingLaw | None = None
     source: str = ""
     inputs: tuple[str, ...] = ()
     resolution: int = 1
@@ -89,7 +89,7 @@ class Law:
         return (self.source,)
 
     @property
-    def parsed(self) -> Parsed:
+    def parsed(self) -> ParsedEquation:
         """The equation taken apart."""
         return parse_equation(self.equation, self.inputs)
 
@@ -160,7 +160,7 @@ class Law:
 
 
 @dataclasses.dataclass(frozen=True)
-class SwingForm:
+class NormalizedSwingLaw:
     """A mapped law as one of the swing u about the level of rest, in amplitudes.
 
     A search is quick where no map bends its valleys.

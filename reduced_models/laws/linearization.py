@@ -79,7 +79,7 @@ def small_swing(law: Law, values: Sequence[float], z: float) -> SmallSwing | NoS
     inputs = (0.0,) * len(law.inputs)
     rates = compile_rates(law.equation, law.inputs, "numpy")
     slopes = compile_jacobian(law.equation, law.inputs)
-    return _swing_or_mean_of_jump(
+    return _swing_with_velocity_jump(
         lambda state: np.array(rates(*state, *inputs, *values), dtype=float),
         lambda state: slopes(*state, *inputs, *values),
         np.array([z, 0.0, *(0.0,) * len(law.hidden)]),
@@ -92,7 +92,7 @@ def swing_of_equation(equation: sympy.Eq, z: float) -> SmallSwing | NoSwing:
 
     rate, state = acceleration_expression(equation)
     force, slopes = compile_function(state, rate), jacobian_function([rate], state, state)
-    return _swing_or_mean_of_jump(
+    return _swing_with_velocity_jump(
         lambda state: np.array([force(*state)], dtype=float), lambda state: slopes(*state), np.array([z, 0.0])
     )
 
@@ -112,7 +112,7 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
     return -plain.subs(acceleration, 0) / plain.diff(acceleration), [height, speed]
 
 
-def _swing_or_mean_of_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
+def _swing_with_velocity_jump(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | NoSwing:
     """Swing; where the law jumps with the sign of the velocity, that of the mean of both."""
     result = _find_rest(rates, slopes, state)
     if result is not JUMPS or len(state) > 2:
@@ -158,10 +158,10 @@ def _find_rest(rates: Field, slopes: Field, state: np.ndarray) -> SmallSwing | N
             return _PUSHES
         omega = math.sqrt(stiffness)
         return SmallSwing(float(state[0]), 2.0 * math.pi / omega, damping / (2.0 * omega))
-    return _swing_with_memory(state, matrix)
+    return _swing_with_hidden_states(state, matrix)
 
 
-def _swing_with_memory(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | NoSwing:
+def _swing_with_hidden_states(state: np.ndarray, matrix: np.ndarray) -> SmallSwing | NoSwing:
     """Small swing of a law with hidden states, by its slowest complex eigenvalues that move z."""
     size = len(state)
     full = np.zeros((size, size))

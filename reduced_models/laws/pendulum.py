@@ -13,7 +13,7 @@ from reduced_models.laws.quadratic_drag import VISCOUS_QUADRATIC
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _hanging(law: Law) -> Law:
+def _with_pendulum_torque(law: Law) -> Law:
     """Law with the restoring torque of a pendulum in place of its linear spring."""
     assert law.start is not None
     linear: Starts = law.start
@@ -36,5 +36,5 @@ def _hanging(law: Law) -> Law:
     )
 
 
-PENDULUM_COULOMB = _hanging(VISCOUS_COULOMB)
-PENDULUM_QUADRATIC = _hanging(VISCOUS_QUADRATIC)
+PENDULUM_COULOMB = _with_pendulum_torque(VISCOUS_COULOMB)
+PENDULUM_QUADRATIC = _with_pendulum_torque(VISCOUS_QUADRATIC)

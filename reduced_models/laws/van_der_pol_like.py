@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reduced_models.laws.law import Law, SwingForm
+from reduced_models.laws.law import Law, NormalizedSwingLaw
 from reduced_models.records.first_guesses import FirstGuesses
 
 _UNEXPLAINED = 0.3
@@ -83,7 +83,7 @@ VAN_DER_POL_LIKE = Law(
     positive=("alpha", "omega"),
     units={"alpha": "1/s", "omega": "rad/s", "g0": "1/s^2"},
     mapped=True,
-    swing_form=SwingForm(
+    swing_form=NormalizedSwingLaw(
         Law("quadratic damping", "z'' + (c0 + c1*z + c2*z**2)*z' + k*z = f", positive=("k",)),
         _swing_start,
         _law_from_swing,

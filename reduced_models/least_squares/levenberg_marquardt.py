@@ -179,11 +179,11 @@ def levenberg_marquardt(
 
 def _search_is_over(resting: np.ndarray, wanted: np.ndarray, cost: np.ndarray, samples: float) -> bool:
     """Return whether all that are wanted rest, or nine tenths of them at the same least cost."""
-    agreeing = resting & (cost <= agreement_cost(cost, samples))
+    agreeing = resting & (cost <= agreeing_cost_limit(cost, samples))
     return bool((resting | ~wanted).all() or agreeing.sum() >= _ENOUGH * len(cost))
 
 
-def agreement_cost(cost: np.ndarray, samples: float) -> float:
+def agreeing_cost_limit(cost: np.ndarray, samples: float) -> float:
     """Cost up to which starts have led to the best fit."""
     return float((1.0 + _AGREE) * cost.min() + samples * TIE**2)
 

@@ -68,7 +68,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
 
 
-def half_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
+def half_cost_curvature(residuals: np.ndarray, loss: Loss) -> np.ndarray:
     """Half the second derivative (n,) of what residuals cost."""
     if loss.name == "linear":
         return np.ones_like(residuals)
@@ -134,7 +134,7 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Callable[..., Any]:
     if unknowns.sensor is not None:
         sensor = SensorForm(unknowns.sensor.derivative, unknowns.open_settings, unknowns.sensor_entries)
     fits_map = unknowns.map is None
-    return _compiled(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
+    return _compile_residuals(kind, law.equation, law.inputs, unknowns.logarithmic, fits_map, sensor)
 
 
 def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
@@ -144,7 +144,7 @@ def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal
 
 
 @functools.lru_cache(maxsize=3 * PROGRAMS)
-def _compiled(
+def _compile_residuals(
     kind: Kind,
     equation: str,
     inputs: tuple[str, ...],

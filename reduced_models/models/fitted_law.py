@@ -69,7 +69,7 @@ class EquivalentDamping:
         return 0.2 * self.amplitude
 
     @property
-    def swings_at_tenth(self) -> bool:
+    def is_swinging_at_tenth(self) -> bool:
         """True where damping leaves a swing of that amplitude."""
         return self.tenth_ratio < 1.0
 
@@ -115,7 +115,7 @@ class AtRest:
         else:
             at_half, at_tenth = (f"damping ratio at {size:.3g} m" for size in (item.amplitude, item.tenth))
             rows.append((at_half, self.damping_ratio, ""))
-            if item.swings_at_tenth:
+            if item.is_swinging_at_tenth:
                 rows.append((at_tenth, item.tenth_ratio, ""))
             rows.append(("friction", item.friction, "m/s^2"))
             known |= {at_half: known["damping_ratio"], at_tenth: item.intervals["tenth_ratio"]}

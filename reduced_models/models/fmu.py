@@ -58,7 +58,7 @@ class Variable(NamedTuple):
     unit: str = ""
 
 
-class Contents(NamedTuple):
+class FmuContents(NamedTuple):
     """Contents of an FMU, whatever its version: source, variables, step [s], and comments."""
 
     source: str
@@ -82,7 +82,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
     wrappers = [(here / name).read_text("utf-8") for name in ("fmu_instance.c", f"fmi{version}.c")]
     source = "\n".join([contents.source, f'#define MODEL_GUID "{guid}"', *wrappers])
     folder, ending, library = _compile_library(source, version)
-    describe = _description_2 if version == 2 else _description_3
+    describe = _model_description_2 if version == 2 else _model_description_3
     with (
         write_atomically(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
@@ -94,7 +94,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
         file.writestr(f"binaries/{folder}/{NAME}{ending}", library)
 
 
-def _free_contents(model: FittedLaw) -> Contents:
+def _free_contents(model: FittedLaw) -> FmuContents:
     """Free motion of a record: states that are outputs too."""
     parts = export_parts(model)
     glue = f"""
@@ -116,10 +116,10 @@ static const double model_start_inputs[] = {{ {c_numbers([0.0] * len(parts.input
         [(name, value, "") for name, value in zip(parts.parameters, parts.values, strict=True)],
         (),
     )
-    return Contents(c_source(model) + glue, variables, parts.step, " ".join(parts.comments[:3]), False)
+    return FmuContents(c_source(model) + glue, variables, parts.step, " ".join(parts.comments[:3]), False)
 
 
-def _port_contents(port: ForcePort) -> Contents:
+def _port_contents(port: ForcePort) -> FmuContents:
     """Element with a force: hidden states inside, height and velocity from outside."""
     parts, slopes = port_parts(port), port_jacobian(port_parts(port))
     rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
@@ -152,7 +152,7 @@ static void model_jacobian(const double *parameters, const double *states, const
     )
     source = "".join(port_c_sources(port, "model")) + glue
     about = " ".join(parts.comments)
-    return Contents(source, variables, parts.law.step, about, slopes is not None)
+    return FmuContents(source, variables, parts.law.step, about, slopes is not None)
 
 
 def _variables(
@@ -218,7 +218,7 @@ def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
         return folder, ending, library.read_bytes()
 
 
-def _description_2(contents: Contents, guid: str) -> str:
+def _model_description_2(contents: FmuContents, guid: str) -> str:
     """modelDescription.xml of FMI 2.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
@@ -238,7 +238,7 @@ def _description_2(contents: Contents, guid: str) -> str:
         inner = _number_attributes(variable)
         if variable.state is not None:
             inner += f' derivative="{positions[variable.state]}"'
-        initial = _initial(variable, ("input", "parameter"))
+        initial = _initial_attribute(variable, ("input", "parameter"))
         return (
             f'    <ScalarVariable name="{variable.name}" valueReference="{variable.reference}" '
             f'causality="{variable.causality}" variability="{variable.variability}"{initial}>'
@@ -249,12 +249,12 @@ def _description_2(contents: Contents, guid: str) -> str:
         items = "".join(f'<Unknown index="{positions[variable.reference]}"/>' for variable in which)
         return f"    <{tag}>{items}</{tag}>\n" if items else ""
 
-    outputs, rates, unknown = _structure(contents)
+    outputs, rates, unknown = _model_structure(contents)
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{NAME}" guid="{guid}"
     description={quoteattr(contents.about)}
     generationTool="granular-damper {__version__}" variableNamingConvention="structured">
-{kinds}{_units()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
+{kinds}{_unit_definitions()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
   <ModelVariables>
 {"".join(map(line, contents.variables))}  </ModelVariables>
   <ModelStructure>
@@ -264,7 +264,7 @@ def _description_2(contents: Contents, guid: str) -> str:
 """
 
 
-def _description_3(contents: Contents, guid: str) -> str:
+def _model_description_3(contents: FmuContents, guid: str) -> str:
     """modelDescription.xml of FMI 3.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
@@ -278,7 +278,7 @@ def _description_3(contents: Contents, guid: str) -> str:
     )
 
     def line(variable: Variable) -> str:
-        more = _number_attributes(variable) + _initial(variable, ("input",))
+        more = _number_attributes(variable) + _initial_attribute(variable, ("input",))
         if variable.state is not None:
             more += f' derivative="{variable.state}"'
         return (
@@ -286,7 +286,9 @@ def _description_3(contents: Contents, guid: str) -> str:
             f'causality="{variable.causality}" variability="{variable.variability}"{more}/>\n'
         )
 
-    groups = zip(("Output", "ContinuousStateDerivative", "InitialUnknown"), _structure(contents), strict=True)
+    groups = zip(
+        ("Output", "ContinuousStateDerivative", "InitialUnknown"), _model_structure(contents), strict=True
+    )
     structure = "".join(
         f'    <{tag} valueReference="{variable.reference}"/>\n' for tag, which in groups for variable in which
     )
@@ -294,7 +296,7 @@ def _description_3(contents: Contents, guid: str) -> str:
 <fmiModelDescription fmiVersion="3.0" modelName="{NAME}" instantiationToken="{guid}"
     description={quoteattr(contents.about)}
     generationTool="granular-damper {__version__}" variableNamingConvention="structured">
-{kinds}{_units()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
+{kinds}{_unit_definitions()}  <DefaultExperiment startTime="0.0" stopTime="{_STEPS * contents.step!r}"/>
   <ModelVariables>
     <Float64 name="time" valueReference="{_TIME}" causality="independent" variability="continuous"/>
 {"".join(map(line, contents.variables))}  </ModelVariables>
@@ -304,7 +306,7 @@ def _description_3(contents: Contents, guid: str) -> str:
 """
 
 
-def _units() -> str:
+def _unit_definitions() -> str:
     lines = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"  <UnitDefinitions>\n{lines}  </UnitDefinitions>\n"
 
@@ -314,14 +316,14 @@ def _number_attributes(variable: Variable) -> str:
     return unit + ("" if variable.start is None else f' start="{variable.start!r}"')
 
 
-def _initial(variable: Variable, implied: tuple[str, ...]) -> str:
+def _initial_attribute(variable: Variable, implied: tuple[str, ...]) -> str:
     """Attribute ``initial``, which some causalities imply."""
     if variable.causality in implied:
         return ""
     return f' initial="{"calculated" if variable.start is None else "exact"}"'
 
 
-def _structure(contents: Contents) -> tuple[list[Variable], list[Variable], list[Variable]]:
+def _model_structure(contents: FmuContents) -> tuple[list[Variable], list[Variable], list[Variable]]:
     """Return outputs, rates of the states, and what is known only behind the start."""
     outputs = [item for item in contents.variables if item.causality == "output"]
     rates = [item for item in contents.variables if item.state is not None]

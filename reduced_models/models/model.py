@@ -460,7 +460,7 @@ class ReducedModel(FittedLaw):
                 sized = "size" not in self.untold
                 half = f"{item.amplitude:.3g} {self.unit}" if sized else "half of the swing"
                 tenth = f"{item.tenth:.3g} {self.unit}" if sized else "a tenth"
-                words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.swings_at_tenth
+                words += f" at {half}" + f" and {item.tenth_ratio:.4g} at {tenth}" * item.is_swinging_at_tenth
                 if sized and item.friction > 0.0:
                     words += f", friction {item.friction:.4g} {self.unit}/s^2"
             lines.append(words)

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from granular.shared.errors import InputError
-from reduced_models.laws.equation import real_derivatives
+from reduced_models.laws.equation import rate_derivatives
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.source_code import (
@@ -27,7 +27,7 @@ from reduced_models.models.source_code import (
     matlab_expression,
     modelica_expression,
     modelica_unit,
-    without_steps,
+    replace_steps_by_signs,
 )
 
 if TYPE_CHECKING:
@@ -283,11 +283,11 @@ def port_jacobian(parts: PortParts) -> list[list[sympy.Expr]] | None:
     force, *rates = (output.xreplace(real) for output in parts.outputs)
     z, z_first, scale = sympy.Symbol("z"), sympy.Symbol("z_first"), sympy.Symbol("scale")
     by = [sympy.Symbol(name) for name in (*parts.states, z.name, z_first.name, *parts.law.inputs)]
-    slopes = real_derivatives([*rates, force], [real.get(symbol, symbol) for symbol in by])
+    slopes = rate_derivatives([*rates, force], [real.get(symbol, symbol) for symbol in by])
     factors = {z: 1 / scale, z_first: 1 / scale} if "scale" in parts.parameters else {}
     plain = {symbol: own for own, symbol in real.items()}
     flat = [
-        without_steps(slope.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)).xreplace(plain)
+        replace_steps_by_signs(slope.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)).xreplace(plain)
         * factors.get(by[k % len(by)], 1)
         for k, slope in enumerate(slopes)
     ]

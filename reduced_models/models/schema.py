@@ -42,7 +42,7 @@ def _wrong_value_error(where: str, value: object, wanted: str) -> InputError:
     )
 
 
-def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
+def _number_checker(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
     def check(where: str, value: Any) -> float:
         try:
             number = float(value) if isinstance(value, int | float) else math.nan
@@ -55,7 +55,7 @@ def _number(least: float = -_LARGEST, most: float = _LARGEST) -> Check:
     return check
 
 
-def _integer(least: int, most: int) -> Check:
+def _integer_checker(least: int, most: int) -> Check:
     def check(where: str, value: Any) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
             raise _wrong_value_error(where, value, f"an integer from {least} to {most}")
@@ -64,13 +64,13 @@ def _integer(least: int, most: int) -> Check:
     return check
 
 
-def _flag(where: str, value: Any) -> bool:
+def _check_flag(where: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise _wrong_value_error(where, value, "true or false")
     return value
 
 
-def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
+def _text_checker(longest: int = _LONGEST, *, lines: bool = False) -> Check:
     def check(where: str, value: Any) -> str:
         if not isinstance(value, str) or len(value) > longest:
             raise _wrong_value_error(where, value, f"a text of at most {longest} characters")
@@ -81,7 +81,7 @@ def _text(longest: int = _LONGEST, *, lines: bool = False) -> Check:
     return check
 
 
-def _one_of(known: Sequence[str]) -> Check:
+def _one_of_checker(known: Sequence[str]) -> Check:
     def check(where: str, value: Any) -> str:
         if value not in known:
             raise _wrong_value_error(where, value, f"one of {', '.join(known)}")
@@ -90,18 +90,18 @@ def _one_of(known: Sequence[str]) -> Check:
     return check
 
 
-def _format(where: str, value: Any) -> int:
+def _check_format(where: str, value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value != FORMAT:
         raise _wrong_value_error(where, value, f"{FORMAT}, the one that this release reads,")
     return value
 
 
-def _null_or(check: Check) -> Check:
+def _null_or_checker(check: Check) -> Check:
     """Null, or what another check wants."""
     return lambda where, value: None if value is None else check(where, value)
 
 
-def _list(element: Check, most: int = _MOST_ITEMS) -> Check:
+def _list_checker(element: Check, most: int = _MOST_ITEMS) -> Check:
     def check(where: str, value: Any) -> list[Any]:
         if not isinstance(value, list | tuple) or len(value) > most:
             raise _wrong_value_error(where, value, f"a list of at most {most} items")
@@ -110,9 +110,9 @@ def _list(element: Check, most: int = _MOST_ITEMS) -> Check:
     return check
 
 
-def _pair(where: str, value: Any) -> tuple[float, float]:
+def _check_pair(where: str, value: Any) -> tuple[float, float]:
     """Two numbers in order; null stands for an infinite one."""
-    ends = _list(_null_or(_number(-math.inf, math.inf)), 2)(where, value)
+    ends = _list_checker(_null_or_checker(_number_checker(-math.inf, math.inf)), 2)(where, value)
     if len(ends) != 2:
         raise _wrong_value_error(where, value, "a pair")
     low, high = -math.inf if ends[0] is None else ends[0], math.inf if ends[1] is None else ends[1]
@@ -121,16 +121,18 @@ def _pair(where: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _table(element: Check) -> Check:
+def _table_checker(element: Check) -> Check:
     def check(where: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or len(value) > _MOST_ITEMS:
             raise _wrong_value_error(where, value, f"a table of at most {_MOST_ITEMS} entries")
-        return {_text(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()}
+        return {
+            _text_checker(200)(where, key): element(f"{where}.{key}", item) for key, item in value.items()
+        }
 
     return check
 
 
-def _shape(known: Mapping[str, Check]) -> Check:
+def _keyed_table_checker(known: Mapping[str, Check]) -> Check:
     """Table with given keys."""
 
     def check(where: str, value: Any) -> dict[str, Any]:
@@ -153,93 +155,105 @@ def _shape(known: Mapping[str, Check]) -> Check:
     return check
 
 
-_SIZE = _number(0.0)
-_MODEL = _shape(
+_SIZE = _number_checker(0.0)
+_MODEL = _keyed_table_checker(
     {
-        "format": _format,
-        "law": _text(MAX_CHARACTERS),
-        "equation": _text(MAX_CHARACTERS, lines=True),
-        "parameters": _table(_number()),
-        "units": _table(_text(200)),
-        "positive": _list(_text(200)),
-        "mapped": _flag,
-        "source": _text(),
-        "intervals": _table(_pair),
-        "confidence": _number(0.0, 1.0),
-        "map": _shape({"shift": _number(), "scale": _number(), "fitted": _flag}),
-        "initial": _list(_number(), 2),
-        "at_rest": _null_or(
-            _shape(
+        "format": _check_format,
+        "law": _text_checker(MAX_CHARACTERS),
+        "equation": _text_checker(MAX_CHARACTERS, lines=True),
+        "parameters": _table_checker(_number_checker()),
+        "units": _table_checker(_text_checker(200)),
+        "positive": _list_checker(_text_checker(200)),
+        "mapped": _check_flag,
+        "source": _text_checker(),
+        "intervals": _table_checker(_check_pair),
+        "confidence": _number_checker(0.0, 1.0),
+        "map": _keyed_table_checker(
+            {"shift": _number_checker(), "scale": _number_checker(), "fitted": _check_flag}
+        ),
+        "initial": _list_checker(_number_checker(), 2),
+        "at_rest": _null_or_checker(
+            _keyed_table_checker(
                 {
-                    "height": _number(),
+                    "height": _number_checker(),
                     "period": _SIZE,
-                    "damping_ratio": _number(),
-                    "intervals": _shape(dict.fromkeys(("height", "period", "damping_ratio"), _pair)),
-                    "equivalent": _null_or(
-                        _shape(
+                    "damping_ratio": _number_checker(),
+                    "intervals": _keyed_table_checker(
+                        dict.fromkeys(("height", "period", "damping_ratio"), _check_pair)
+                    ),
+                    "equivalent": _null_or_checker(
+                        _keyed_table_checker(
                             {
                                 "amplitude": _SIZE,
-                                "tenth_ratio": _number(),
-                                "friction": _number(),
-                                "intervals": _shape(dict.fromkeys(("tenth_ratio", "friction"), _pair)),
+                                "tenth_ratio": _number_checker(),
+                                "friction": _number_checker(),
+                                "intervals": _keyed_table_checker(
+                                    dict.fromkeys(("tenth_ratio", "friction"), _check_pair)
+                                ),
                             }
                         )
                     ),
-                    "peaks": _null_or(_shape(dict.fromkeys(("mean", "low", "high", "noise"), _number()))),
-                    "calibration": _table(_number(0.0, math.inf)),
+                    "peaks": _null_or_checker(
+                        _keyed_table_checker(
+                            dict.fromkeys(("mean", "low", "high", "noise"), _number_checker())
+                        )
+                    ),
+                    "calibration": _table_checker(_number_checker(0.0, math.inf)),
                 }
             )
         ),
-        "quality": _shape(
+        "quality": _keyed_table_checker(
             {
                 "residual": _SIZE,
                 "relative": _SIZE,
-                "test_error": _null_or(_number(0.0, math.inf)),
-                "test_swings": _list(_pair),
-                "starts": _integer(0, 10**9),
-                "converged": _integer(0, 10**9),
-                "samples": _integer(0, 10**12),
+                "test_error": _null_or_checker(_number_checker(0.0, math.inf)),
+                "test_swings": _list_checker(_check_pair),
+                "starts": _integer_checker(0, 10**9),
+                "converged": _integer_checker(0, 10**9),
+                "samples": _integer_checker(0, 10**12),
                 "solver_error": _SIZE,
-                "test_error_at_rest": _null_or(_SIZE),
-                "test_standard_error": _null_or(_SIZE),
-                "shifts": _table(_SIZE),
+                "test_error_at_rest": _null_or_checker(_SIZE),
+                "test_standard_error": _null_or_checker(_SIZE),
+                "shifts": _table_checker(_SIZE),
                 "noise": _SIZE,
                 "correlation": _SIZE,
-                "collocation": _one_of(("none", "same", "worse", "better")),
-                "whiteness": _number(0.0, 1.0),
-                "signs": _number(0.0, 1.0),
-                "lag": _number(),
+                "collocation": _one_of_checker(("none", "same", "worse", "better")),
+                "whiteness": _number_checker(0.0, 1.0),
+                "signs": _number_checker(0.0, 1.0),
+                "lag": _number_checker(),
                 "slow": _SIZE,
                 "swinging": _SIZE,
                 "drift": _SIZE,
             }
         ),
-        "undetermined": _list(_shape({"powers": _table(_number()), "spread": _SIZE})),
-        "domain": _table(_pair),
-        "notes": _list(_text()),
-        "latex": _text(100_000),
-        "inputs": _list(_text(200)),
-        "resolution": _integer(1, _MOST_RESOLUTION),
-        "provenance": _table(_text()),
-        "hidden": _table(_number()),
-        "input_interpolation": _one_of(INTERPOLATIONS),
-        "angle": _flag,
-        "covariance_names": _list(_text(200)),
-        "covariance": _list(_list(_number())),
-        "no_swing": _text(200),
-        "sensor": _null_or(
-            _shape(
+        "undetermined": _list_checker(
+            _keyed_table_checker({"powers": _table_checker(_number_checker()), "spread": _SIZE})
+        ),
+        "domain": _table_checker(_check_pair),
+        "notes": _list_checker(_text_checker()),
+        "latex": _text_checker(100_000),
+        "inputs": _list_checker(_text_checker(200)),
+        "resolution": _integer_checker(1, _MOST_RESOLUTION),
+        "provenance": _table_checker(_text_checker()),
+        "hidden": _table_checker(_number_checker()),
+        "input_interpolation": _one_of_checker(INTERPOLATIONS),
+        "angle": _check_flag,
+        "covariance_names": _list_checker(_text_checker(200)),
+        "covariance": _list_checker(_list_checker(_number_checker())),
+        "no_swing": _text_checker(200),
+        "sensor": _null_or_checker(
+            _keyed_table_checker(
                 {
-                    "quantity": _one_of(get_args(Quantity)),
-                    "gain": _number(),
-                    "offset": _number(),
-                    **dict.fromkeys(("low_pass", "high_pass", "damping_ratio"), _null_or(_SIZE)),
-                    "absolute": _flag,
-                    "column": _null_or(_text(200)),
+                    "quantity": _one_of_checker(get_args(Quantity)),
+                    "gain": _number_checker(),
+                    "offset": _number_checker(),
+                    **dict.fromkeys(("low_pass", "high_pass", "damping_ratio"), _null_or_checker(_SIZE)),
+                    "absolute": _check_flag,
+                    "column": _null_or_checker(_text_checker(200)),
                 }
             )
         ),
-        "untold": _list(_text(200)),
+        "untold": _list_checker(_text_checker(200)),
     }
 )
 

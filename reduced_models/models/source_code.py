@@ -69,7 +69,7 @@ def export_parts(model: FittedLaw) -> ExportParts:
     }
 
     def plain(expression: sympy.Expr) -> sympy.Expr:
-        return without_steps(expression.xreplace(symbols))
+        return replace_steps_by_signs(expression.xreplace(symbols))
 
     (_, parameters), (_, hidden), (_, inputs) = groups
     period = 1.0 if model.at_rest is None else model.at_rest.period
@@ -99,7 +99,7 @@ def export_parts(model: FittedLaw) -> ExportParts:
     )
 
 
-def without_steps(expression: sympy.Expr) -> sympy.Expr:
+def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
     """Expression with signs in place of steps, which languages do not have."""
     import sympy
 

@@ -104,11 +104,11 @@ def free_backbone(record: PistonRecord) -> Backbone:
         If fewer than five extremes stand out of the noise.
     """
     cycles = envelope(record)
-    count = _swinging(cycles.frequency)
+    count = _count_swinging_cycles(cycles.frequency)
     size, turn = cycles.amplitude[:count], math.pi * np.arange(count)
     rows = []
     for k in range(count):
-        near, (fall, error) = _fall(turn, size, cycles.amplitude_noise, k)
+        near, (fall, error) = _amplitude_fall(turn, size, cycles.amplitude_noise, k)
         away = turn[near] - turn[k]
         (value, *_), (spread, *_) = _local_fit(away, cycles.frequency[near], cycles.frequency_noise[near], 1)
         per_radian = fall / size[k]
@@ -116,13 +116,15 @@ def free_backbone(record: PistonRecord) -> Backbone:
     return _sorted_backbone("envelope", size, rows, None)
 
 
-def _swinging(frequency: np.ndarray) -> int:
+def _count_swinging_cycles(frequency: np.ndarray) -> int:
     """Count the cycles before the first that takes much longer: by then the motion stands still."""
     slow = np.flatnonzero(frequency < _SLOW * np.median(frequency))
     return int(slow[0]) if len(slow) and slow[0] >= LEAST_EXTREMES - 2 else len(frequency)
 
 
-def _fall(turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int) -> tuple[slice, tuple[float, float]]:
+def _amplitude_fall(
+    turn: np.ndarray, size: np.ndarray, noise: np.ndarray, k: int
+) -> tuple[slice, tuple[float, float]]:
     """Neighbours of a cycle, and the fall of the amplitude there with its error [m/rad].
 
     As few neighbours as tell it, and none of a very different amplitude.

@@ -9,8 +9,8 @@ import numpy as np
 from granular.readers.options import ALL
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
-from reduced_models.records.release import cut_at_release, is_driven
-from reduced_models.records.sections import free_motions, knocks
+from reduced_models.records.free_motions import free_motions, knock_times
+from reduced_models.records.release import cut_at_release, has_active_input
 from reduced_models.records.sensor_limits import clipped_samples, cut_noise_tail, drop_lost_samples
 
 
@@ -47,7 +47,7 @@ def find_motion(record: PistonRecord, release: int | str | None = None) -> Pisto
             "release = 'all' where one motion is taken; give its number, or take them together "
             "with fit, compare or discover"
         )
-    motions = _cut(record)
+    motions = _cut_free_motions(record)
     if len(motions) > 1 and release is None:
         times = ", ".join(f"{motion.time[0]:.4g}:{motion.time[-1]:.4g}" for motion in motions)
         warnings.warn(
@@ -60,7 +60,7 @@ def find_motion(record: PistonRecord, release: int | str | None = None) -> Pisto
         raise RecordError(
             f"release {number} of a record that holds {len(motions)}; give one from 1 to {len(motions)}"
         )
-    return _refine(motions[number - 1])
+    return _trim_motion(motions[number - 1])
 
 
 def find_motions(record: PistonRecord) -> list[PistonRecord]:
@@ -81,16 +81,16 @@ def find_motions(record: PistonRecord) -> list[PistonRecord]:
     RecordWarning
         If something is left out.
     """
-    return [_refine(motion) for motion in _cut(record)]
+    return [_trim_motion(motion) for motion in _cut_free_motions(record)]
 
 
-def _cut(record: PistonRecord) -> list[PistonRecord]:
+def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     """Free motions of a record, each with what stands still before it."""
     record = drop_lost_samples(record)
     # a hold that is clipped tells a release all the same
     clipped = clipped_samples(record)
     # what is driven may stand still between two moves without being released
-    parts = free_motions(record, holds=not is_driven(record))
+    parts = free_motions(record, holds=not has_active_input(record))
     start = parts[0].start
     if start > 0:
         warnings.warn(
@@ -104,12 +104,12 @@ def _cut(record: PistonRecord) -> list[PistonRecord]:
     return [record.select(np.flatnonzero(~clipped[part]) + part.start) for part in parts]
 
 
-def _refine(record: PistonRecord) -> PistonRecord:
+def _trim_motion(record: PistonRecord) -> PistonRecord:
     """Motion from its release to a knock, or to where the noise rules."""
     record = cut_at_release(record)
-    if is_driven(record):
+    if has_active_input(record):
         return record
-    if impacts := knocks(record):
+    if impacts := knock_times(record):
         edges = [
             float(record.time[0]),
             *(edge for times in impacts for edge in times),

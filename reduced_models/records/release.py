@@ -72,7 +72,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     start = release_sample(record)
     if start == 0:
         return record
-    warnings.warn(describe_cut(record, start), RecordWarning, stacklevel=2)
+    warnings.warn(release_cut_text(record, start), RecordWarning, stacklevel=2)
     return record_from_sample(record, start)
 
 
@@ -81,7 +81,7 @@ def record_from_sample(record: PistonRecord, start: int) -> PistonRecord:
     return record.between(float(record.time[start]), math.inf)
 
 
-def describe_cut(record: PistonRecord, start: int) -> str:
+def release_cut_text(record: PistonRecord, start: int) -> str:
     """Line on a record that is cut at a sample."""
     until = round(float(record.time[start]), 9)
     return (
@@ -95,14 +95,14 @@ def release_sample(record: PistonRecord) -> int:
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
-    result = _release(time, record.height)
+    result = _find_release(time, record.height)
     if result is None:
         return 0
     start = int(np.searchsorted(time, result.moment))
     early = int(np.searchsorted(time, result.moment - result.rise))
     forces = {} if record.force is None else {"force": record.force}
     further = forces | dict(record.extra)
-    if any(_acts_before_release(time, name, values, early) for name, values in further.items()):
+    if any(_input_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
     return min([start, *(_sample_of_change(values, early, start) for values in further.values())])
 
@@ -112,7 +112,7 @@ class _Release(NamedTuple):
     rise: float
 
 
-def _release(time: np.ndarray, height: np.ndarray) -> _Release | None:
+def _find_release(time: np.ndarray, height: np.ndarray) -> _Release | None:
     """Moment at which a height leaves the level of its start, and how long it then rises."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
@@ -202,7 +202,7 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
     return float(moments[np.argmin(left)])
 
 
-def is_driven(record: PistonRecord) -> bool:
+def has_active_input(record: PistonRecord) -> bool:
     """Return whether a column acts, by its name, in more than a short part of a record."""
     columns = {} if record.force is None else {"force": record.force}
     for name, values in (columns | dict(record.extra)).items():
@@ -213,7 +213,7 @@ def is_driven(record: PistonRecord) -> bool:
     return False
 
 
-def _acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
+def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
     """Return whether a column is a drive, by its name, and acts well before the release."""
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVES):

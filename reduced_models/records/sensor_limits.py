@@ -51,7 +51,7 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     RecordWarning
         If samples are left out.
     """
-    lost = _substitutes(record.height)
+    lost = _placeholder_samples(record.height)
     spikes = np.zeros_like(lost)
     spikes[~lost] = _spikes(record.time[~lost], record.height[~lost])
     lost |= spikes
@@ -66,7 +66,7 @@ def drop_lost_samples(record: PistonRecord) -> PistonRecord:
     return record.select(~lost)
 
 
-def _substitutes(height: np.ndarray) -> np.ndarray:
+def _placeholder_samples(height: np.ndarray) -> np.ndarray:
     """Return the samples of one extreme number that the record jumps to and back from."""
     lost = np.zeros(len(height), dtype=bool)
     for extreme in (np.min, np.max):

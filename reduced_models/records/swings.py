@@ -15,7 +15,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, first_guesses, noise_level
-from reduced_models.records.release import is_driven
+from reduced_models.records.release import has_active_input
 from reduced_models.records.sensor_limits import end_of_motion
 
 _MOST_OF_RECORD = 0.85
@@ -36,7 +36,7 @@ def samples_in_motion(record: PistonRecord) -> int:
 
     All of them where something drives the motion, or where it ends after few swings.
     """
-    if is_driven(record):
+    if has_active_input(record):
         return len(record)
     end, duration = end_of_motion(record), float(record.time[-1])
     count = int(np.searchsorted(record.time, end, side="right"))

@@ -8,7 +8,7 @@ import numpy as np
 
 from granular import PistonRecord
 from reduced_models import fit
-from reduced_models.fitting.covariance import location_estimate
+from reduced_models.fitting.covariance import robust_location
 from reduced_models.fitting.problem import clip_outliers
 from reduced_models.least_squares.residuals import Loss
 
@@ -49,5 +49,5 @@ def test_a_fit_that_spares_outliers_starts_without_them() -> None:
 
 def test_the_middle_of_residuals_is_where_their_loss_is_least() -> None:
     values = np.concatenate([np.random.default_rng(0).normal(size=1000), np.full(30, 50.0)])
-    assert abs(location_estimate(values, Loss("soft_l1", 1.0))) < 0.15
-    assert location_estimate(values, Loss()) == np.mean(values)
+    assert abs(robust_location(values, Loss("soft_l1", 1.0))) < 0.15
+    assert robust_location(values, Loss()) == np.mean(values)

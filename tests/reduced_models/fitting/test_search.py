@@ -10,7 +10,11 @@ import pytest
 
 from granular import PistonRecord, load_scene
 from reduced_models import Law, fit, predict
-from reduced_models.fitting.diagnostics import fit_autoregression, propagate_covariance, residual_structure
+from reduced_models.fitting.residual_diagnostics import (
+    fit_autoregression,
+    gradient_covariance,
+    residual_structure,
+)
 from reduced_models.laws.solution import solve_law
 from reduced_models.least_squares.residuals import add_random_walk, remove_random_walk
 from reduced_models.records.first_guesses import first_guesses, spectral_peak
@@ -132,10 +136,10 @@ def test_a_hopeless_rival_is_given_up_after_two_swings(
 
     def seen(*given: object) -> object:
         swings.append(float(str(given[-1])))
-        return coarse_normal(*given)
+        return coarse_normal_equations(*given)
 
-    coarse_normal = module.coarse_normal
-    monkeypatch.setattr(module, "coarse_normal", seen)
+    coarse_normal_equations = module.coarse_normal_equations
+    monkeypatch.setattr(module, "coarse_normal_equations", seen)
     clean = made("van-der-pol-like", level=0.001)
     fit(PistonRecord(clean.time, 0.06 + 0.01 * clean.height), "van-der-pol-like")
     assert len(swings) > 1
@@ -174,7 +178,7 @@ def test_the_spread_of_correlated_noise(memory: float) -> None:
     random = np.random.default_rng(1)
     noise = lfilter([1.0], [1.0, -memory], random.normal(size=8000))[4000:]
     slopes = np.stack([np.ones(4000), np.sin(0.1 * np.arange(4000))], axis=1)
-    found = propagate_covariance(slopes, fit_autoregression(noise))
+    found = gradient_covariance(slopes, fit_autoregression(noise))
     power = [1.0 / abs(1.0 - memory * np.exp(1j * angle)) ** 2 for angle in (0.0, 0.1)]
     assert found[0, 0] == pytest.approx(4000.0 * power[0], rel=0.5)
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)

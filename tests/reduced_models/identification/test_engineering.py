@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from granular import PistonRecord
 from reduced_models import fit, identify, load_model
-from reduced_models.fitting.diagnostics import residual_structure, samples_of_transient
+from reduced_models.fitting.residual_diagnostics import count_transient_samples, residual_structure
 from reduced_models.identification.brief import brief
 from reduced_models.identification.engineering import (
     Quantity,
@@ -239,13 +239,13 @@ def test_what_a_release_stirs_up_is_told_from_a_wrong_law() -> None:
     time = np.linspace(0.0, 4.0, 2001)
     noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
     wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
-    count = samples_of_transient(time, wave + noise, 0.29)
+    count = count_transient_samples(time, wave + noise, 0.29)
     assert 0.04 < time[count] < 0.15
     assert np.abs(wave[count:]).max() < 1e-6
     misfit = 1e-5 * np.exp(-0.8 * time) * np.cos(21.6 * time)
-    assert samples_of_transient(time, misfit + noise, 0.29) == 0
-    assert samples_of_transient(time, noise, 0.29) == 0
-    assert samples_of_transient(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
+    assert count_transient_samples(time, misfit + noise, 0.29) == 0
+    assert count_transient_samples(time, noise, 0.29) == 0
+    assert count_transient_samples(time[:300], wave[:300], 0.29) == 0  # two periods tell nothing
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from reduced_models.laws.elliptic import (
     Oscillator,
     averaged_amplitude,
     averaged_frequency,
-    critical_fraction,
     elliptic_motion,
+    greatest_damping_over_rate,
     turns_about_rest,
 )
 from reduced_models.records.envelope import Envelope, envelope
@@ -173,4 +173,4 @@ def test_humps_and_barriers_bound_the_swings(k: float, beta: float, amplitude: f
 
 
 def test_the_critical_share_sees_the_whole_swing() -> None:
-    assert critical_fraction(2.0, Oscillator(4.0, 0.0, 0.1, -0.2, 0.3)) == pytest.approx(0.85)
+    assert greatest_damping_over_rate(2.0, Oscillator(4.0, 0.0, 0.1, -0.2, 0.3)) == pytest.approx(0.85)

@@ -67,16 +67,16 @@ def free_motions(record: PistonRecord, *, holds: bool = True) -> list[slice]:
     tops = {k: _top_of_lift(time, away, small, k, half) if holds else None for k in gaps}
     anew = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
-    for first, last in _holds(record, away, half) if holds else ():
-        anew = [k for k in anew if not first - _samples(time, first, _PAUSE * half) <= k <= last]
+    for first, last in _find_holds(record, away, half) if holds else ():
+        anew = [k for k in anew if not first - _count_samples(time, first, _PAUSE * half) <= k <= last]
         starts.append(first)
     starts += [tops[k] or _onset(time, small, k, half) for k in anew]
     ends = np.append(time[starts := sorted(set(starts))], time[-1])
     starts = [k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long]
     if not starts:
         return [total]
-    stops = [_stop(time, swing, small, k, half) for k in starts[1:]] + [len(record)]
-    if len(starts) > 1 and not _swings(away[: stops[0]], _LARGE * largest):
+    stops = [_end_of_undisturbed_motion(time, swing, small, k, half) for k in starts[1:]] + [len(record)]
+    if len(starts) > 1 and not _is_oscillating(away[: stops[0]], _LARGE * largest):
         starts, stops = starts[1:], stops[1:]
     return [
         slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
@@ -119,7 +119,7 @@ def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half: float
     return bool(before < 1.5 * _SMALL * away.max() and next_ < _STEADY * first)
 
 
-def _samples(time: np.ndarray, before: int, duration: float) -> int:
+def _count_samples(time: np.ndarray, before: int, duration: float) -> int:
     """Count the samples of a time before one of them."""
     return before - int(np.searchsorted(time, time[before] - duration))
 
@@ -127,7 +127,7 @@ def _samples(time: np.ndarray, before: int, duration: float) -> int:
 def _onset(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
     """Sample at which a motion leaves a calm; a jump starts where it lands."""
     calm = int(np.flatnonzero(small[:start])[-1])
-    return start if start - calm <= 2 else calm - _samples(time, calm, half)
+    return start if start - calm <= 2 else calm - _count_samples(time, calm, half)
 
 
 def _top_of_lift(time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
@@ -142,7 +142,9 @@ def _top_of_lift(time: np.ndarray, away: np.ndarray, small: np.ndarray, start: i
     return top if before < 1.5 * _SMALL * away.max() and behind < _STEADY * away[top] else 0
 
 
-def _stop(time: np.ndarray, swing: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+def _end_of_undisturbed_motion(
+    time: np.ndarray, swing: np.ndarray, small: np.ndarray, start: int, half: float
+) -> int:
     """Sample behind the last one that what sets the next motion off has not touched."""
     calm = np.flatnonzero(small[:start])
     if not len(calm):
@@ -153,10 +155,10 @@ def _stop(time: np.ndarray, swing: np.ndarray, small: np.ndarray, start: int, ha
     # from its beginning a lift goes to one side
     other = np.flatnonzero(swing[:stop] * np.sign(swing[start]) < 0.0)
     stop = int(other[-1]) if len(other) else stop
-    return stop - _samples(time, stop, _LEFT * half)
+    return stop - _count_samples(time, stop, _LEFT * half)
 
 
-def _holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
+def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
     """First and last samples of large displacements that stand still, and then fall."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
@@ -183,7 +185,7 @@ def _holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[in
     ]
 
 
-def _swings(away: np.ndarray, least: float) -> bool:
+def _is_oscillating(away: np.ndarray, least: float) -> bool:
     """Return whether a displacement of a least size is large, and small between, several times."""
     largest = max(least, float(away.max(initial=0.0)))
     kinds = np.where(away > _LARGE * largest, 1, np.where(away < _SMALL * largest, -1, 0))
@@ -191,7 +193,7 @@ def _swings(away: np.ndarray, least: float) -> bool:
     return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _LEAST_SWINGS)
 
 
-def knocks(record: PistonRecord) -> list[tuple[float, float]]:
+def knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     """Return the times before and after each sudden growth of a free swing.
 
     What is driven, or beats, grows by and by or many times; between several knocks a swing decays.

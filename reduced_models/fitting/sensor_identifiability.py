@@ -17,7 +17,7 @@ from reduced_models.laws.symmetry import similarity
 from reduced_models.records.sensor import Sensor
 
 
-class SensorView(NamedTuple):
+class IdentifiableSensor(NamedTuple):
     """A sensor as a fit of a law takes it.
 
     Attributes
@@ -36,9 +36,9 @@ class SensorView(NamedTuple):
     untold: tuple[str, ...] = ()
 
 
-def sensor_view(
+def identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
-) -> SensorView:
+) -> IdentifiableSensor:
     """View of a law through a sensor; ``declared`` parameters are known to the user."""
     held: tuple[str, ...] = ()
     untold: list[str] = []
@@ -56,4 +56,4 @@ def sensor_view(
             if sensor.gain == "free":
                 untold += ["size", *(name for name in scale.moving if name not in untold)]
             sensor = dataclasses.replace(sensor, gain=sensor.nominal_gain)
-    return SensorView(sensor, held, tuple(untold))
+    return IdentifiableSensor(sensor, held, tuple(untold))

@@ -133,17 +133,17 @@ class Autoregression(NamedTuple):
     variance: float
 
     @property
-    def filter(self) -> np.ndarray:
+    def whitening_filter(self) -> np.ndarray:
         """Weights (k + 1,) that leave what is new of a residual and the ones before it."""
         return np.concatenate([[1.0], -self.weights])
 
-    def spectrum(self, size: int) -> np.ndarray:
+    def power_spectrum(self, size: int) -> np.ndarray:
         """Power (size//2 + 1,) at the frequencies of a real transform of that size."""
-        return np.asarray(self.variance / np.abs(np.fft.rfft(self.filter, size)) ** 2)
+        return np.asarray(self.variance / np.abs(np.fft.rfft(self.whitening_filter, size)) ** 2)
 
-    def new(self, residuals: np.ndarray) -> np.ndarray:
+    def innovations(self, residuals: np.ndarray) -> np.ndarray:
         """Return the new part of residuals (n,), from the first that has enough before it on."""
-        result = np.convolve(residuals, self.filter)[: len(residuals)]
+        result = np.convolve(residuals, self.whitening_filter)[: len(residuals)]
         return np.asarray(result[len(self.weights) :])
 
 
@@ -171,10 +171,10 @@ def fit_autoregression(residuals: np.ndarray) -> Autoregression:
             break
         if len(forward) < 2 or variance <= _LEAST * power:
             break
-    return _correct_bias_of_weight(best, count)
+    return _correct_autoregression_bias(best, count)
 
 
-def _correct_bias_of_weight(autoregression: Autoregression, count: int) -> Autoregression:
+def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
     """Single weight without its bias: residuals of a fit seem to forget sooner than the noise.
 
     By (1 + 3 w) / n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390), which the level of a
@@ -187,7 +187,7 @@ def _correct_bias_of_weight(autoregression: Autoregression, count: int) -> Autor
     return autoregression._replace(weights=np.array([weight + min((1.0 + 3.0 * weight) / count, least)]))
 
 
-def propagate_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
+def gradient_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarray:
     """J' S J (p, p) for slopes J (n, p) and the covariance S of the residuals."""
     from scipy.fft import next_fast_len, rfft
 
@@ -195,12 +195,12 @@ def propagate_covariance(slopes: np.ndarray, noise: Autoregression) -> np.ndarra
         return np.asarray(noise.variance * slopes.T @ slopes)
     size = next_fast_len(2 * len(slopes), real=True)
     lines = rfft(np.ascontiguousarray(slopes.T), size)
-    weight = noise.spectrum(size)
+    weight = noise.power_spectrum(size)
     weight[1 : (size + 1) // 2] *= 2.0
     return np.asarray(((weight * lines) @ lines.conj().T).real / size)
 
 
-def samples_of_transient(time: np.ndarray, left: np.ndarray, period: float) -> int:
+def count_transient_samples(time: np.ndarray, left: np.ndarray, period: float) -> int:
     """Return how many samples after a release hold what it stirred up besides the swing.
 
     They end within the first period and hold most of the squared residuals, and the last of them
