@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from granular.engine.columns import record_width
-from granular.engine.loop import Window, advance_ticks
+from granular.engine.loop import TickRange, advance_ticks
 from granular.engine.step_size import Step, StepSchedule
 from granular.methods import method_named
 from granular.run.run import Run
@@ -48,7 +48,7 @@ class EngineSteps:
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run = self.run
         advance_ticks(
-            Window(0.0, 0.0, math.inf, 0, 1),
+            TickRange(0.0, 0.0, math.inf, 0, 1),
             schedule,
             run.plan,
             run.state,

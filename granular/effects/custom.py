@@ -343,7 +343,7 @@ def make_section_class(
         f"{key}_{functions_digest(functions, fields)}",
         collections.namedtuple("Parameters", fields),
         functions,
-        {name: _kernel(function) for name, function in functions.items()},
+        {name: _compile_kernel(function) for name, function in functions.items()},
     )
     DEFINITIONS[definition.digest] = definition
     for name in functions:
@@ -371,7 +371,7 @@ def static_methods_of(content: dict[str, Any]) -> dict[str, Callable[..., Any]]:
     return {name: value.__func__ for name, value in content.items() if isinstance(value, staticmethod)}
 
 
-def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def _compile_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return numba.njit(**OPTIONS)(function)
 
 

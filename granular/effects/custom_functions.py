@@ -91,19 +91,19 @@ class Kind:
         self.name = name
 
 
-class KindType(types.Dummy):  # type: ignore[misc]  # Numba is not typed
+class CustomLawType(types.Dummy):  # type: ignore[misc]  # Numba is not typed
     """Numba's type of a `Kind`."""
 
 
 @typeof_impl.register(Kind)
-def _typeof(kind: Kind, context: Any) -> KindType:
-    return KindType(kind.name)
+def _typeof(kind: Kind, context: Any) -> CustomLawType:
+    return CustomLawType(kind.name)
 
 
-register_model(KindType)(models.OpaqueModel)
+register_model(CustomLawType)(models.OpaqueModel)
 
 
-@unbox(KindType)
+@unbox(CustomLawType)
 def _unbox(kind: Any, value: Any, context: Any) -> NativeValue:
     return NativeValue(context.context.get_dummy_value())
 

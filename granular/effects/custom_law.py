@@ -310,7 +310,7 @@ class CustomWallLaw(NamedTuple):
         return abs(_wall_stiffness(law.kind, law.values, math.exp(near)))
 
 
-def _make_of_distance(name: str) -> Any:
+def _make_wall_function(name: str) -> Any:
     def make(definition: Definition) -> Any:
         function, values_of = definition.kernels[name], definition.parameters
 
@@ -323,5 +323,5 @@ def _make_of_distance(name: str) -> Any:
 
 
 _wall_force, _wall_energy, _wall_stiffness = (
-    _make_of_distance(name) for name in ("force", "energy", "stiffness")
+    _make_wall_function(name) for name in ("force", "energy", "stiffness")
 )

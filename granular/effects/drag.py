@@ -119,7 +119,7 @@ class DragLaw(NamedTuple):
     def kick(law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force and drag together, exactly."""
         state, constants = bed.state, bed.constants
-        for k in range(rate_count(law.rates)):
+        for k in range(drag_rate_count(law.rates)):
             _kick_with_drag(
                 state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
             )
@@ -159,13 +159,13 @@ def _kick_with_drag(
     masses: Array | None,
 ) -> None:
     if last[0] != dt:
-        rate = rate_at(law.rate, law.rates, k)
+        rate = drag_rate_at(law.rate, law.rates, k)
         last[0] = dt
         last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(count):
-        if not has_rate(law.kind, i, k):
+        if not has_drag_rate(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
@@ -233,19 +233,19 @@ def stopping_time(rate: float, speed: float, brake: float) -> float:
 
 
 @compiled(inline=True)
-def rate_count(rates: RateTable | None) -> int:
+def drag_rate_count(rates: RateTable | None) -> int:
     """Return the number of different rates."""
     return 1 if rates is None else len(rates.values)
 
 
 @compiled(inline=True)
-def rate_at(rate: float, rates: RateTable | None, k: int) -> float:
+def drag_rate_at(rate: float, rates: RateTable | None, k: int) -> float:
     """Return the rate of an index, with the fields of `DragLaw`."""
     return rate if rates is None else rates.values[k]
 
 
 @compiled(inline=True)
-def has_rate(kind: Array | None, i: int, k: int) -> bool:
+def has_drag_rate(kind: Array | None, i: int, k: int) -> bool:
     """Return whether a grain has the rate of the index ``k``."""
     return True if kind is None else kind[i] == k
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import grain_discs
-from granular.effects.eddy_mutual import MutualEddyLaw, mutual_law
-from granular.effects.eddy_tensor import Plate, lattice_factor, lone_factor
+from granular.effects.eddy_mutual import MutualEddyLaw, make_mutual_eddy_law
+from granular.effects.eddy_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
@@ -113,7 +113,7 @@ class Eddy(Flow):
         """Return whether the currents of other grains are counted among so many."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
-        return abs(lattice_factor(self._plate(scales), SPACING) - 1.0) > TENTH
+        return abs(lattice_drag_factor(self._plate(scales), SPACING) - 1.0) > TENTH
 
     def coefficient(self, scales: Scales) -> float:
         """Drag coefficient [kg/s] of a grain of the first species, as a dipole."""
@@ -133,10 +133,10 @@ class Eddy(Flow):
         rate = self.decay_rate(setting.scales)
         discs = grain_discs(grains, setting.scales.length)
         if self.counts_neighbours(grains.count, setting.scales):
-            return mutual_law(rate / plate.factor(), plate, discs, setting)
+            return make_mutual_eddy_law(rate / plate.factor(), plate, discs, setting)
         if not discs:
             return EddyLaw(rate, None)
-        factors = np.array([lone_factor(plate, disc) for disc in discs])
+        factors = np.array([lone_disc_drag_factor(plate, disc) for disc in discs])
         return EddyLaw(rate / plate.factor(), padded_values(factors[setting.species]))
 
 

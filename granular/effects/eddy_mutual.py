@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.effects.eddy_tensor import FARTHEST, Plate, lone_factor, series
+from granular.effects.eddy_tensor import FARTHEST, Plate, lone_disc_drag_factor, series
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
@@ -114,18 +114,18 @@ class MutualEddyLaw(NamedTuple):
         """Let the velocities decay; enter what is lost."""
         state, constants = bed.state, bed.constants
         masses, count, rows, lost = constants.masses, constants.grains, workspace.rows, 0.0
-        _load(law, workspace, bed)
+        _load_grains_into_workspace(law, workspace, bed)
         steps = 1 + int(law.rate * law.stiffest * abs(dt) / LONGEST)
         h = dt / steps
         for _ in range(steps):
             for i in range(count):
                 rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
-            _multiply(law, workspace, count)
+            _multiply_by_drag_tensor(law, workspace, count)
             for i in range(count):
                 factor = h / value_or_one(masses, workspace.order[i])
                 rows[INPUT_X, i] = factor * rows[OUTPUT_X, i]
                 rows[INPUT_Y, i] = factor * rows[OUTPUT_Y, i]
-            _multiply(law, workspace, count)
+            _multiply_by_drag_tensor(law, workspace, count)
             for i in range(count):
                 mass = value_or_one(masses, workspace.order[i])
                 x = 0.5 * h / mass * rows[OUTPUT_X, i] - rows[INPUT_X, i]
@@ -146,10 +146,10 @@ class MutualEddyLaw(NamedTuple):
     ) -> int:
         """Add the drag as a force, for Runge-Kutta methods."""
         rows, count, lost = workspace.rows, bed.constants.grains, 0.0
-        _load(law, workspace, bed)
+        _load_grains_into_workspace(law, workspace, bed)
         for i in range(count):
             rows[INPUT_X, i], rows[INPUT_Y, i] = rows[SPEED_X, i], rows[SPEED_Y, i]
-        _multiply(law, workspace, count)
+        _multiply_by_drag_tensor(law, workspace, count)
         for i in range(count):
             grain = workspace.order[i]
             mass = value_or_one(bed.constants.masses, grain)
@@ -162,7 +162,7 @@ class MutualEddyLaw(NamedTuple):
 
 
 @compiled
-def _load(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
+def _load_grains_into_workspace(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
     """Put the grains into the workspace; in order of their heights where not all of them meet."""
     state, count, rows, order = bed.state, bed.constants.grains, workspace.rows, workspace.order
     moments = relative_moments(bed.constants)
@@ -177,11 +177,11 @@ def _load(law: MutualEddyLaw, workspace: EddyWorkspace, bed: Bed) -> None:
         rows[SPEED_X, i], rows[SPEED_Y, i] = state.vx[grain], state.vy[grain]
         for kind in range(law.kinds):
             rows[CHARGE + kind, i] = 0.0
-        rows[CHARGE + _kind_of(law.kind, grain), i] = value_or_one(moments, grain)
+        rows[CHARGE + _grain_kind(law.kind, grain), i] = value_or_one(moments, grain)
 
 
 @compiled
-def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
+def _multiply_by_drag_tensor(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
     """Multiply the input by T."""
     rows, series, shifts = workspace.rows, law.table.series, law.table.shifts
     y = rows[PY]
@@ -193,13 +193,13 @@ def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
             begin += 1
         while end < count and not y[end] - y[j] > law.reach:
             end += 1
-        own = _kind_of(law.kind, workspace.order[j])
+        own = _grain_kind(law.kind, workspace.order[j])
         charge = law.rate * rows[CHARGE + own, j]
         vx, vy = charge * rows[INPUT_X, j], charge * rows[INPUT_Y, j]
         for image in range(len(shifts)):
             at_x, at_y = rows[PX, j] + shifts[image, 0], y[j] + shifts[image, 1]
             for kind in range(law.kinds):
-                _add_row(
+                _add_drag_of_grain(
                     rows[PX],
                     y,
                     rows[CHARGE + kind],
@@ -212,7 +212,7 @@ def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
                     vx,
                     vy,
                     law.square,
-                    _terms_of(series, kind, own),
+                    _pair_series_terms(series, kind, own),
                 )
         spare = law.spare * rows[CHARGE + own, j]
         rows[OUTPUT_X, j] += spare * vx
@@ -220,17 +220,17 @@ def _multiply(law: MutualEddyLaw, workspace: EddyWorkspace, count: int) -> None:
 
 
 @compiled(inline=True)
-def _kind_of(kinds: Array | None, grain: int) -> int:
+def _grain_kind(kinds: Array | None, grain: int) -> int:
     return 0 if kinds is None else int(kinds[grain])
 
 
 @compiled(inline=True)
-def _terms_of(series: Array | None, kind: int, other: int) -> Array | None:
+def _pair_series_terms(series: Array | None, kind: int, other: int) -> Array | None:
     return None if series is None else series[kind, other]
 
 
 @compiled
-def _add_row(
+def _add_drag_of_grain(
     x: Array,
     y: Array,
     charges: Array,
@@ -258,8 +258,8 @@ def _add_row(
             sum_x[i] += power * (vx - along * dx)
             sum_y[i] += power * (vy - along * dy)
     else:
-        p = _as_tuple(terms[0])
-        q = _as_tuple(terms[1])
+        p = _coefficients_as_tuple(terms[0])
+        q = _coefficients_as_tuple(terms[1])
         for i in range(len(x)):
             dx, dy = x[i] - at_x, y[i] - at_y
             u = square / (dx * dx + dy * dy + square)
@@ -271,7 +271,7 @@ def _add_row(
 
 
 @compiled(inline=True)
-def _as_tuple(c: Array) -> tuple[float, ...]:
+def _coefficients_as_tuple(c: Array) -> tuple[float, ...]:
     return c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]
 
 
@@ -287,7 +287,9 @@ def _polynomial(c: tuple[float, ...], u: float) -> float:
     return low + w * (middle + w * high)
 
 
-def mutual_law(rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext) -> MutualEddyLaw:
+def make_mutual_eddy_law(
+    rate: float, plate: Plate, discs: tuple[Disc, ...], setting: EffectContext
+) -> MutualEddyLaw:
     """Make the law of a bed.
 
     Parameters
@@ -313,7 +315,7 @@ def mutual_law(rate: float, plate: Plate, discs: tuple[Disc, ...], setting: Effe
         if height < 2.0 * reach:
             reach = math.inf
     made = _pair_series(plate, discs)
-    factor = max((lone_factor(plate, disc) for disc in discs), default=plate.factor())
+    factor = max((lone_disc_drag_factor(plate, disc) for disc in discs), default=plate.factor())
     moments = setting.grains.moment_ratios()[setting.species] * setting.grains.spread_factors()
     masses = setting.grains.mass_ratios()[setting.species]
     heaviest = float((moments**2 / masses).max())

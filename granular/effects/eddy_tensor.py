@@ -96,7 +96,7 @@ def tensor(plate: Plate, r: np.ndarray, discs: tuple[Disc, ...] = ()) -> tuple[n
 
 
 @cache
-def lone_factor(plate: Plate, disc: Disc) -> float:
+def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
     """Drag of a lone disc over that of a dipole along a thin plate."""
     return float(tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
@@ -129,7 +129,7 @@ def series(plate: Plate, discs: tuple[Disc, ...] = ()) -> np.ndarray | None:
 
 
 @cache
-def lattice_factor(plate: Plate, spacing: float) -> float:
+def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     """Drag of a grain of a triangular lattice that moves as one body, over that of a lone grain.
 
     Parameters

@@ -128,7 +128,7 @@ class Excitation(Section):
         _table_point_count(self)
 
     @property
-    def of_base(self) -> bool:
+    def is_base_motion(self) -> bool:
         """True where the base moves; otherwise a force acts."""
         return self.force is None
 
@@ -153,7 +153,7 @@ class Excitation(Section):
             times = times - times[0]
         return Drive(
             kind=kind,
-            base=self.of_base,
+            base=self.is_base_motion,
             size=size,
             swings=swings,
             omega=math.tau * (self.frequency or 0.0) * tau,

@@ -31,7 +31,7 @@ from granular.shared.messages import quote
 
 
 @dataclasses.dataclass(frozen=True)
-class _Factors(FieldKind):
+class _SpeciesFactors(FieldKind):
     """A number for each species that has another one than 1, by their names."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
@@ -47,7 +47,7 @@ class _Factors(FieldKind):
         return dict(value)
 
 
-class FieldText(Formula, Force):
+class FieldFormula(Formula, Force):
     """One field.
 
     Attributes
@@ -68,7 +68,7 @@ class FieldText(Formula, Force):
         "moment": MOMENT,
     }
 
-    factor: tuple[tuple[str, float], ...] = section_field(_Factors(), default=())
+    factor: tuple[tuple[str, float], ...] = section_field(_SpeciesFactors(), default=())
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     @classmethod
@@ -89,7 +89,7 @@ class FieldText(Formula, Force):
         }
 
     @staticmethod
-    def functions_of(made: Functions) -> Functions:
+    def kernel_functions(made: Functions) -> Functions:
         energy_of, force_of, slopes_of, power_of = (
             made[name] for name in ("energy", "force", "slopes", "power")
         )
@@ -134,7 +134,7 @@ class Field(FormulaList):
 
     Attributes
     ----------
-    fields : tuple of FieldText
+    fields : tuple of FieldFormula
     """
 
     key = "field"
@@ -143,4 +143,4 @@ class Field(FormulaList):
         {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
     ]
 
-    fields: tuple[FieldText, ...] = section_field(Many(section=FieldText, least=1))
+    fields: tuple[FieldFormula, ...] = section_field(Many(section=FieldFormula, least=1))

@@ -53,11 +53,11 @@ class Formula(Parametric):
 
     @staticmethod
     def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """SymPy's expressions of the energy's derivatives, by names of `functions_of`."""
+        """SymPy's expressions of the energy's derivatives, by names of `kernel_functions`."""
         raise NotImplementedError
 
     @staticmethod
-    def functions_of(made: Functions) -> Functions:
+    def kernel_functions(made: Functions) -> Functions:
         """Functions that kernels call, from compiled ones of all variables and parameters."""
         raise NotImplementedError
 
@@ -125,8 +125,10 @@ def _make_definition(kind: type[Formula], energy: str, parameters: tuple[str, ..
     key = kind.__name__.lower()
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
-    functions = _Derived(kind, energy, parameters)
-    return Definition("effect", key, f"{key}_{digest}", _given_value_field, functions, _Compiled(functions))
+    functions = _DerivedFunctions(kind, energy, parameters)
+    return Definition(
+        "effect", key, f"{key}_{digest}", _given_value_field, functions, _CompiledFunctions(functions)
+    )
 
 
 def _given_value_field(*values: float) -> tuple[float, ...]:
@@ -137,7 +139,7 @@ if not numba.config.DISABLE_JIT:
     _given_value_field = numba.njit(**OPTIONS)(_given_value_field)
 
 
-class _Derived(Mapping[str, Callable[..., Any]]):
+class _DerivedFunctions(Mapping[str, Callable[..., Any]]):
     """The functions of a formula, derived when one of them is asked for first.
 
     Where the compiled code is there already none is, and SymPy need not be imported.
@@ -178,7 +180,7 @@ class _Derived(Mapping[str, Callable[..., Any]]):
         }
         if not numba.config.DISABLE_JIT:
             made = {name: numba.njit(**OPTIONS)(function) for name, function in made.items()}
-        return self.kind.functions_of(made)
+        return self.kind.kernel_functions(made)
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
@@ -192,10 +194,10 @@ def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
     return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
 
 
-class _Compiled(Mapping[str, Callable[..., Any]]):
+class _CompiledFunctions(Mapping[str, Callable[..., Any]]):
     """The same, to be called by kernels."""
 
-    def __init__(self, functions: _Derived) -> None:
+    def __init__(self, functions: _DerivedFunctions) -> None:
         self.functions = functions
 
     def __iter__(self) -> Iterator[str]:

@@ -49,9 +49,9 @@ class FrictionLaw(NamedTuple):
     @compiled(inline=True)
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opening: bool) -> int:
         """Force, drag and friction; see `granular.effects.friction`."""
-        for k in range(drag.rate_count(law.rates)):
-            rate = drag.rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
-            _dry_kick(law.threshold, law, k, rate, dt, bed, opening)
+        for k in range(drag.drag_rate_count(law.rates)):
+            rate = drag.drag_rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
+            _kick_by_scheme(law.threshold, law, k, rate, dt, bed, opening)
         return 0
 
 
@@ -78,7 +78,7 @@ def sliding_factor(speed: float, loss: float) -> float:
 
 
 @compiled(inline=True)
-def _length(x: float, y: float) -> float:
+def _vector_length(x: float, y: float) -> float:
     """Length of a vector whose squares neither overflow nor matter where they vanish.
 
     ``hypot`` heeds both, and took a third of a step.
@@ -87,7 +87,9 @@ def _length(x: float, y: float) -> float:
 
 
 @compiled(inline=True)
-def _push_grain(entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float) -> None:
+def _kick_and_drag_grain(
+    entry: int | None, flow: Flow, fraction: float, state: State, i: int, mass: float
+) -> None:
     """Kick and drag of a grain under a fraction of its force."""
     decay, gain, a, b, c = flow
     ax, ay = fraction * state.fx[i] / mass, fraction * state.fy[i] / mass
@@ -99,21 +101,21 @@ def _push_grain(entry: int | None, flow: Flow, fraction: float, state: State, i:
 
 
 @compiled
-def _start_grain(
+def _start_sliding_if_forced(
     law: FrictionLaw, rate: float, dt: float, flow: Flow, state: State, i: int, mass: float, load: float
 ) -> None:
     """Grain at rest: it stays, or starts to slide along the force on it."""
-    force = _length(state.fx[i], state.fy[i])
+    force = _vector_length(state.fx[i], state.fy[i])
     if force <= law.static * load:
         return
     fraction = 1.0 - law.dynamic * load / force
-    _push_grain(law.drag, flow, fraction, state, i, mass)
+    _kick_and_drag_grain(law.drag, flow, fraction, state, i, mass)
     displacement = drag.displacement_under_drag(rate, dt, flow[1], 0.0, fraction * force / mass)
     state.ledger[law.entry] += law.dynamic * load * displacement
 
 
 @compiled(inline=True)
-def _fast_grain(
+def _kick_fast_grain(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opening: bool
 ) -> tuple[float, float, float, float]:
     """Kick and drag, then friction, or in the reverse order in the kick that closes a step.
@@ -126,14 +128,14 @@ def _fast_grain(
     decay, gain, a, b, c = flow
     rubbed, left = 0.0, 1.0
     if not opening:
-        speed = _length(vx, vy)
+        speed = _vector_length(vx, vy)
         left = sliding_factor(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
     dragged = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     vx, vy = decay * vx + gain * ax, decay * vy + gain * ay
     if opening:
-        speed = _length(vx, vy)
+        speed = _vector_length(vx, vy)
         left = sliding_factor(speed, loss)
         vx, vy = vx * left, vy * left
         rubbed = 0.5 * speed * speed * (1.0 - left * left)
@@ -153,19 +155,19 @@ def _slide_grain(
     ax, ay = state.fx[i] / mass, state.fy[i] / mass
     vx, vy = state.vx[i], state.vy[i]
     ux, uy = (1.0 + decay) * vx + gain * ax, (1.0 + decay) * vy + gain * ay
-    length = _length(ux, uy)
+    length = _vector_length(ux, uy)
     if length == 0.0:
-        _turn_grain(law, rate, dt, state, i, mass, load)
+        _bring_grain_to_rest(law, rate, dt, state, i, mass, load)
         return
     ux, uy = ux / length, uy / length
     if vx * ux + vy * uy < 0.0:
-        _turn_grain(law, rate, dt, state, i, mass, load)
+        _bring_grain_to_rest(law, rate, dt, state, i, mass, load)
         return
     brake = law.dynamic * load / mass
     ax, ay = ax - brake * ux, ay - brake * uy
     wx, wy = decay * vx + gain * ax, decay * vy + gain * ay
     if wx * ux + wy * uy <= 0.0:
-        _turn_grain(law, rate, dt, state, i, mass, load)
+        _bring_grain_to_rest(law, rate, dt, state, i, mass, load)
         return
     state.vx[i], state.vy[i] = wx, wy
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
@@ -175,16 +177,16 @@ def _slide_grain(
 
 
 @compiled
-def _turn_grain(
+def _bring_grain_to_rest(
     law: FrictionLaw, rate: float, dt: float, state: State, i: int, mass: float, load: float
 ) -> None:
     """Grain that comes to rest within ``dt``; the force may set it off for what is left."""
-    speed = _length(state.vx[i], state.vy[i])
+    speed = _vector_length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     spent = drag.stopping_time(rate, speed, (law.dynamic * load + against) / mass)
     _stop_grain(law, rate, state, i, mass, load)
     left = max(dt - spent, 0.0)
-    _start_grain(law, rate, left, drag.drag_flow_coefficients(rate, left), state, i, mass, load)
+    _start_sliding_if_forced(law, rate, left, drag.drag_flow_coefficients(rate, left), state, i, mass, load)
 
 
 @compiled
@@ -197,28 +199,28 @@ def _kick_with_friction(
     # Apart from the ledger, where each sum would wait for the one before it.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
-        if not drag.has_rate(law.kind, i, k):
+        if not drag.has_drag_rate(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
         load = normal_force(law, state.load, i)
         vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
-        speed = _length(vx, vy)
+        speed = _vector_length(vx, vy)
         against = max(-(vx * fx + vy * fy), 0.0)
         friction = law.dynamic * load
         if (speed * mass - 2.0 * dt * friction) * speed > dt * against:
             # The force and twice the friction would not stop it. (Else they must act together, or
             # a grain that is pushed on would be stopped for good by the greater static friction.)
             loss = friction * dt / mass
-            state.vx[i], state.vy[i], by_drag, by_friction = _fast_grain(
+            state.vx[i], state.vy[i], by_drag, by_friction = _kick_fast_grain(
                 flow, loss, vx, vy, fx / mass, fy / mass, opening
             )
             dragged += mass * by_drag
             rubbed += mass * by_friction
         elif speed == 0.0:
-            _start_grain(law, rate, dt, flow, state, i, mass, load)
-        elif _sticks(law, dt, speed, state, i, mass, load):
+            _start_sliding_if_forced(law, rate, dt, flow, state, i, mass, load)
+        elif _grain_sticks(law, dt, speed, state, i, mass, load):
             _stop_grain(law, rate, state, i, mass, load)
         else:
             _slide_grain(law, rate, dt, flow, state, i, mass, load)
@@ -227,7 +229,7 @@ def _kick_with_friction(
 
 
 @compiled(inline=True)
-def _sticks(
+def _grain_sticks(
     law: FrictionLaw, dt: float, speed: float, state: State, i: int, mass: float, load: float
 ) -> bool:
     """Return whether force and friction stop the grain within ``dt``, and friction then holds it.
@@ -237,7 +239,7 @@ def _sticks(
     """
     vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
     against = -(vx * fx + vy * fy)
-    if against <= 0.0 or _length(fx, fy) > law.static * load:
+    if against <= 0.0 or _vector_length(fx, fy) > law.static * load:
         return False
     return speed * mass <= dt * (against / speed + law.dynamic * load)
 
@@ -245,7 +247,7 @@ def _sticks(
 @compiled
 def _stop_grain(law: FrictionLaw, rate: float, state: State, i: int, mass: float, load: float) -> None:
     """Stop a grain; friction and drag take their parts, the rest becomes potential energy."""
-    speed = _length(state.vx[i], state.vy[i])
+    speed = _vector_length(state.vx[i], state.vy[i])
     against = -(state.vx[i] * state.fx[i] + state.vy[i] * state.fy[i]) / speed
     friction = law.dynamic * load
     displacement = drag.stopping_distance(rate, speed, (friction + against) / mass)
@@ -263,15 +265,15 @@ def _kick_regularised(
     assert state.load is not None
     decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
     for i in range(constants.grains):
-        if not drag.has_rate(law.kind, i, k):
+        if not drag.has_drag_rate(law.kind, i, k):
             continue
         mass = 1.0
         if masses is not None:
             mass = masses[i]
         load = normal_force(law, state.load, i)
-        force = _length(state.fx[i], state.fy[i])
+        force = _vector_length(state.fx[i], state.fy[i])
         vx, vy = state.vx[i], state.vy[i]
-        speed = _length(vx, vy)
+        speed = _vector_length(vx, vy)
         if force <= law.static * load and speed < threshold:
             rx, ry = -state.fx[i], -state.fy[i]
         else:
@@ -287,7 +289,7 @@ def _kick_regularised(
 
 
 @compiled
-def _dry_kick(
+def _kick_by_scheme(
     threshold: float | None, law: FrictionLaw, k: int, rate: float, dt: float, bed: Bed, opening: bool
 ) -> None:
     constants = bed.constants

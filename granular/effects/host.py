@@ -114,7 +114,7 @@ class Host(Frame):
             for k in range(len(self.bodies) - 1)
         ]
         drive = self.excitation
-        if drive is not None and drive.of_base:
+        if drive is not None and drive.is_base_motion:
             result.append(Record("base_acceleration", "m/s^2", "acceleration of the base", "acceleration"))
         elif drive is not None:
             result.append(Record("host_force", "N", "force on the host from outside", "force"))
@@ -127,7 +127,7 @@ class Host(Frame):
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
             raise FieldError("is to be given where the cell is free (mount = 'piston')", "cell_mass")
-        if self.mount == "base" and self.excitation is not None and not self.excitation.of_base:
+        if self.mount == "base" and self.excitation is not None and not self.excitation.is_base_motion:
             raise FieldError("a base is moved by an acceleration or a displacement", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
             raise FieldError(f"{self.excited} is no body; there are {len(self.bodies)}", "excited")
@@ -191,20 +191,20 @@ class Host(Frame):
             frame_mass=float(frame),
             piston_mass=piston_mass,
             bed_mass=float(setting.grains.masses().sum()) / scales.mass,
-            reacts=self.damps or self._reacts(setting),
+            reacts=self.damps or self._bed_dissipates(setting),
             entry=LOSSES + setting.indices[self.key],
             driven=self.excitation is not None,
         )
 
-    def _reacts(self, setting: EffectContext) -> bool:
+    def _bed_dissipates(self, setting: EffectContext) -> bool:
         """Return whether anything in the cell dissipates, and so reacts on the frame."""
         piston = setting.piston
         rubs = piston is not None and (piston.drag > 0.0 or piston.friction > 0.0)
         inside = [effect for effect in setting.effects.values() if effect.key != self.key]
-        return rubs or any(_dissipates(effect) for effect in inside)
+        return rubs or any(_effect_dissipates(effect) for effect in inside)
 
 
-def _dissipates(effect: Effect) -> bool:
+def _effect_dissipates(effect: Effect) -> bool:
     return any(part.damps or part.dry or part.is_flow for part in (effect, *effect.parts))
 
 

@@ -23,7 +23,7 @@ from granular.formulas.dimensions import LENGTH, NONE, Dimension
 from granular.schema.sections import Many, quantity, section_field
 
 
-class PairText(Formula, Force):
+class PairFormula(Formula, Force):
     """One pair law.
 
     Attributes
@@ -49,7 +49,7 @@ class PairText(Formula, Force):
         return {"energy": energy, "force": -energy.diff(r), "slope": energy.diff(r, 2)}
 
     @staticmethod
-    def functions_of(made: Functions) -> Functions:
+    def kernel_functions(made: Functions) -> Functions:
         energy_of, force_of, slope_of = (made[name] for name in ("energy", "force", "slope"))
 
         def energy(p: Any, r: float, first: Grain, second: Grain) -> Any:
@@ -81,7 +81,7 @@ class PairLaw(FormulaList):
 
     Attributes
     ----------
-    fields : tuple of PairText
+    fields : tuple of PairFormula
     """
 
     key = "pair_law"
@@ -90,4 +90,4 @@ class PairLaw(FormulaList):
         {"energy": "k*max(end - r, 0)**4/end**2", "k": "1 N/m", "end": "2 D", "reach": "2 D"},
     ]
 
-    fields: tuple[PairText, ...] = section_field(Many(section=PairText, least=1))
+    fields: tuple[PairFormula, ...] = section_field(Many(section=PairFormula, least=1))

@@ -42,18 +42,18 @@ class Shaking(Frame):
 
     def greatest_speed(self, scales: Scales) -> float:
         """Greatest speed of the cell [D/tau]."""
-        swing = self._natural_swing(scales)
+        swing = self._acceleration_in_natural_units(scales)
         return math.hypot(swing.x, swing.y) / swing.omega
 
     def drive_frequency(self, scales: Scales) -> float:
         """Angular frequency of the motion [1/tau]."""
-        return self._natural_swing(scales).omega
+        return self._acceleration_in_natural_units(scales).omega
 
     def law(self, setting: EffectContext) -> ShakingLaw:
         """Apparent acceleration in natural units."""
-        return self._natural_swing(setting.scales)
+        return self._acceleration_in_natural_units(setting.scales)
 
-    def _natural_swing(self, scales: Scales) -> ShakingLaw:
+    def _acceleration_in_natural_units(self, scales: Scales) -> ShakingLaw:
         omega = 2.0 * math.pi * self.frequency * scales.time
         size = self.amplitude / scales.length * omega**2
         return ShakingLaw(size * math.cos(self.angle), size * math.sin(self.angle), omega)

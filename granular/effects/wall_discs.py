@@ -62,7 +62,7 @@ class DiscWallTables(NamedTuple):
 
 
 @compiled(inline=True)
-def _find_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
+def _find_spline_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
     """1/W, the piece, the fraction of it that is passed, and the terms that count."""
     gap = w + tables.depth
     # Behind the face, or at no number, where the grain is reported to be.
@@ -76,17 +76,17 @@ def _find_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int
 
 
 @compiled(inline=True)
-def _value(p: Array, t: float) -> float:
+def _spline_value(p: Array, t: float) -> float:
     return p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * (p[4] + t * p[5]))))
 
 
 @compiled(inline=True)
-def _slope(p: Array, t: float) -> float:
+def _spline_slope(p: Array, t: float) -> float:
     return p[1] + t * (2.0 * p[2] + t * (3.0 * p[3] + t * (4.0 * p[4] + t * 5.0 * p[5])))
 
 
 @compiled(inline=True)
-def _curvature(p: Array, t: float) -> float:
+def _spline_curvature(p: Array, t: float) -> float:
     return 2.0 * p[2] + t * (6.0 * p[3] + t * (12.0 * p[4] + t * 20.0 * p[5]))
 
 
@@ -95,14 +95,14 @@ def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
     """Energy [F* D], and forces away from the wall and along it [F*], of a grain of moment 1."""
-    v, piece, t, terms = _find_piece(tables, kind, w)
+    v, piece, t, terms = _find_spline_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
         cosine, sine = np.cos(wave * along), np.sin(wave * along)
     energy, normal, tangential = 0.0, 0.0, 0.0
     for m in range(terms):
         p = tables.pieces[kind, m, piece]
-        value, slope = _value(p, t), _slope(p, t) * tables.per_piece
+        value, slope = _spline_value(p, t), _spline_slope(p, t) * tables.per_piece
         energy += v * v * value * c
         normal += v * v * v * (2.0 * value + v * slope) * c
         tangential += m * wave * v * v * value * s
@@ -113,12 +113,12 @@ def energy_and_forces(
 @entry
 def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
     """Bound of the stiffness [F*/D] of a grain of moment 1, wherever it stands along the wall."""
-    v, piece, t, terms = _find_piece(tables, kind, w)
+    v, piece, t, terms = _find_spline_piece(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
         p, k = tables.pieces[kind, m, piece], m * tables.wave
-        value, slope = _value(p, t), _slope(p, t) * tables.per_piece
-        bend = _curvature(p, t) * tables.per_piece * tables.per_piece
+        value, slope = _spline_value(p, t), _spline_slope(p, t) * tables.per_piece
+        bend = _spline_curvature(p, t) * tables.per_piece * tables.per_piece
         across += v**4 * abs(6.0 * value + 6.0 * v * slope + v * v * bend)
         along += k * k * v * v * abs(value)
         mixed += k * v**3 * abs(2.0 * value + v * slope)
@@ -153,7 +153,7 @@ class DiscWall(NamedTuple):
         outside = 0
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
-            kind = _kind(law.species, i)
+            kind = _grain_species(law.species, i)
             _, normal[i], tangential[i] = energy_and_forces(law.tables, kind, w, side.along[i])
             if moments is not None:
                 normal[i] *= moments[i]
@@ -179,7 +179,7 @@ class DiscWall(NamedTuple):
         """As of `granular.effects.wall_side.add_distance_energies`."""
         for i in range(count):
             w = side.sign * (side.position[i] - side.offset)
-            kind = _kind(law.species, i)
+            kind = _grain_species(law.species, i)
             energies[i] = energy_and_forces(law.tables, kind, w, side.along[i])[0]
             slopes[i] += stiffness(law.tables, kind, w)
 
@@ -192,7 +192,7 @@ class DiscWall(NamedTuple):
 
 
 @compiled(inline=True)
-def _kind(species: Array | None, i: int) -> int:
+def _grain_species(species: Array | None, i: int) -> int:
     return 0 if species is None else species[i]
 
 
@@ -213,11 +213,11 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
     """
     depth, wave = magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
-    amplitudes = [_amplitudes(v, disc, magnet, pitch) for disc in discs]
+    amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
     touch = [int(np.argmin(np.abs(v - 1.0 / (depth + disc.radius)))) for disc in discs]
     left = [np.cumsum(np.abs(a[::-1, k]))[::-1] / a[0, k] for a, k in zip(amplitudes, touch, strict=True)]
     terms = max(int(np.flatnonzero(rest > LEFT_OUT).max()) + 1 for rest in left)
-    pieces = np.array([[_pieces(v, row) for row in a[:terms]] for a in amplitudes])
+    pieces = np.array([[_quintic_spline_pieces(v, row) for row in a[:terms]] for a in amplitudes])
     smooth = []
     for a in amplitudes:
         loud = np.flatnonzero(np.abs(a[1:terms]).sum(axis=0) > NOTHING * a[0])
@@ -240,7 +240,7 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
     return tables._replace(turning=np.array([every, np.max(greatest, axis=0)]))
 
 
-def _amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
+def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
     """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
     shift, w = pair_shift(disc, magnet), 1.0 / v[1:]
     energy = _pair_energy(disc, magnet)
@@ -286,7 +286,7 @@ def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]
     return energy
 
 
-def _pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Coefficients of a quintic spline, in the fraction of a piece that is passed (PIECES, 6)."""
     spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0
     columns = []

@@ -103,11 +103,11 @@ class WallFrictionLaw(NamedTuple):
         state, constants = bed.state, bed.constants
         masses, moments = constants.masses, relative_moments(constants)
         rubbed, dragged = 0.0, 0.0
-        for k in range(drag.rate_count(law.rates)):
-            rate = drag.rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
+        for k in range(drag.drag_rate_count(law.rates)):
+            rate = drag.drag_rate_at(drag.drag_decay_rate(law.rate), law.rates, k)
             decay, gain, a, b, c = drag.drag_flow_coefficients(rate, dt)
             for i in range(constants.grains):
-                if not drag.has_rate(law.kind, i, k):
+                if not drag.has_drag_rate(law.kind, i, k):
                     continue
                 mass, x = value_or_one(masses, i), state.x[i]
                 normal = _wall_normal_force(law.left, x) + _wall_normal_force(law.right, constants.width - x)

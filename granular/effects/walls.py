@@ -36,7 +36,7 @@ FORMULA = "formula"
 
 
 @dataclasses.dataclass(frozen=True)
-class LawName(Kind):
+class WallLawName(Kind):
     """The name of a law of a wall."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -53,7 +53,7 @@ class MadeSection(Kind):
         return value
 
 
-class WallText(Formula):
+class WallFormula(Formula):
     """A law of a wall as a formula of the distance ``w``."""
 
     variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
@@ -68,7 +68,7 @@ class WallText(Formula):
         return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
 
     @staticmethod
-    def functions_of(made: Functions) -> Functions:
+    def kernel_functions(made: Functions) -> Functions:
         def wrap_law(of: Any) -> Any:
             return lambda p, w: of(w, *p)
 
@@ -102,7 +102,7 @@ class Wall(Section):
         `granular.effects.custom`.
     """
 
-    law: str = section_field(LawName(), default="experimental")
+    law: str = section_field(WallLawName(), default="experimental")
     length: float | None = quantity("m", above=0.0, default=None, optional=True)
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -117,7 +117,7 @@ class Wall(Section):
         given = {name: value for name, value in plain.items() if name != "law"}
         law = plain.get("law", FORMULA if "energy" in plain else None)
         if law == FORMULA:
-            return cls(law=FORMULA, own=WallText.from_plain(given, diameter))
+            return cls(law=FORMULA, own=WallFormula.from_plain(given, diameter))
         own = find_wall_law(law) if isinstance(law, str) and law not in LAWS else None
         if own is not None:
             return cls(law=law, own=own.from_plain(given, diameter))

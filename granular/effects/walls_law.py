@@ -99,10 +99,10 @@ class WallLaws(NamedTuple):
         ratio = constants.least_ratio
         speed /= math.sqrt(ratio)
         return ratio * max(
-            _turning_side(law.left, speed),
-            _turning_side(law.right, speed),
-            _turning_side(law.bottom, speed),
-            _turning_side(law.top, speed),
+            _turning_stiffness_of_side(law.left, speed),
+            _turning_stiffness_of_side(law.right, speed),
+            _turning_stiffness_of_side(law.bottom, speed),
+            _turning_stiffness_of_side(law.top, speed),
         )
 
 
@@ -124,27 +124,29 @@ def _multiply_by_mass(stiffness: Array, moments: Array | None, masses: Array | N
 
 
 @compiled
-def _no_tangent(
+def _add_no_tangential_forces(
     law: Any, count: int, moments: Array | None, along_force: Array, tangential: Array | None
 ) -> None:
     """Return the forces along the wall, of a law of the distance alone."""
 
 
 _forces = call_hook("add_forces", "count moments side force normal tangential", add_distance_forces)
-_tangential_forces = call_hook("add_tangential_forces", "count moments along_force tangential", _no_tangent)
+_tangential_forces = call_hook(
+    "add_tangential_forces", "count moments along_force tangential", _add_no_tangential_forces
+)
 _energies = call_hook("measure", "count side stiffness energies", add_distance_energies)
 
 
 @compiled
-def _unknown(law: Any, speed: float) -> float:
+def _zero_turning_stiffness(law: Any, speed: float) -> float:
     return 0.0
 
 
-_turning = call_hook("turning_stiffness", "speed", _unknown)
+_turning_stiffness_of_law = call_hook("turning_stiffness", "speed", _zero_turning_stiffness)
 
 
 @compiled(inline=True)
-def _add_side(
+def _add_side_forces(
     law: Any,
     which: int,
     count: int,
@@ -198,10 +200,12 @@ def _add_wall_forces(
     left, right = Side(x, y, 0.0, 1.0), Side(x, y, width, -1.0)
     bottom, top = Side(y, x, 0.0, 1.0), Side(y, x, height, -1.0)
     return (
-        _add_side(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
-        + _add_side(laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces)
-        + _add_side(laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces)
-        + _add_side(laws.top, TOP, count, moments, top, fy, fx, normal, tangential, wall_forces)
+        _add_side_forces(laws.left, LEFT, count, moments, left, fx, fy, normal, tangential, wall_forces)
+        + _add_side_forces(laws.right, RIGHT, count, moments, right, fx, fy, normal, tangential, wall_forces)
+        + _add_side_forces(
+            laws.bottom, BOTTOM, count, moments, bottom, fy, fx, normal, tangential, wall_forces
+        )
+        + _add_side_forces(laws.top, TOP, count, moments, top, fy, fx, normal, tangential, wall_forces)
     )
 
 
@@ -244,7 +248,7 @@ def _measure_walls(
 
 
 @compiled
-def _turning_side(law: Any, speed: float) -> float:
+def _turning_stiffness_of_side(law: Any, speed: float) -> float:
     if law is None:
         return 0.0
-    return _turning(law, speed)
+    return _turning_stiffness_of_law(law, speed)

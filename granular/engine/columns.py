@@ -104,13 +104,13 @@ def total_energy(row: np.ndarray) -> float:
 
 def total_losses(rows: np.ndarray) -> np.ndarray:
     """Energy lost up to each record (r,)."""
-    return np.asarray(rows[:, _middle_columns(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
+    return np.asarray(rows[:, _first_loss_column(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 
-def _middle_columns(rows: np.ndarray) -> int:
+def _first_loss_column(rows: np.ndarray) -> int:
     return (ENERGIES + rows.shape[1]) // 2
 
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
     """Potential energies in each record: of the pairs, and of the laws from the last one on."""
-    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _middle_columns(rows)][:, ::-1]], axis=1)
+    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column(rows)][:, ::-1]], axis=1)

@@ -78,12 +78,12 @@ def refresh_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
 @compiled(inline=True)
 def _refresh_if_moved(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     if held is None:
-        return _refresh_rubbing(far.met, far, bed, time)
+        return _refresh_trajectory_if_moved(far.met, far, bed, time)
     return 0
 
 
 @compiled(inline=True)
-def _refresh_rubbing(met: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _refresh_trajectory_if_moved(met: Array | None, far: FarForces, bed: Bed, time: float) -> int:
     state, constants = bed.state, bed.constants
     if met is None:
         return compute_far_field(far, bed, time)
@@ -106,7 +106,7 @@ def _update_far_trajectory(trajectory: Array | None, far: FarForces, bed: Bed, t
     _store_far_forces(trajectory, far)
     crowded = compute_far_field(far, bed, time)
     if goes_on:
-        _far_force_rates(trajectory, far, lapse)
+        _store_far_force_rates(trajectory, far, lapse)
         far.moment[CHANGING] = 1.0
     return crowded
 
@@ -120,7 +120,7 @@ def _store_far_forces(trajectory: Array, far: FarForces) -> None:
 
 
 @compiled
-def _far_force_rates(trajectory: Array, far: FarForces, lapse: float) -> None:
+def _store_far_force_rates(trajectory: Array, far: FarForces, lapse: float) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
         trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
@@ -212,7 +212,7 @@ def update_held_far_field(state: State) -> None:
         far.held[0], far.held[1] = far.fx, far.fy
 
 
-def total_force(state: State) -> tuple[Array, Array]:
+def force_with_far_field(state: State) -> tuple[Array, Array]:
     """Force on the grains [F*], with all of a far field that acts in impulses."""
     far = state.far_forces
     if far is None or far.held is None:

@@ -24,7 +24,7 @@ from granular.engine.piston import piston_energy
 from granular.engine.step import Plan, make_step
 from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
 from granular.engine.stiffness import highest_frequency_bound
-from granular.engine.variable import advance_step_density
+from granular.engine.variable_step import advance_step_density
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import (
     HEIGHT,
@@ -136,7 +136,7 @@ def _has_come_to_rest(watch: StopCriteria, tick: int, row: Array) -> bool:
     return tick - watch.band[STARTED] >= watch.window
 
 
-class Window(NamedTuple):
+class TickRange(NamedTuple):
     """Range of ticks to advance by.
 
     Attributes
@@ -175,7 +175,7 @@ def _advance_one_tick(
     fraction: float | None,
     every: int | None,
     tick: int,
-    window: Window,
+    window: TickRange,
     schedule: StepSchedule,
     plan: Plan,
     bed: Bed,
@@ -238,7 +238,7 @@ def _advance_one_tick(
 
 @entry
 def advance_ticks(
-    window: Window,
+    window: TickRange,
     schedule: StepSchedule,
     plan: Plan,
     state: State,
@@ -273,7 +273,9 @@ def advance_ticks(
 
 
 @compiled
-def _check_and_record(window: Window, bed: Bed, motion: Motion, measurement: Measurement, row: Array) -> int:
+def _check_and_record(
+    window: TickRange, bed: Bed, motion: Motion, measurement: Measurement, row: Array
+) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
     outside = compute_forces_and_sums(bed, time, measurement)
@@ -283,7 +285,7 @@ def _check_and_record(window: Window, bed: Bed, motion: Motion, measurement: Mea
 
 @compiled
 def _advance_window(
-    window: Window,
+    window: TickRange,
     schedule: StepSchedule,
     plan: Plan,
     bed: Bed,
@@ -339,7 +341,7 @@ def record_present_state(
     its own would be compiled besides.
     """
     status, _, _ = advance_ticks(
-        Window(start, 0.0, math.inf, 0, 0),
+        TickRange(start, 0.0, math.inf, 0, 0),
         StepSchedule(1.0, 1.0, 1, 1, 1, 0),
         plan,
         state,

@@ -37,13 +37,15 @@ def highest_collision_frequency(constants: Constants, speed: float) -> float:
     """
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
-        square = _head_on(constants.acting.discs, speed, constants.least_mass, constants.least_moment)
+        square = _head_on_pair_stiffness(
+            constants.acting.discs, speed, constants.least_mass, constants.least_moment
+        )
     laws = constants.acting.laws
     return math.sqrt(max(square, _collision(laws, laws, speed, constants)))
 
 
 @compiled(inline=True)
-def _head_on(discs: Discs | None, speed: float, mass: float, moment: float) -> float:
+def _head_on_pair_stiffness(discs: Discs | None, speed: float, mass: float, moment: float) -> float:
     if discs is None:
         return head_on_stiffness(speed, mass, moment)
     return head_on_disc_stiffness(discs, speed, mass, moment)

@@ -101,10 +101,10 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
 @functools.cache
 def _trees(nodes: int) -> tuple[Tree, ...]:
     """All rooted trees of so many nodes, each once."""
-    return tuple(_forests(nodes - 1, nodes - 1))
+    return tuple(_sets_of_trees(nodes - 1, nodes - 1))
 
 
-def _forests(nodes: int, largest: int) -> Iterator[Tree]:
+def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
     """All sets of trees with so many nodes together, none of them larger than ``largest``."""
     if nodes == 0:
         yield ()
@@ -112,7 +112,7 @@ def _forests(nodes: int, largest: int) -> Iterator[Tree]:
     for size in range(min(nodes, largest), 0, -1):
         for count in range(nodes // size, 0, -1):
             for same in itertools.combinations_with_replacement(_trees(size), count):
-                for rest in _forests(nodes - size * count, size - 1):
+                for rest in _sets_of_trees(nodes - size * count, size - 1):
                     yield (*same, *rest)
 
 

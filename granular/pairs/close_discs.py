@@ -89,21 +89,21 @@ def close_discs_workspace(size: int, reach: float, periods: tuple[float, float] 
 
 
 @compiled(inline=True)
-def _nearest(periods: Array | None, axis: int, displacement: float) -> float:
+def _nearest_image_component(periods: Array | None, axis: int, displacement: float) -> float:
     if periods is None:
         return displacement
     return displacement - periods[axis] * np.rint(displacement / periods[axis])
 
 
 @compiled(inline=True)
-def _home(periods: Array | None, axis: int, position: float) -> float:
+def _wrap_coordinate(periods: Array | None, axis: int, position: float) -> float:
     if periods is None:
         return position
     return position - periods[axis] * np.floor(position / periods[axis])
 
 
 @compiled(inline=True)
-def _extent(periods: Array | None, axis: int, values: Array, grains: int) -> tuple[float, float]:
+def _coordinate_extent(periods: Array | None, axis: int, values: Array, grains: int) -> tuple[float, float]:
     """Lowest position along an axis, and the extent from there on."""
     if periods is not None:
         return 0.0, periods[axis]
@@ -114,7 +114,7 @@ def _extent(periods: Array | None, axis: int, values: Array, grains: int) -> tup
 
 
 @compiled(inline=True)
-def _around(periods: Array | None, line: int, lines: int) -> int:
+def _neighbour_cell_line(periods: Array | None, line: int, lines: int) -> int:
     """Line of cells beside another one; -1 outside of a closed cell."""
     if periods is not None:
         return line % lines
@@ -122,11 +122,11 @@ def _around(periods: Array | None, line: int, lines: int) -> int:
 
 
 @compiled
-def _sort(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> tuple[int, int]:
+def _sort_into_cells(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> tuple[int, int]:
     """Sort grains into cells no smaller than the reach; return the columns and rows."""
     periods, firsts = close.periods, close.firsts
-    left, width = _extent(periods, 0, x, grains)
-    low, height = _extent(periods, 1, y, grains)
+    left, width = _coordinate_extent(periods, 0, x, grains)
+    low, height = _coordinate_extent(periods, 1, y, grains)
     most = math.floor(math.sqrt(firsts.size - 8.0))
     columns = int(max(1.0, min(np.floor(width / reach), most)))
     rows = int(max(1.0, min(np.floor(height / reach), (firsts.size - 2.0) // columns)))
@@ -135,8 +135,8 @@ def _sort(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> t
     wide, high = max(width / columns, reach), max(height / rows, reach)
     firsts[: columns * rows + 1] = 0
     for i in range(grains):
-        across = int((_home(periods, 0, x[i]) - left) / wide)
-        up = int((_home(periods, 1, y[i]) - low) / high)
+        across = int((_wrap_coordinate(periods, 0, x[i]) - left) / wide)
+        up = int((_wrap_coordinate(periods, 1, y[i]) - low) / high)
         close.cell[i] = min(up, rows - 1) * columns + min(across, columns - 1)
         firsts[close.cell[i] + 1] += 1
     for cell in range(columns * rows):
@@ -153,22 +153,22 @@ def _sort(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> t
 @compiled
 def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
     """Fill the list; False where it has no room."""
-    columns, rows = _sort(close, x, y, grains, reach)
+    columns, rows = _sort_into_cells(close, x, y, grains, reach)
     periods, second, last = close.periods, close.second, 0
     for i in range(grains):
         begin = last
         column, row = close.cell[i] % columns, close.cell[i] // columns
         for up in range(-1 if rows > 1 else 0, 2 if rows > 1 else 1):
             for by in range(-1 if columns > 1 else 0, 2 if columns > 1 else 1):
-                line = _around(periods, row + up, rows)
-                across = _around(periods, column + by, columns)
+                line = _neighbour_cell_line(periods, row + up, rows)
+                across = _neighbour_cell_line(periods, column + by, columns)
                 if line < 0 or across < 0:
                     continue
                 cell = line * columns + across
                 for k in range(close.firsts[cell], close.firsts[cell + 1]):
                     j = close.order[k]
-                    dx = _nearest(periods, 0, x[i] - x[j])
-                    dy = _nearest(periods, 1, y[i] - y[j])
+                    dx = _nearest_image_component(periods, 0, x[i] - x[j])
+                    dy = _nearest_image_component(periods, 1, y[i] - y[j])
                     if j > i and dx * dx + dy * dy < reach * reach:
                         if last == second.size:
                             return False
@@ -185,7 +185,7 @@ def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: fl
 
 
 @compiled
-def _refresh(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
+def _refresh_pair_list(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
     """Make the list hold every pair within the reach; False where it cannot."""
     moved, most = 0, 0.25 * SKIN * SKIN
     for i in range(grains):
@@ -202,26 +202,28 @@ def _refresh(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -
 
 
 @compiled(inline=True)
-def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
+def _species_pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
     return 0 if species is None else species[i] * kinds + species[j]
 
 
 @compiled(inline=True)
-def _numbers(tables: CloseTables, row: int) -> tuple[float, float, float]:
+def _force_table_entries(tables: CloseTables, row: int) -> tuple[float, float, float]:
     """Entries of a pair of species that the forces take."""
     return tables.pairs[row, START], tables.pairs[row, PER_PIECE], tables.pairs[row, SMOOTH]
 
 
 @compiled(inline=True)
-def _numbers_of(
+def _force_table_entries_of_pair(
     species: Array | None, tables: CloseTables, row: int, alike: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Those of a pair: where all grains are alike they stay in registers."""
-    return alike if species is None else _numbers(tables, row)
+    return alike if species is None else _force_table_entries(tables, row)
 
 
 @compiled(inline=True)
-def _piece_of(tables: CloseTables, start: float, per_piece: float, u: float) -> tuple[np.uint64, float]:
+def _find_spline_piece(
+    tables: CloseTables, start: float, per_piece: float, u: float
+) -> tuple[np.uint64, float]:
     """Piece of a table at r^2 = u, and the fraction of it that is passed.
 
     Without a sign, an index takes no look at whether it counts from the end.
@@ -232,21 +234,21 @@ def _piece_of(tables: CloseTables, start: float, per_piece: float, u: float) -> 
 
 
 @compiled(inline=True)
-def _piece_at(tables: CloseTables, row: int, u: float) -> tuple[np.uint64, float]:
-    return _piece_of(tables, tables.pairs[row, START], tables.pairs[row, PER_PIECE], u)
+def _find_spline_piece_of_row(tables: CloseTables, row: int, u: float) -> tuple[np.uint64, float]:
+    return _find_spline_piece(tables, tables.pairs[row, START], tables.pairs[row, PER_PIECE], u)
 
 
 @compiled(inline=True)
-def _cubic(tables: CloseTables, row: int, k: np.uint64, t: float) -> float:
+def _spline_force_ratio(tables: CloseTables, row: int, k: np.uint64, t: float) -> float:
     """F/r that a piece adds, over the moments."""
     p = tables.pieces
     return p[row, k, 0] + t * p[row, k, 1] + t * t * (p[row, k, 2] + t * p[row, k, 3])
 
 
 @compiled(inline=True)
-def _energy(tables: CloseTables, row: int, u: float) -> float:
+def _spline_energy(tables: CloseTables, row: int, u: float) -> float:
     """Energy that they add."""
-    k, t = _piece_at(tables, row, u)
+    k, t = _find_spline_piece_of_row(tables, row, u)
     p = tables.pieces
     passed = p[row, k, 1] / 2.0 + t * (p[row, k, 2] / 3.0 + t * p[row, k, 3] / 4.0)
     passed = t * (p[row, k, 0] + t * passed) / tables.pairs[row, PER_PIECE]
@@ -254,16 +256,16 @@ def _energy(tables: CloseTables, row: int, u: float) -> float:
 
 
 @compiled(inline=True)
-def _slope(tables: CloseTables, row: int, u: float) -> float:
+def _spline_force_slope(tables: CloseTables, row: int, u: float) -> float:
     """d(F/r)/d(r^2) that they add."""
-    k, t = _piece_at(tables, row, u)
+    k, t = _find_spline_piece_of_row(tables, row, u)
     p = tables.pieces
     slope = p[row, k, 1] + t * (2.0 * p[row, k, 2] + 3.0 * t * p[row, k, 3])
     return tables.pairs[row, PER_PIECE] * slope
 
 
 @compiled
-def _singular(tables: CloseTables, row: int, u: float) -> tuple[float, float, float]:
+def _singular_contact_part(tables: CloseTables, row: int, u: float) -> tuple[float, float, float]:
     """F/r, energy and d(F/r)/d(r^2) of the singular part; the root is that of x + iz."""
     factor = tables.pairs[row, SINGULAR]
     x, z = u - tables.pairs[row, CONTACT], tables.pairs[row, HEIGHT]
@@ -274,25 +276,27 @@ def _singular(tables: CloseTables, row: int, u: float) -> tuple[float, float, fl
 
 
 @compiled
-def _stiffness(discs: Discs, row: int, u: float) -> float:
+def _stiffness_beyond_bound(discs: Discs, row: int, u: float) -> float:
     """Stiffness of a close pair less the bound that stands for it, over the moments."""
     tables, force = discs.close, 8.0 / 3.0 * discs.series[TERM]
     rho2 = u - tables.pairs[row, SHIFT]
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
-    ratio = STRENGTH * fifth * (1.0 + force * fifth) + _cubic(tables, row, *_piece_at(tables, row, u))
-    slope = -2.5 * STRENGTH * fifth / rho2 * (1.0 + 2.0 * force * fifth) + _slope(tables, row, u)
+    ratio = STRENGTH * fifth * (1.0 + force * fifth) + _spline_force_ratio(
+        tables, row, *_find_spline_piece_of_row(tables, row, u)
+    )
+    slope = -2.5 * STRENGTH * fifth / rho2 * (1.0 + 2.0 * force * fifth) + _spline_force_slope(tables, row, u)
     if u < tables.pairs[row, SMOOTH]:
-        more, _, by_u = _singular(tables, row, u)
+        more, _, by_u = _singular_contact_part(tables, row, u)
         ratio, slope = ratio + more, slope + by_u
     bound = 3.0 * discs.series[STIFFNESS] * fifth
     return max(abs(ratio + 2.0 * u * slope), abs(ratio)) - bound
 
 
 @compiled
-def _energy_beyond(tables: CloseTables, row: int, u: float) -> float:
+def _tabulated_energy(tables: CloseTables, row: int, u: float) -> float:
     """Energy that a table adds, over the moments."""
-    singular = _singular(tables, row, u)[1] if u < tables.pairs[row, SMOOTH] else 0.0
-    return _energy(tables, row, u) + singular
+    singular = _singular_contact_part(tables, row, u)[1] if u < tables.pairs[row, SMOOTH] else 0.0
+    return _spline_energy(tables, row, u) + singular
 
 
 @compiled
@@ -308,9 +312,11 @@ def head_on_disc_stiffness(discs: Discs, speed: float, mass: float, moment: floa
 
 
 @compiled(inline=True)
-def _apart(periods: Array | None, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
+def _pair_displacement(periods: Array | None, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
     """Displacement from one grain to another, or to its nearest image."""
-    return _nearest(periods, 0, x[i] - x[j]), _nearest(periods, 1, y[i] - y[j])
+    return _nearest_image_component(periods, 0, x[i] - x[j]), _nearest_image_component(
+        periods, 1, y[i] - y[j]
+    )
 
 
 def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
@@ -327,7 +333,7 @@ def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.n
 
 
 @compiled(inline=True)
-def _push(arrays: GrainArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
+def _add_pair_force(arrays: GrainArrays, i: int, j: int, dx: float, dy: float, ratio: float) -> None:
     fx, fy = ratio * dx, ratio * dy
     arrays.fx[i] += fx
     arrays.fy[i] += fy
@@ -336,52 +342,52 @@ def _push(arrays: GrainArrays, i: int, j: int, dx: float, dy: float, ratio: floa
 
 
 @compiled
-def _add_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
+def _add_spline_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
     """Add the forces of the pieces; return how many pairs have a singular part as well."""
     x, y, tables, touching = arrays.x, arrays.y, discs.close, 0
-    alike = _numbers(tables, 0)
+    alike = _force_table_entries(tables, 0)
     # No branch: how many pairs a grain has is a guess that goes wrong.
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
-        dx, dy = _apart(close.periods, x, y, i, j)
-        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
-        start, per_piece, smooth = _numbers_of(discs.species, tables, row, alike)
+        dx, dy = _pair_displacement(close.periods, x, y, i, j)
+        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
+        start, per_piece, smooth = _force_table_entries_of_pair(discs.species, tables, row, alike)
         touching += u < smooth
-        piece, t = _piece_of(tables, start, per_piece, u)
+        piece, t = _find_spline_piece(tables, start, per_piece, u)
         both = value_or_one(arrays.moments, i) * value_or_one(arrays.moments, j)
-        _push(arrays, i, j, dx, dy, both * _cubic(tables, row, piece, t))
+        _add_pair_force(arrays, i, j, dx, dy, both * _spline_force_ratio(tables, row, piece, t))
     return touching
 
 
 # By itself: most beds have no such pair, and its roots take longer than all else.
 @compiled
-def _add_touching(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
+def _add_singular_contact_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
     """Add the forces of the singular parts; return how many pairs are too near."""
     tables, crowded = discs.close, 0
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
-        dx, dy = _apart(close.periods, arrays.x, arrays.y, i, j)
-        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+        dx, dy = _pair_displacement(close.periods, arrays.x, arrays.y, i, j)
+        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
         if u < tables.pairs[row, SMOOTH]:
             crowded += u < tables.pairs[row, LEAST]
             both = value_or_one(arrays.moments, i) * value_or_one(arrays.moments, j)
-            _push(arrays, i, j, dx, dy, both * _singular(tables, row, u)[0])
+            _add_pair_force(arrays, i, j, dx, dy, both * _singular_contact_part(tables, row, u)[0])
     return crowded
 
 
 @compiled
-def _add_sums(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> None:
+def _add_requested_sums(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> None:
     """Add what is asked for besides forces."""
     tables = discs.close
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
-        dx, dy = _apart(close.periods, arrays.x, arrays.y, i, j)
-        u, row = dx * dx + dy * dy, _pair_row(discs.species, discs.kinds, i, j)
+        dx, dy = _pair_displacement(close.periods, arrays.x, arrays.y, i, j)
+        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
         if u < tables.pairs[row, END]:
             first, second = value_or_one(arrays.moments, i), value_or_one(arrays.moments, j)
             # As 1/r^3 in the sums, and the stiffness as 1/r^5.
-            cube = 3.0 / STRENGTH * _energy_beyond(tables, row, u)
-            fifth = _stiffness(discs, row, u) / (3.0 * discs.series[STIFFNESS])
+            cube = 3.0 / STRENGTH * _tabulated_energy(tables, row, u)
+            fifth = _stiffness_beyond_bound(discs, row, u) / (3.0 * discs.series[STIFFNESS])
             add_at(arrays.extremes, 0, first * second * cube)
             add_at(arrays.load, i, value_or_one(arrays.weight, j) * cube)
             add_at(arrays.load, j, value_or_one(arrays.weight, i) * cube)
@@ -390,10 +396,12 @@ def _add_sums(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> None:
 
 
 @compiled(inline=True)
-def _add_wanted(wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> bool:
+def _add_sums_if_requested(
+    wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: GrainArrays
+) -> bool:
     if wanted is None:
         return False
-    _add_sums(discs, close, arrays)
+    _add_requested_sums(discs, close, arrays)
     return True
 
 
@@ -408,11 +416,11 @@ def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: GrainA
     """
     if grains == 0:
         return 0
-    if not _refresh(close, arrays.x, arrays.y, grains, discs.reach):
+    if not _refresh_pair_list(close, arrays.x, arrays.y, grains, discs.reach):
         return 1
-    touching, crowded = _add_forces(discs, close, arrays), 0
+    touching, crowded = _add_spline_forces(discs, close, arrays), 0
     if touching > 0:
-        crowded = _add_touching(discs, close, arrays)
-    if not _add_wanted(arrays.extremes, discs, close, arrays):
-        _add_wanted(arrays.load, discs, close, arrays)
+        crowded = _add_singular_contact_forces(discs, close, arrays)
+    if not _add_sums_if_requested(arrays.extremes, discs, close, arrays):
+        _add_sums_if_requested(arrays.load, discs, close, arrays)
     return crowded

@@ -62,21 +62,23 @@ SEVENTH = tuple(-2.0 / 3.0 * k * FIFTH_ENERGY[k] for k in (1, 2, 3))
 """The same in their force, where r^-5 stands for r^-3 of dipoles, over r_c^-7."""
 
 
-def _split(u: NDArray[np.float64], numbers: tuple[float, ...], power: float) -> NDArray[np.float64]:
+def _far_part_of_inverse_power(
+    u: NDArray[np.float64], numbers: tuple[float, ...], power: float
+) -> NDArray[np.float64]:
     inside = np.polynomial.polynomial.polyval(u, numbers)
     return np.where(u < 1.0, inside, np.maximum(u, 1.0) ** power)
 
 
-def far_cube(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
+def far_inverse_cube(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
     """Far part of r^-3 + ``fifth`` r^-5 at squared distances."""
     u = np.asarray(square, dtype=np.float64) / radius**2
-    result = _split(u, CUBE, -1.5) / radius**3
-    return result + _split(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
+    result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
+    return result + _far_part_of_inverse_power(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
 
 
-def far_fifth(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
+def far_inverse_fifth(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
     """Far part of r^-5 + (5/3) ``fifth`` r^-7 at squared distances."""
     u = np.asarray(square, dtype=np.float64) / radius**2
-    result = _split(u, FIFTH, -2.5) / radius**5
-    more = _split(u, SEVENTH, -3.5)
+    result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5
+    more = _far_part_of_inverse_power(u, SEVENTH, -3.5)
     return result + np.where(u < 1.0, more, 5.0 / 3.0 * more) * fifth / radius**7 if fifth else result

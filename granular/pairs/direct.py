@@ -52,7 +52,7 @@ def part_buffers(size: int) -> np.ndarray | None:
 
 
 @compiled
-def _sweep(arrays: GrainArrays, nearest: Array | None, part: int, parts: int) -> None:
+def _sum_pairs_of_part(arrays: GrainArrays, nearest: Array | None, part: int, parts: int) -> None:
     size = arrays.x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
         sweep_block(arrays, first, nearest)
@@ -76,7 +76,7 @@ def _sweep_part(arrays: GrainArrays, nearest: Array | None, buffer: Array, part:
         arrays.series,
         arrays.shift,
     )
-    _sweep(sums, nearest, part, PARTS)
+    _sum_pairs_of_part(sums, nearest, part, PARTS)
 
 
 @compiled
@@ -102,7 +102,7 @@ def _add_parts(buffers: Array, row: int, out: Array | None) -> None:
 
 
 @compiled
-def _join_extremes(buffers: Array, extremes: Array | None) -> None:
+def _combine_extremes(buffers: Array, extremes: Array | None) -> None:
     if extremes is not None:
         for part in range(PARTS):
             extremes[0] += buffers[part, 4, 0]
@@ -115,7 +115,7 @@ def _direct_sum(
 ) -> None:
     if buffers is None:
         clear_sums(arrays)
-        _sweep(arrays, nearest, 0, 1)
+        _sum_pairs_of_part(arrays, nearest, 0, 1)
     else:
         if threaded is None:
             _sweep_parts(arrays, nearest, buffers)
@@ -126,7 +126,7 @@ def _direct_sum(
         _add_parts(buffers, 2, arrays.stiffness)
         _add_parts(buffers, 3, arrays.load)
         clear_array(arrays.extremes)
-        _join_extremes(buffers, arrays.extremes)
+        _combine_extremes(buffers, arrays.extremes)
     scale, strength = sum_scale(arrays.series), STRENGTH * force_scale(arrays.series)
     scale_array(arrays.fx, strength)
     scale_array(arrays.fy, strength)

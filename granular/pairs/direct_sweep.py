@@ -37,17 +37,17 @@ def _rows_at_once(context: Any) -> int:
     return 4 if has_avx512(context) else 2
 
 
-class _Ends(NamedTuple):
+class _PeriodicCutOff(NamedTuple):
     """Cut-off and images of the pairs in a periodic cell; None and None where all pairs count."""
 
     cut: Cut | None
     images: PeriodicImages | None
 
 
-def _make_ends(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _Ends:
+def _make_periodic_cut_off(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _PeriodicCutOff:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
-        return _Ends(None, None)
+        return _PeriodicCutOff(None, None)
     b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
     pointer = code.data(kind, nearest)
     width, height, radius = (code.scalar(pointer, ir.Constant(INDEX, k)) for k in range(3))
@@ -55,11 +55,17 @@ def _make_ends(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _Ends:
     rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
     cut = make_cut(code, square, rest, None, arrays.far)
-    return _Ends(cut, PeriodicImages(*(code.splat(side) for side in sides)))
+    return _PeriodicCutOff(cut, PeriodicImages(*(code.splat(side) for side in sides)))
 
 
-def _sweep(
-    code: Code, arrays: Arrays, ends: _Ends, first: ir.Value, rows: int, start: ir.Value, stop: ir.Value
+def _sum_rows_with_partners(
+    code: Code,
+    arrays: Arrays,
+    ends: _PeriodicCutOff,
+    first: ir.Value,
+    rows: int,
+    start: ir.Value,
+    stop: ir.Value,
 ) -> None:
     """Sum the pairs of some grains from ``first`` on with the partners start .. stop - 1."""
     b = code.builder
@@ -86,7 +92,7 @@ def _sweep(
     extremes.finish()
 
 
-def _sweep_among(code: Code, arrays: Arrays, ends: _Ends, first: ir.Value) -> None:
+def _sum_pairs_within_block(code: Code, arrays: Arrays, ends: _PeriodicCutOff, first: ir.Value) -> None:
     """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
     grains = load_eight_grains(code, arrays, first)
     pointers = present_arrays(arrays.sums)
@@ -119,12 +125,12 @@ def sweep_rows(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, near
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[0], values[0])
         first, start, stop, nearest = values[1:]
-        ends = _make_ends(code, arrays, signature.args[4], nearest)
+        ends = _make_periodic_cut_off(code, arrays, signature.args[4], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
         with cgutils.for_range_slice(builder, first, last, step, INDEX) as (row, _):
-            _sweep(code, arrays, ends, row, rows, start, stop)
+            _sum_rows_with_partners(code, arrays, ends, row, rows, start, stop)
         return context.get_dummy_value()
 
     return signature, generate
@@ -138,8 +144,8 @@ def sweep_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
         arrays = Arrays(code, signature.args[0], values[0])
-        ends = _make_ends(code, arrays, signature.args[2], values[2])
-        _sweep_among(code, arrays, ends, values[1])
+        ends = _make_periodic_cut_off(code, arrays, signature.args[2], values[2])
+        _sum_pairs_within_block(code, arrays, ends, values[1])
         return context.get_dummy_value()
 
     return signature, generate

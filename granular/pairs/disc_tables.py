@@ -138,7 +138,7 @@ class _Pair(NamedTuple):
 
     def errors(self, begin: float, c: float) -> Samples:
         """Errors of the law of `Discs` from a distance on, over what is allowed."""
-        energy, force = _law(self.r, self.shift, c)
+        energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
             [
@@ -148,7 +148,7 @@ class _Pair(NamedTuple):
         )
 
 
-def _law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
+def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
     """Energy and force of the law of all pairs, over those scales of dipoles."""
     rho = np.sqrt(r * r - shift)
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
@@ -165,7 +165,7 @@ def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
     size : int
         Padded number of grains.
     """
-    made, alike, own = _of_species(tuple(discs)), len(discs) == 1, [disc_shift(d) for d in discs]
+    made, alike, own = _make_discs_of_species(tuple(discs)), len(discs) == 1, [disc_shift(d) for d in discs]
     series = made.series.copy()
     series[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
     shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
@@ -174,13 +174,13 @@ def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
 
 
 @functools.cache
-def _of_species(discs: tuple[Disc, ...]) -> Discs:
+def _make_discs_of_species(discs: tuple[Disc, ...]) -> Discs:
     """Law and tables, without what differs from grain to grain."""
     kinds = range(len(discs))
-    pairs = {(i, j): _exact(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
-    c, centre = _completed_square(_fit(list(pairs.values())))
-    begins = {key: _begin(pair, c) for key, pair in pairs.items()}
-    made = {key: _table(pair.discs, begins[key], c) for key, pair in pairs.items()}
+    pairs = {(i, j): _make_exact_pair(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
+    c, centre = _completed_square(_fit_energy_coefficient(list(pairs.values())))
+    begins = {key: _law_validity_distance(pair, c) for key, pair in pairs.items()}
+    made = {key: _close_pair_table(pair.discs, begins[key], c) for key, pair in pairs.items()}
     tables = [made[min(i, j), max(i, j)] for i in kinds for j in kinds]
     # One piece of zeros behind each table: what is listed beyond it need not be left out.
     most = max(len(pieces) for _, pieces, _ in tables) + 1
@@ -197,11 +197,11 @@ def _of_species(discs: tuple[Disc, ...]) -> Discs:
             np.array([np.pad(p, ((0, most - len(p)), (0, 0))) for _, p, _ in tables]),
             np.array([np.pad(e, (0, most + 1 - len(e))) for _, _, e in tables]),
         ),
-        collision=_collisions([pairs[k, k] for k in kinds]),
+        collision=_collision_stiffness_table([pairs[k, k] for k in kinds]),
     )
 
 
-def _collisions(pairs: Sequence[_Pair]) -> Samples:
+def _collision_stiffness_table(pairs: Sequence[_Pair]) -> Samples:
     """Entries of `Discs.collision`, from pairs of alike discs; down to where a run stops."""
     rows = []
     for pair in pairs:
@@ -215,13 +215,13 @@ def _collisions(pairs: Sequence[_Pair]) -> Samples:
     return np.array([np.full(len(squares), touch), squares, np.max(envelopes, axis=0)])
 
 
-def _exact(first: Disc, second: Disc) -> _Pair:
+def _make_exact_pair(first: Disc, second: Disc) -> _Pair:
     contact = contact_distance(first, second)
     r = np.geomspace(contact, _BEYOND * contact, 400)
     return _Pair((first, second), r, *disc_energy_and_force(r, first, second))
 
 
-def _fit(pairs: Sequence[_Pair]) -> float:
+def _fit_energy_coefficient(pairs: Sequence[_Pair]) -> float:
     """Return the c that makes the law good enough from the least distance on."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
@@ -251,7 +251,7 @@ def _completed_square(c: float) -> tuple[float, float]:
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
-def _begin(pair: _Pair, c: float) -> float:
+def _law_validity_distance(pair: _Pair, c: float) -> float:
     """Distance from which on the law with that c is good enough."""
     wrong = np.abs(pair.errors(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
@@ -265,13 +265,15 @@ def _greatest_stiffness(pair: _Pair, begin: float, c: float) -> float:
     return float((np.abs(slope) / (12.0 * rho**-5)).max())
 
 
-def _smooth_end(u: Samples, begin: float, end: float) -> Samples:
+def _smooth_cut_off_factor(u: Samples, begin: float, end: float) -> Samples:
     """1 up to r^2 = ``begin``, 0 from ``end`` on; twice differentiable."""
     t = np.clip((end - u) / (end - begin), 0.0, 1.0)
     return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t * t))
 
 
-def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float], Samples, Samples]:
+def _close_pair_table(
+    discs: tuple[Disc, Disc], begin: float, c: float
+) -> tuple[list[float], Samples, Samples]:
     """Entries of `CloseTables` for two discs."""
     contact = contact_distance(*discs)
     touch, end = contact**2, (_WINDOW * begin) ** 2
@@ -282,9 +284,9 @@ def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float
     factor, z = contact_singularity(*discs)
     # x = r - contact is (r^2 - contact^2) / (2 contact) and what is smoother.
     factor, z = STRENGTH / 3.0 * factor / (contact * (2.0 * contact) ** 1.5), 2.0 * contact * z
-    rest = _difference(nodes, discs, c) * _smooth_end(nodes, begin**2, end)
+    rest = _force_ratio_difference(nodes, discs, c) * _smooth_cut_off_factor(nodes, begin**2, end)
     smooth = touch + _SINGULAR_PIECES * width
-    singular = factor * _power(nodes - touch, z, 1.5)
+    singular = factor * _complex_power(nodes - touch, z, 1.5)
     turned = np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True))
     indices = np.arange(below + many)[None] * 3 + np.arange(4)[:, None]
     pieces = (
@@ -292,7 +294,7 @@ def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float
     ).T
     losses = 0.5 * width * (pieces @ (1.0 / np.arange(1.0, 5.0)))
     energies = np.append(np.cumsum(losses[::-1])[::-1], 0.0)
-    energies[: below + _SINGULAR_PIECES] += 0.2 * factor * _power(np.array([smooth - touch]), z, 2.5)
+    energies[: below + _SINGULAR_PIECES] += 0.2 * factor * _complex_power(np.array([smooth - touch]), z, 2.5)
     numbers = [
         nodes[0],
         1.0 / width,
@@ -307,15 +309,15 @@ def _table(discs: tuple[Disc, Disc], begin: float, c: float) -> tuple[list[float
     return [float(number) for number in numbers], pieces, energies
 
 
-def _power(x: Samples, z: float, exponent: float) -> Samples:
+def _complex_power(x: Samples, z: float, exponent: float) -> Samples:
     return np.asarray(((x + 1j * z) ** exponent).real * ((x > 0.0) | (z > 0.0)))
 
 
-def _difference(u: Samples, discs: tuple[Disc, Disc], c: float) -> Samples:
+def _force_ratio_difference(u: Samples, discs: tuple[Disc, Disc], c: float) -> Samples:
     """F/r of the discs less that of the law of all pairs [F*/D]."""
     r = np.sqrt(u)
     _, force = continued_law(r, discs)
-    return np.asarray(STRENGTH / 3.0 * (force - _law(r, pair_shift(*discs), c)[1]) / r)
+    return np.asarray(STRENGTH / 3.0 * (force - _all_pairs_law(r, pair_shift(*discs), c)[1]) / r)
 
 
 def stiffness_over_dipoles(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
@@ -340,6 +342,6 @@ def contact_slope(first: Disc, second: Disc) -> float:
     step = 1e-4 * contact
     x: Samples = step * np.arange(3.0)
     force = disc_energy_and_force(contact + x, first, second)[1]
-    smooth = force - factor * _power(x, z, 1.5)
+    smooth = force - factor * _complex_power(x, z, 1.5)
     slope = (-1.5 * smooth[0] + 2.0 * smooth[1] - 0.5 * smooth[2]) / step
-    return float(slope + 1.5 * factor * _power(np.array([0.0]), z, 0.5)[0])
+    return float(slope + 1.5 * factor * _complex_power(np.array([0.0]), z, 0.5)[0])

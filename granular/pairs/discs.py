@@ -86,11 +86,11 @@ def disc_energy_and_force(
         Energy over mu0 m1 m2 / (4 pi), and force over the same.
     """
     energy, force = np.zeros((2, len(r)))
-    for z, sign in _faces(first, second, level=level):
+    for z, sign in _face_heights_and_signs(first, second, level=level):
         of_faces, slope = _faces_energy(np.asarray(r, dtype=np.float64), z, first, second)
         energy += sign * of_faces
         force -= sign * slope
-    return energy / _volumes(first, second), force / _volumes(first, second)
+    return energy / _disc_volumes(first, second), force / _disc_volumes(first, second)
 
 
 def contact_singularity(first: Disc, second: Disc, *, level: bool = True) -> tuple[float, float]:
@@ -98,18 +98,18 @@ def contact_singularity(first: Disc, second: Disc, *, level: bool = True) -> tup
 
     In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
     """
-    z = min(height for height, _ in _faces(first, second, level=level))
-    many = sum(sign for height, sign in _faces(first, second, level=level) if height == z)
+    z = min(height for height, _ in _face_heights_and_signs(first, second, level=level))
+    many = sum(sign for height, sign in _face_heights_and_signs(first, second, level=level) if height == z)
     reduced = first.radius * second.radius / (first.radius + second.radius)
     factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
-    return float(factor / _volumes(first, second)), z
+    return float(factor / _disc_volumes(first, second)), z
 
 
-def _volumes(first: Disc, second: Disc) -> float:
+def _disc_volumes(first: Disc, second: Disc) -> float:
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
-def _faces(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
+def _face_heights_and_signs(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
     """Heights of the faces above each other, and the signs of their energies."""
     apart, total = abs(first.height - second.height), first.height + second.height
     if level:
@@ -117,7 +117,7 @@ def _faces(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float
     return [(0.0, 1.0), (apart, 1.0), (first.height, -1.0), (second.height, -1.0)]
 
 
-def _nodes() -> tuple[Samples, Samples, Samples]:
+def _quadrature_nodes() -> tuple[Samples, Samples, Samples]:
     """Nodes on (0, 1), what lies between them and 1, and their weights."""
     k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
     u = 0.5 * np.pi * np.sinh(k)
@@ -138,21 +138,23 @@ def _faces_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samp
     """U of the head of this file, and its derivative by r."""
     radii = (first.radius, second.radius)
     low, high = abs(radii[0] - radii[1]), sum(radii)
-    left, right, weight = _nodes()
+    left, right, weight = _quadrature_nodes()
     width = high - low
     v, below = low + width * left, width * right
     area = _overlap_area(v, width * left, below, radii)
     # Displacements r - v from what is left up to contact: v itself is rounded.
-    energy, slope = _rings(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
+    energy, slope = _ring_potential(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
     if low > 0.0:
         v = low * left
         inner = np.pi * min(radii) ** 2 * v * low * weight
-        more, slopes = _rings(r, v, r[:, None] - v, z, inner)
+        more, slopes = _ring_potential(r, v, r[:, None] - v, z, inner)
         energy, slope = energy + more, slope + slopes
     return energy, slope
 
 
-def _rings(r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples) -> tuple[Samples, Samples]:
+def _ring_potential(
+    r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
+) -> tuple[Samples, Samples]:
     """Potential of rings of radii v at a distance r of their axis, and its derivative."""
     r = r[:, None]
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z

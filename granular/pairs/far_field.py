@@ -222,7 +222,7 @@ def _gather_load_threaded(mesh: Mesh, asked: FarSums) -> None:
 
 
 @compiled
-def _gather(threaded: bool | None, mesh: Mesh, asked: FarSums) -> float:
+def _gather_forces(threaded: bool | None, mesh: Mesh, asked: FarSums) -> float:
     """Fill forces and loads; the energy."""
     if threaded is None:
         for part in range(PARTS):
@@ -245,7 +245,9 @@ def _gather_load(threaded: bool | None, mesh: Mesh, asked: FarSums) -> None:
 
 
 @compiled(inline=True)
-def _has_space(around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+def _choose_windows_unless_periodic(
+    around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int
+) -> bool:
     return True if around is not None else choose_windows(mesh, x, y, grains)
 
 
@@ -285,7 +287,7 @@ def find_far_forces(
     if not positions_are_finite(x, y, grains):
         set_forces_to_nan(arrays, grains)
         return 0
-    if not _has_space(mesh.around, mesh, x, y, grains):
+    if not _choose_windows_unless_periodic(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
     sums = FarSums(
@@ -303,7 +305,7 @@ def find_far_forces(
     )
     spread_grains(mesh, threaded, x, y, arrays.moments, order, grains)
     compute_mesh_potential(mesh, threaded)
-    far.energy[0] = _gather(threaded, mesh, sums)
+    far.energy[0] = _gather_forces(threaded, mesh, sums)
     store_positions(far.met, x, y, grains)
     _compute_load(arrays.weight, arrays.moments, mesh, threaded, sums)
     return 0

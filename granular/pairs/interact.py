@@ -21,8 +21,8 @@ from granular.pairs.simd import (
     Code,
     constant,
     inverse_fifth,
+    inverse_fifth_for_discs,
     lane_mask,
-    short_inverse_fifth,
 )
 
 _AWAY = 1e100
@@ -47,7 +47,7 @@ class Series(NamedTuple):
     energy: Any
 
 
-def _series(code: Code, pointer: Any) -> Series | None:
+def _load_series(code: Code, pointer: Any) -> Series | None:
     if pointer is None:
         return None
     b, entries = code.builder, (COMMON, CENTRE, TERM)
@@ -70,7 +70,7 @@ class Arrays:
         self.x, self.y = pointers[:2]
         self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
-        self.series, self.shift = _series(code, pointers[9]), pointers[10]
+        self.series, self.shift = _load_series(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
         self.far = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FAR))
         self.force_scale = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FORCE_SCALE))
@@ -191,7 +191,7 @@ def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
     return value
 
 
-def _energy(
+def _pair_energy_lanes(
     code: Code,
     r2: ir.Value,
     s: ir.Value,
@@ -217,7 +217,7 @@ def _energy(
     return b.select(inside, b.fsub(energy, rest), constant(0.0))
 
 
-def _masked_fifth(
+def _masked_inverse_fifth_power(
     code: Code,
     argument: ir.Value,
     r2: ir.Value,
@@ -227,7 +227,7 @@ def _masked_fifth(
 ) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
     b, zero = code.builder, constant(0.0)
-    s = inverse_fifth(code, argument) if series is None else short_inverse_fifth(code, argument)
+    s = inverse_fifth(code, argument) if series is None else inverse_fifth_for_discs(code, argument)
     if lanes is not None:
         s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
@@ -263,7 +263,7 @@ def pair_contributions(
         # Without a cut-off nothing else needs r2.
         within = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
         argument = within if cut is None else b.fsub(r2, shift)
-    s = _masked_fifth(code, argument, r2, lanes, cut, series)
+    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, series)
     slope = energy = near = s
     if series is not None:
         root = b.fadd(s, series.centre)
@@ -276,14 +276,14 @@ def pair_contributions(
         fifth = _polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
     if extremes.pointer is not None or wanted.load is not None:
-        cube = _near_cube(code, r2, argument, energy, shift, cut)
+        cube = _near_inverse_cube(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if extremes.pointer is not None:
-        closest = s if series is None else _masked_fifth(code, r2, r2, lanes, cut, series)
-        extremes.meet(closest, _energy(code, r2, s, strength, pair, cut, cube, shift))
+        closest = s if series is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
+        extremes.meet(closest, _pair_energy_lanes(code, r2, s, strength, pair, cut, cube, shift))
     # Products and sums apart: action and reaction are equal to the last bit, and processors with
     # units for sums of their own are faster.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
@@ -300,7 +300,7 @@ def pair_contributions(
     return Sums(*own), Sums(*other)
 
 
-def _near_cube(
+def _near_inverse_cube(
     code: Code, r2: ir.Value, argument: ir.Value, energy: ir.Value, shift: ir.Value | None, cut: Cut | None
 ) -> ir.Value | None:
     """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
-from granular.pairs.dipole import far_cube
+from granular.pairs.dipole import far_inverse_cube
 from granular.pairs.direct import PARTED_FROM
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
@@ -73,10 +73,12 @@ class Tables(NamedTuple):
     def concatenated_bands(self) -> Table:
         """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
         most = max(len(band.along) for band in self.bands)
-        return Table(*(np.array([_padded(t, most) for t in ts]) for ts in zip(*self.bands, strict=True)))
+        return Table(
+            *(np.array([_pad_factor_table(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
+        )
 
 
-def _padded(table: Samples, groups: int) -> Samples:
+def _pad_factor_table(table: Samples, groups: int) -> Samples:
     return np.pad(table, ((0, groups - len(table)), (0, 0), (0, 0)))
 
 
@@ -141,10 +143,10 @@ def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) 
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
     square = n[:, None] ** 2 + n[None, :] ** 2
     bands = [
-        far_cube(square, radius, factor) - far_cube(square, 2.0 * radius, factor)
+        far_inverse_cube(square, radius, factor) - far_inverse_cube(square, 2.0 * radius, factor)
         for factor in level_factors(fifth, levels)
     ]
-    rest = far_cube(square, radius, 0.25 ** (levels - 1) * fifth)
+    rest = far_inverse_cube(square, radius, 0.25 ** (levels - 1) * fifth)
     made = [_factor_table(_extract_middle(band, reach)) for band in bands]
     return Tables(repeated(made, levels), _factor_table(_extract_middle(rest, most)))
 

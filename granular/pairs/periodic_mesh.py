@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
 from granular.pairs.convolution import BESIDE, TERMS
-from granular.pairs.dipole import far_cube
+from granular.pairs.dipole import far_inverse_cube
 from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables, level_factors, repeated
 from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.pairs.spline_stencil import put_spline, spline_sums
@@ -79,7 +79,7 @@ def image_sum(
             lower = gammainc(1.5, sharp**2 * square) / cube
             lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
             upper = gammaincc(1.5, sharp**2 * square) / cube
-            near = far_cube(square, radius) - lower
+            near = far_inverse_cube(square, radius) - lower
             total += np.where(square < radius**2, near, upper)
     waves = 2.0 * math.pi / np.array([width, height])
     most = [math.ceil(_WAVES * sharp / wave) for wave in waves]
@@ -92,16 +92,18 @@ def image_sum(
                 fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
                 series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
     total += 2.0 * math.sqrt(math.pi) / (width * height) * series
-    return total + _fifth_sum(dx, dy, (width, height), radius, fifth) if fifth else total
+    return total + _image_sum_of_fifth_power(dx, dy, (width, height), radius, fifth) if fifth else total
 
 
-def _fifth_sum(dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float) -> Samples:
+def _image_sum_of_fifth_power(
+    dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float
+) -> Samples:
     """Sum over images of the far part of ``fifth`` r^-5; farther ones are the same everywhere."""
     total = np.zeros(np.broadcast(dx, dy).shape)
     for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
         for row in _image_numbers(max(radius, _CELLS * max(sides)), sides[1]):
             square = (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
-            total += far_cube(square, radius, fifth) - far_cube(square, radius)
+            total += far_inverse_cube(square, radius, fifth) - far_inverse_cube(square, radius)
     return total
 
 
@@ -140,13 +142,15 @@ def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> S
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
-    samples = far_cube(square, radius, fifth) - far_cube(square, 2.0 * radius, fifth)
+    samples = far_inverse_cube(square, radius, fifth) - far_inverse_cube(square, 2.0 * radius, fifth)
     table = np.fft.fftshift(_divide_by_splines(np.fft.ifftshift(samples)))
     middle = len(n) // 2
     return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
 
 
-def _rest_table(width: float, height: float, radius: float, across: int, up: int, fifth: float) -> Samples:
+def _coarsest_level_table(
+    width: float, height: float, radius: float, across: int, up: int, fifth: float
+) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(image_sum(dx, dy, width, height, radius, fifth))
@@ -169,7 +173,7 @@ def image_tables(width: float, height: float, radius: float, spacing: float, fif
     scale = 2.0 ** (len(points) - 1)
     spacings = (width / fine[0], height / fine[1])
     bands = [_band_table(radius, spacings, factor) for factor in level_factors(fifth, len(points))]
-    rest = _rest_table(width, height, radius * scale, *coarse, fifth) * scale**3
+    rest = _coarsest_level_table(width, height, radius * scale, *coarse, fifth) * scale**3
     reach = max(*bands[0].shape, *rest.shape)
     made = [_factor_table(band, reach) for band in bands]
     return Tables(repeated(made, len(points)), _factor_table(rest, reach))

@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array
-from granular.pairs.dipole import ENERGY, STRENGTH, far_cube, far_fifth, pair_energy, pair_force
+from granular.pairs.dipole import (
+    ENERGY,
+    STRENGTH,
+    far_inverse_cube,
+    far_inverse_fifth,
+    pair_energy,
+    pair_force,
+)
 from granular.pairs.disc_tables import COMMON, FAR, TERM
 from granular.pairs.grain_arrays import GrainArrays
 
@@ -18,7 +25,7 @@ PADDING = 1e60
 """Places of padding grains are beyond [D]; they have no images."""
 
 
-class _Law(NamedTuple):
+class _PairLawValues(NamedTuple):
     """Stand-ins for 1/r^5 in the force and 1/r^3 in the energy of a pair, and the sum's 1/r^5."""
 
     slope: float
@@ -26,27 +33,27 @@ class _Law(NamedTuple):
     fifth: float
 
 
-def _law(arrays: GrainArrays, i: int, j: int, r: float) -> _Law:
+def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawValues:
     if arrays.series is None:
         fifth = pair_force(r) / (STRENGTH * r)
-        return _Law(fifth, pair_energy(r) / ENERGY, fifth)
-    rho2 = r * r - _shift(arrays, i, j)
+        return _PairLawValues(fifth, pair_energy(r) / ENERGY, fifth)
+    rho2 = r * r - _pair_shift(arrays, i, j)
     fifth = np.abs(rho2) ** -2.5
     slope, cube = (1.0 + factor * arrays.series[TERM] * fifth for factor in (8.0 / 3.0, 1.0))
-    return _Law(slope * fifth, cube * rho2 * fifth, fifth)
+    return _PairLawValues(slope * fifth, cube * rho2 * fifth, fifth)
 
 
-def _shift(arrays: GrainArrays, i: int, j: int) -> float:
+def _pair_shift(arrays: GrainArrays, i: int, j: int) -> float:
     assert arrays.series is not None
     return float(arrays.series[COMMON] if arrays.shift is None else arrays.shift[i] + arrays.shift[j])
 
 
-def _rest(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
+def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
     """Value that stands for 1/r^3 where pairs end."""
     rest = pair_energy(radius) / ENERGY
     if arrays.series is None:
         return rest
-    b = _shift(arrays, i, j) / radius**2
+    b = _pair_shift(arrays, i, j) / radius**2
     return rest * (1.0 + b * (1.5 + 1.875 * b))
 
 
@@ -54,7 +61,7 @@ def plain_direct_sum(
     arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
-    _clear(arrays)
+    _clear_plain_sums(arrays)
     # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
     old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
     for i in range(arrays.x.size):
@@ -68,8 +75,8 @@ def plain_direct_sum(
             if nearest is not None:
                 if r >= nearest[2]:
                     continue
-                rest = _rest(arrays, i, j, nearest[2])
-            law = _law(arrays, i, j, r)
+                rest = _energy_at_cut_off(arrays, i, j, nearest[2])
+            law = _pair_law_values(arrays, i, j, r)
             _add_pair(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
     np.seterr(**old)
 
@@ -87,7 +94,7 @@ def plain_cut_sum(
     With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
     periodic cell, where each grain meets the nearest image of every other one.
     """
-    _clear(arrays)
+    _clear_plain_sums(arrays)
     periods = getattr(stripes, "periods", None)
     fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
     for i in range(grains):
@@ -98,16 +105,16 @@ def plain_cut_sum(
                 dy -= periods[1] * np.rint(dy / periods[1])
             r = np.sqrt(dx * dx + dy * dy)
             if r < radius:
-                law, square = _law(arrays, i, j, r), np.array(r * r)
-                slope, cube, rest = law.slope, law.cube, _rest(arrays, i, j, radius)
+                law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
+                slope, cube, rest = law.slope, law.cube, _energy_at_cut_off(arrays, i, j, radius)
                 if smooth is not None:
-                    slope -= float(far_fifth(square, radius, fifth))
-                    cube -= float(far_cube(square, radius, fifth))
-                    rest -= float(far_cube(np.array(radius**2), radius, fifth))
+                    slope -= float(far_inverse_fifth(square, radius, fifth))
+                    cube -= float(far_inverse_cube(square, radius, fifth))
+                    rest -= float(far_inverse_cube(np.array(radius**2), radius, fifth))
                 _add_pair(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
 
 
-def _clear(arrays: GrainArrays) -> None:
+def _clear_plain_sums(arrays: GrainArrays) -> None:
     for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.extremes, arrays.load):
         if out is not None:
             out[:] = 0.0

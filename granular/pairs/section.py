@@ -93,7 +93,11 @@ class Pairs(Section):
         if self.method != "auto":
             return self.method
         if workspace is not None:
-            return "mesh" if self._of_mesh() <= MESH_REACH * workspace and grains >= LEAST else "direct"
+            return (
+                "mesh"
+                if self._mesh_split_radius() <= MESH_REACH * workspace and grains >= LEAST
+                else "direct"
+            )
         return "mesh" if closed and grains >= MESH_FROM else "direct"
 
     def radius(self, method: str | None, diameter: float, workspace: float | None = None) -> float | None:
@@ -102,11 +106,11 @@ class Pairs(Section):
         ``workspace`` as in `chosen`.
         """
         if method == "cut-off":
-            return self._radius(diameter, RADIUS)
+            return self._radius_or_default(diameter, RADIUS)
         if method == "mesh":
-            return self._radius(diameter, self._of_mesh())
+            return self._radius_or_default(diameter, self._mesh_split_radius())
         if method == "direct" and workspace is not None:
-            return self._radius(diameter, 0.5 * workspace)
+            return self._radius_or_default(diameter, 0.5 * workspace)
         return None
 
     def check_periodic_cell(self, grains: int, workspace: float, diameter: float) -> None:
@@ -138,10 +142,10 @@ class Pairs(Section):
     def listing(self, diameter: float) -> VerletSettings:
         """De Paula's list in units of the first species' diameter [m]."""
         skin = SKIN if self.skin is None else self.skin / diameter
-        return VerletSettings(self._radius(diameter, RADIUS), skin)
+        return VerletSettings(self._radius_or_default(diameter, RADIUS), skin)
 
-    def _of_mesh(self) -> float:
+    def _mesh_split_radius(self) -> float:
         return SPLIT_RADIUS * (TOLERANCE / self.tolerance) ** (1.0 / _ORDER)
 
-    def _radius(self, diameter: float, usual: float) -> float:
+    def _radius_or_default(self, diameter: float, usual: float) -> float:
         return usual if self.cut_off is None else self.cut_off / diameter

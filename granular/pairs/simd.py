@@ -214,7 +214,7 @@ def _portable_seed(code: Code, r2: ir.Value) -> ir.Value:
 
 
 DISC_SCALE = 35.0 / 8.0
-"""The same of `short_inverse_fifth`."""
+"""The same of `inverse_fifth_for_discs`."""
 
 _SHORT_SHIFT, _SHORT_REST = 9.0 / 7.0, 36.0 / 245.0
 
@@ -223,7 +223,7 @@ def _seed(code: Code, r2: ir.Value) -> ir.Value:
     return _estimated_seed(code, r2) if has_avx512(code.context) else _portable_seed(code, r2)
 
 
-def short_inverse_fifth(code: Code, r2: ir.Value) -> ir.Value:
+def inverse_fifth_for_discs(code: Code, r2: ir.Value) -> ir.Value:
     """r^-5 / `DISC_SCALE` with two products less, and a relative error below 2e-11.
 
     1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245).

@@ -127,7 +127,9 @@ def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
 
 
 @compiled
-def _put_values(values: Array | None, sorted_values: Array | None, stripes: Stripes, grains: int) -> None:
+def _sort_values_into_stripes(
+    values: Array | None, sorted_values: Array | None, stripes: Stripes, grains: int
+) -> None:
     if values is not None and sorted_values is not None:
         sorted_values[:] = 0.0
         for k in range(grains):
@@ -149,9 +151,9 @@ def _list_runs_of_bed(shifts: Array | None, stripes: Stripes, grains: int, reach
 @compiled
 def _list_partners(stripes: Stripes, grains: int, arrays: GrainArrays, radius: float) -> None:
     number = _list_runs_of_bed(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
-    _put_values(arrays.moments, stripes.moments, stripes, grains)
-    _put_values(arrays.weight, stripes.weight, stripes, grains)
-    _put_values(arrays.shift, stripes.shift, stripes, grains)
+    _sort_values_into_stripes(arrays.moments, stripes.moments, stripes, grains)
+    _sort_values_into_stripes(arrays.weight, stripes.weight, stripes, grains)
+    _sort_values_into_stripes(arrays.shift, stripes.shift, stripes, grains)
     _distribute_rows(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
     stripes.memory[STRIPES] = number

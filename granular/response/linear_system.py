@@ -65,7 +65,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
         matrix[-1, -1] += attached[position]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
-        if drive is not None and drive.of_base:
+        if drive is not None and drive.is_base_motion:
             shake = drive.acceleration
             if shake is None:
                 shake = -(rate**2) * (drive.displacement or 0.0)
@@ -135,7 +135,7 @@ def compare_linear(
         "alone": ("m", "amplitude without the damper", alone),
         "ideal": ("m", "amplitude with Den Hartog's tuned mass of the same weight", ideal),
     }
-    if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.of_base):
+    if len(host.bodies) > 1 or (host.excitation is not None and host.excitation.is_base_motion):
         return result
     # The force of the damper on the host that leaves this displacement, as a dynamic stiffness.
     body = host.bodies[-1]

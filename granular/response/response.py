@@ -253,7 +253,7 @@ def _steady_dataset(
     omega = math.tau * np.array(frequencies)
     if host.bodies:
         result |= compare_linear(scene, host, key, sizes, frequencies, swing)
-    if host.excitation is not None and host.excitation.of_base:
+    if host.excitation is not None and host.excitation.is_base_motion:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
         total = swing - shake / omega**2
         ratio = np.abs(total) / np.abs(shake / omega**2)

@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.effects.wall_side import SIDES, TOP
 from granular.engine.failures import raise_where_not_finite
-from granular.engine.far import total_force
+from granular.engine.far import force_with_far_field
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
 from granular.kernel_data.state import State
@@ -103,7 +103,7 @@ def evaluate(
     measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
     with raise_where_not_finite(_misplaced_positions_error), explain_compile_errors(scene):
         outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
-    force = np.stack(total_force(state), axis=1)[: constants.grains]
+    force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise _misplaced_positions_error()
     potential += float(energies[::-1].sum())

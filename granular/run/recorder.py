@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.effects.effect import Effect
 from granular.engine.columns import record_width
-from granular.engine.far import total_force
+from granular.engine.far import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.run.variables import (
@@ -50,7 +50,7 @@ class Recorder:
             "frame_height": state.piston[HEIGHT].copy(),
             "position": self._field(state, constants.grains, state.x, state.y),
             "velocity": self._field(state, constants.grains, state.vx, state.vy),
-            "force": self._field(state, constants.grains, *total_force(state)),
+            "force": self._field(state, constants.grains, *force_with_far_field(state)),
         }
         for effect, law in zip(self.effects, constants.acting.laws, strict=True):
             for name, values in effect.grain_values(law, state).items():

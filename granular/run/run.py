@@ -23,7 +23,7 @@ from granular.engine.loop import (
     STIFF,
     STIFFEST,
     StopCriteria,
-    Window,
+    TickRange,
     advance_ticks,
 )
 from granular.engine.outflow import remove_outflow
@@ -134,7 +134,7 @@ class Run(RunState):
             self._end_stage("duration", new_frame=between or left > 0.0)
 
     def _run(
-        self, window: Window, schedule: StepSchedule, watch: StopCriteria
+        self, window: TickRange, schedule: StepSchedule, watch: StopCriteria
     ) -> tuple[int, int, np.ndarray]:
         """Status, ticks made and records of one call; the row behind them holds the last tick."""
         rows = np.empty((window.ticks // schedule.every + 2, self._columns))
@@ -157,7 +157,7 @@ class Run(RunState):
 
     def _call_loop(self, ticks: int) -> None:
         progress, schedule = self.progress, self.schedule
-        window = Window(progress.start, 0.0, self.total, progress.ticks, ticks)
+        window = TickRange(progress.start, 0.0, self.total, progress.ticks, ticks)
         started = time.perf_counter()
         status, done, rows = self._run(window, schedule, self.stop_criteria())
         seconds = time.perf_counter() - started
@@ -206,14 +206,14 @@ class Run(RunState):
         steps = max(1, math.ceil(left / schedule.h - 1e-6))
         watch = self.stop_criteria()._replace(rest=-1.0, stiff=math.inf)
         if self.plan.fraction is None:
-            window = Window(self.progress.start, reached, math.inf, 0, 1)
+            window = TickRange(self.progress.start, reached, math.inf, 0, 1)
             _, made, rows = self._run(window, StepSchedule(left, left / steps, 1, 1, steps, 0), watch)
             self.state.clock[TIME] = reached + left
             rows = rows[:1]
         else:
             limit, first = reached + left, self.progress.ticks
             ticks = max(1, math.ceil(limit / schedule.length - 1e-9) - first)
-            window = Window(self.progress.start, 0.0, limit, first, ticks)
+            window = TickRange(self.progress.start, 0.0, limit, first, ticks)
             _, made, rows = self._run(window, schedule, watch)
             rows = rows[:-1] if self.progress.ticks % schedule.every == 0 else rows
         self.progress.ticks -= made

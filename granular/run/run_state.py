@@ -26,7 +26,7 @@ from granular.engine.step_size import (
     completed_ticks,
 )
 from granular.engine.stiffness import collision_frequency
-from granular.engine.variable import initialise_step_density
+from granular.engine.variable_step import initialise_step_density
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.methods import Method
 from granular.protocol import Stage

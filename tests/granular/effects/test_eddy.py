@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.effects.eddy_tensor import Plate, lattice_factor, series, tensor
+from granular.effects.eddy_tensor import Plate, lattice_drag_factor, series, tensor
 from granular.pairs.discs import Disc
 from granular.scene.system import natural_system
 from granular.schema.scales import Scales
@@ -145,13 +145,13 @@ def test_without_conductivity_nothing_is_lost() -> None:
 )
 def test_lattice_that_moves_as_one_body(spacing: float, factor: float) -> None:
     """Against the sum over the reciprocal lattice, which converges at once."""
-    assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
+    assert lattice_drag_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
     area = math.sqrt(0.75) * spacing**2
     numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
     basis = 2.0 * math.pi / spacing * np.array([[1.0, -1.0 / math.sqrt(3.0)], [0.0, 2.0 / math.sqrt(3.0)]])
     k = np.hypot(*(numbers @ basis).T)
     exact = float((math.pi * H**4 / 3.0 / area * k**2 * np.exp(-k * H)).sum())
-    assert lattice_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(exact, abs=1e-4)
+    assert lattice_drag_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(exact, abs=1e-4)
 
 
 @pytest.mark.parametrize("motion", ["as one body", "affinely"])

@@ -8,7 +8,7 @@ import pytest
 from granular import Scene, simulate
 from granular.compiled import entry
 from granular.pairs import far_direct
-from granular.pairs.dipole import far_cube, far_fifth
+from granular.pairs.dipole import far_inverse_cube, far_inverse_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_direct import direct_workspace
 from granular.pairs.grain_arrays import GrainArrays
@@ -60,8 +60,8 @@ def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
     forces, energy, load, q = found(differing)
     apart = places()[:, None] - places()[None]
     square, products = (apart**2).sum(axis=2), q[:, None] * q[None]
-    wanted = 0.75 * ((products * far_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
-    cubes = far_cube(square, RADIUS)
+    wanted = 0.75 * ((products * far_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    cubes = far_inverse_cube(square, RADIUS)
     np.fill_diagonal(cubes, 0.0)
     # Taken as a difference: what is left is rounded as the whole forces of close pairs are.
     np.testing.assert_allclose(forces, wanted, atol=1e-13)

@@ -13,7 +13,7 @@ from granular import Scene, evaluate, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, refresh_far_field
 from granular.pairs import far_field, mesh, mesh_grains
-from granular.pairs.dipole import far_cube, far_fifth
+from granular.pairs.dipole import far_inverse_cube, far_inverse_fifth
 from granular.pairs.direct import padded_coordinates, padded_values
 from granular.pairs.far_field import FarField, FarForces, far_forces_workspace
 from granular.pairs.grain_arrays import GrainArrays
@@ -32,19 +32,19 @@ find_far_forces = entry(far_field.find_far_forces)
 def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
     """d(r^-3)/dr = -3 r r^-5, for the far parts as for the law."""
     r, h = ratio * radius, 1e-4 * radius
-    slope = (far_cube((r + h) ** 2, radius) - far_cube((r - h) ** 2, radius)) / (2.0 * h)
-    np.testing.assert_allclose(slope, -3.0 * r * far_fifth(r**2, radius), rtol=1e-5)
+    slope = (far_inverse_cube((r + h) ** 2, radius) - far_inverse_cube((r - h) ** 2, radius)) / (2.0 * h)
+    np.testing.assert_allclose(slope, -3.0 * r * far_inverse_fifth(r**2, radius), rtol=1e-5)
 
 
 def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
     r = np.array([RADIUS, 8.0, 100.0])
-    np.testing.assert_allclose(far_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
-    np.testing.assert_allclose(far_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
+    np.testing.assert_allclose(far_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
+    np.testing.assert_allclose(far_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
     # Three derivatives agree: the fourth differences across the radius fall with the fourth power.
     jumps = []
     for h in (0.2, 0.1):
-        near = np.diff(far_cube((RADIUS + h * np.arange(-4, 1)) ** 2, RADIUS), 4)[0]
-        far = np.diff(far_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
+        near = np.diff(far_inverse_cube((RADIUS + h * np.arange(-4, 1)) ** 2, RADIUS), 4)[0]
+        far = np.diff(far_inverse_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
         jumps.append(abs(near - far))
     assert jumps[0] / jumps[1] == pytest.approx(16.0, rel=0.2)
 
@@ -110,12 +110,12 @@ def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     far, q, n = bed.far(), bed.moments, bed.count
     apart, square = bed.differences()
     products = q[:, None] * q[None]
-    forces = 0.75 * ((products * far_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    forces = 0.75 * ((products * far_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
     np.fill_diagonal(square, np.inf)
     unit = np.sqrt(np.mean((0.75 * products * square**-2.0).sum(axis=1) ** 2))
     error = np.hypot(far.fx[:n] - forces[:, 0], far.fy[:n] - forces[:, 1])
     assert error.max() < TOLERANCE * unit
-    cubes = far_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
+    cubes = far_inverse_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
     np.fill_diagonal(cubes, 0.0)
     assert far.energy[0] == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-3)
     load = cubes @ bed.weight[:n]
