@@ -43,7 +43,7 @@ def parser() -> Parser:
         "--prices",
         metavar="FILE",
         help="measure anew the table that accuracies are promised from, and write it here; "
-        "granular/run/price_table.toml is the one that is read",
+        "granular/run/work_precision.toml is the one that is read",
     )
     item.add_argument(
         "-o",

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.run.options import validated_step
-from granular.run.price_table import damping_kind
+from granular.run.time_steps import validated_step
+from granular.run.work_precision import damping_kind
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -118,7 +118,7 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
     ]
     made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
     result = {"made": made, "scenes": rows}
-    head = "# Measured by: python -m benchmarks --prices. See granular/run/price_table.py.\n\n"
+    head = "# Measured by: python -m benchmarks --prices. See granular/run/work_precision.py.\n\n"
     write_text(path, head + tomli_w.dumps(result))
     return result
 

@@ -29,8 +29,8 @@ from granular.observables.plots import plot_correlation_function, plot_defect_pa
 from granular.render import movie, save_picture, still
 from granular.response import frequency_response
 from granular.run.accuracy import FLOORS
-from granular.run.price_table import WorkPrecisionTable
-from granular.run.price_table import load_price_table as prices
+from granular.run.work_precision import WorkPrecisionTable
+from granular.run.work_precision import load_work_precision_table as prices
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from reduced_models import damper_maps, fit, predict, whole_fall

@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from granular.methods import METHODS
-from granular.run.options import is_allowed
+from granular.run.time_steps import is_step_allowed
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
@@ -121,7 +121,7 @@ def plan_runs(
 
     Steps are halved from the longest one on, each at twice the time of the one before.
     """
-    steps = [dt for dt in STEPS if is_allowed(scene, dt, "stormer-verlet")]
+    steps = [dt for dt in STEPS if is_step_allowed(scene, dt, "stormer-verlet")]
     took = _run_seconds(scene, SolverSettings("stormer-verlet", steps[0]), until)
     random = depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
@@ -133,7 +133,7 @@ def plan_runs(
         calls = METHODS[name].force_calls
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
-        ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_allowed(scene, dt, name)]
+        ladder += [SolverSettings(name, dt) for dt in steps[:more] if is_step_allowed(scene, dt, name)]
     reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 

@@ -52,9 +52,9 @@ def export(options: Any) -> None:
 
 def _export_deck(options: Any) -> None:
     from granular.export import to_lammps
-    from granular.run.directory import is_run
+    from granular.run.directory import is_run_directory
 
-    at_run = is_run(Path(options.run))
+    at_run = is_run_directory(Path(options.run))
     if at_run and options.changes:
         raise InputError(f"--set changes a scene; {options.run} is a run, whose scene is fixed")
     options.scene = options.run

@@ -63,10 +63,10 @@ def run(options: Any) -> None:
 
 
 def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
-    from granular.run.price_table import price_text
     from granular.run.summary import run_statistics, run_text
+    from granular.run.work_precision import work_precision_text
 
-    figures = run_statistics(done) | {"price": price_text(done)}
+    figures = run_statistics(done) | {"price": work_precision_text(done)}
     lines = [run_text(done)]
     if done.path is None:
         lines.append("nothing is kept of the run; -o DIR keeps it")

@@ -71,7 +71,7 @@ from typing import Any, ClassVar
 
 import numba
 
-from granular.compiled.dispatch import OPTIONS
+from granular.compiled.hook_calls import OPTIONS
 from granular.effects.custom_check import check_compiling, check_functions, check_wall_functions
 from granular.effects.custom_functions import (
     DEFINITIONS,

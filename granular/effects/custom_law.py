@@ -10,7 +10,7 @@ import numba
 from numba.extending import overload
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import OPTIONS
+from granular.compiled.hook_calls import OPTIONS
 from granular.effects.custom_functions import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State

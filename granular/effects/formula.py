@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numba
 
-from granular.compiled.dispatch import OPTIONS
+from granular.compiled.hook_calls import OPTIONS
 from granular.effects.custom_functions import DEFINITIONS, Definition
 from granular.effects.effect import Effect
 from granular.effects.force import Force

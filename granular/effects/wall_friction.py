@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_hook
+from granular.compiled.hook_calls import call_hook
 from granular.effects import drag
 from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow

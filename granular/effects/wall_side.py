@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_hook
+from granular.compiled.hook_calls import call_hook
 
 SIDES = ("left", "right", "bottom", "top")
 LEFT, RIGHT, BOTTOM, TOP = range(len(SIDES))

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_hook
+from granular.compiled.hook_calls import call_hook
 from granular.effects.wall_side import (
     BOTTOM,
     LEFT,

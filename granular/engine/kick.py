@@ -9,7 +9,7 @@ that a step stays symmetric. What each effect takes is entered in the ledger.
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_last_hook, sum_of_hooks
+from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import Bed, State
 

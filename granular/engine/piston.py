@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import sum_of_hooks
+from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects import drag
 from granular.effects.friction_law import sliding_factor
 from granular.effects.host import PULL, PUSH, HostWorkspace

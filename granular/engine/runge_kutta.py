@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import sum_of_hooks
+from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects.wall_side import TOP
 from granular.engine.forces import compute_forces, compute_forces_and_sums
 from granular.engine.piston import enter_work, lift, piston_energy

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.dispatch import call_last_hook
+from granular.compiled.hook_calls import call_last_hook
 from granular.effects.host import HostLaw, HostWorkspace
 from granular.engine.forces import compute_forces, compute_forces_and_sums
 from granular.engine.host import drift_host, kick_host

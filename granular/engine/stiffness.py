@@ -9,7 +9,7 @@ import math
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
-from granular.compiled.dispatch import greatest_of_hooks
+from granular.compiled.hook_calls import greatest_of_hooks
 from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants

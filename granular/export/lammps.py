@@ -37,7 +37,7 @@ from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.pairs import dipole
 from granular.pairs.disc_tables import SQUARES, STIFFNESSES, make_discs, stiffness_over_dipoles
 from granular.pairs.discs import Disc
-from granular.run.directory import is_run
+from granular.run.directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -114,7 +114,7 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
     if isinstance(source, Scene):
         return source, None
     if not isinstance(source, Trajectory):
-        if not is_run(Path(source)):
+        if not is_run_directory(Path(source)):
             return load_scene(source), None
         source = load_trajectory(source)
     return source.scene, open_run(source)
@@ -175,7 +175,7 @@ def _make_deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
 
 def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
-    from granular.run.options import validated_step
+    from granular.run.time_steps import validated_step
 
     asked = validated_step(dt, deck.scene)
     if asked.seconds is not None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.protocol import Descend, Follow, Lift, Move, Oscillate, Stage
-from granular.protocol.stage import Timed
+from granular.protocol.stage import TimedStage
 from granular.shared.errors import InputError
 
 
@@ -66,7 +66,7 @@ def check_stage(stage: Stage) -> None:
     what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
     if stage.needs_mass:
         only = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
-    elif isinstance(stage, Timed) and stage.until is not None:
+    elif isinstance(stage, TimedStage) and stage.until is not None:
         only = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
     elif stage.limits_force:
         only = "it ends at a force, at no known time; leave until_force out"

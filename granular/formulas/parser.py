@@ -51,7 +51,7 @@ def parse(text: str, functions: Mapping[str, Function] = FUNCTIONS, *, multiplie
     return _Parser(tokenize(text, functions), functions, multiplied).tree()
 
 
-class _Part(NamedTuple):
+class _ParsedPart(NamedTuple):
     """A parsed part of a formula.
 
     Attributes
@@ -82,7 +82,7 @@ class _Parser:
         try:
             body = ast.parse(self.source, mode="eval").body
         except SyntaxError as error:
-            raise self._unreadable((error.offset or 1) - 1) from None
+            raise self._unreadable_error((error.offset or 1) - 1) from None
         except (ValueError, MemoryError, RecursionError):
             raise nesting_error(self.tokens[0]) from None
         return self._part(body, 0).tree
@@ -90,7 +90,7 @@ class _Parser:
     def _token_at(self, offset: int) -> Token:
         return self.tokens[max(0, bisect.bisect_right(self.starts, offset) - 1)]
 
-    def _unreadable(self, offset: int) -> FormulaError:
+    def _unreadable_error(self, offset: int) -> FormulaError:
         opened = sum((token[0] == "(") - (token[0] == ")") for token in self.tokens)
         if opened > 0:
             return FormulaError("a bracket is not closed; write )")
@@ -99,7 +99,7 @@ class _Parser:
         token = self._token_at(offset)
         return syntax_error(token, "what is no formula", "write one, such as k*(z - rest)")
 
-    def _part(self, node: ast.expr, depth: int) -> _Part:
+    def _part(self, node: ast.expr, depth: int) -> _ParsedPart:
         token = self._token_at(node.col_offset)
         if depth > MAX_DEPTH:
             raise nesting_error(token)
@@ -108,7 +108,7 @@ class _Parser:
             case ast.Name():
                 return self._name(token)
             case ast.Constant(value=int()):
-                return _Part(Number(token[0]), float(token[0]))
+                return _ParsedPart(Number(token[0]), float(token[0]))
             case ast.UnaryOp(op=ast.UAdd()):
                 return self._part(node.operand, depth + 1)
             case ast.UnaryOp(op=ast.USub()):
@@ -124,20 +124,20 @@ class _Parser:
             case ast.Call(func=ast.Name(), keywords=[]):
                 head, operands = self._function(node, token), node.args
             case _:
-                raise self._unreadable(node.col_offset)
+                raise self._unreadable_error(node.col_offset)
         return self._apply(head, [self._part(operand, depth + 1) for operand in operands], token)
 
-    def _name(self, token: Token) -> _Part:
+    def _name(self, token: Token) -> _ParsedPart:
         text = token[0]
         if resolve_function_name(text, self.functions) is not None:
             remedy = f"write {text}(...), or take another name"
             raise syntax_error(token, f"{text!r} is a function", remedy)
         if text in CONSTANTS:
-            return _Part(Number(text), CONSTANTS[text])
+            return _ParsedPart(Number(text), CONSTANTS[text])
         name = text.rstrip("'")
-        return _Part(Name(name, len(text) - len(name)))
+        return _ParsedPart(Name(name, len(text) - len(name)))
 
-    def _sum(self, node: ast.expr, depth: int, token: Token) -> _Part:
+    def _sum(self, node: ast.expr, depth: int, token: Token) -> _ParsedPart:
         """All terms of a sum side by side: a long one is not a deep one."""
         terms = []
         for operand, operator in _operands_in_order(node, ast.Add, ast.Sub):
@@ -156,14 +156,14 @@ class _Parser:
             raise syntax_error(token, what, f"{wanted} are wanted")
         return name
 
-    def _apply(self, head: str, parts: list[_Part], token: Token) -> _Part:
+    def _apply(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
         """Operator or a function applied to its operands, if that can be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"at most {MAX_POWER} is computed: write a lower one"
             raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
         if head == "/" and parts[1].value == 0.0:
             raise syntax_error(token, "a division by zero", "write another denominator")
-        value = self._value(head, parts, token)
+        value = self._constant_result(head, parts, token)
         # Also of numbers: SymPy keeps roots as they are, and multiplies them out.
         terms, size = _count_expanded_terms(head, parts)
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
@@ -172,9 +172,9 @@ class _Parser:
                 f"at most {MAX_TERMS} ({MAX_SIZE}) are taken: write lower powers, or products of fewer sums"
             )
             raise syntax_error(token, what, remedy)
-        return _Part(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
+        return _ParsedPart(Applied(head, tuple(part.tree for part in parts)), value, terms, size)
 
-    def _value(self, head: str, parts: list[_Part], token: Token) -> float | None:
+    def _constant_result(self, head: str, parts: list[_ParsedPart], token: Token) -> float | None:
         """Value of an operation on numbers alone; None of any other."""
         numbers = [part.value for part in parts if part.value is not None]
         if len(numbers) < len(parts):
@@ -212,7 +212,7 @@ def _operands_in_order(
     return [(node, None), *reversed(operands)]
 
 
-def _count_expanded_terms(head: str, parts: list[_Part]) -> tuple[float, float]:
+def _count_expanded_terms(head: str, parts: list[_ParsedPart]) -> tuple[float, float]:
     """Terms once all brackets are multiplied out, and numbers and names in all of them."""
     terms, sizes = [part.terms for part in parts], [part.size for part in parts]
     if head in ("+", "-"):

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from granular.formulas.dimensions import TIME, Dimension
 from granular.protocol.motion import Motion
-from granular.protocol.stage import FormulaStage, Timed
+from granular.protocol.stage import FormulaStage, TimedStage
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, quantity, text
 
 
-class Free(Timed):
+class Free(TimedStage):
     """Free motion from the present height and velocity. Needs ``piston.mass``."""
 
     @property
@@ -24,7 +24,7 @@ class Free(Timed):
         return Motion(free=True, start=height / scales.length)
 
 
-class Push(Timed):
+class Push(TimedStage):
     """The force F(t) = mean + amplitude sin(2 pi f t) on the free piston, upwards.
 
     Attributes

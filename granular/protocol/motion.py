@@ -96,7 +96,7 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _row_before(times: Array, time: float) -> int:
+def _last_row_before(times: Array, time: float) -> int:
     """Last row that is not behind a time, by bisection; -1 where there is none."""
     low, high = 0, times.size
     while low < high:
@@ -111,7 +111,7 @@ def _row_before(times: Array, time: float) -> int:
 @compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Straight lines from row to row; behind the last row its height."""
-    k = _row_before(times, time)
+    k = _last_row_before(times, time)
     if k >= times.size - 1:
         return heights[-1], 0.0
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])

@@ -10,12 +10,12 @@ import numpy as np
 
 from granular.formulas.dimensions import LENGTH, TIME, Dimension
 from granular.protocol.motion import DESCENT, SINE, TABLE, Motion
-from granular.protocol.stage import FormulaStage, Stage, Timed
+from granular.protocol.stage import FormulaStage, Stage, TimedStage
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, numbers, quantity, text
 
 
-class Hold(Timed):
+class Hold(TimedStage):
     """The piston stays where it is. Without duration and ``until``: as long as the run."""
 
     @property

@@ -70,7 +70,7 @@ class Stage(Section):
         return None
 
 
-class Timed(Stage):
+class TimedStage(Stage):
     """A stage that ends after a duration or at rest.
 
     Attributes

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from granular.engine.step_size import Step, auto_step_text
 from granular.methods.registry import method_named
-from granular.run.options import is_allowed, validated_step
-from granular.run.price_table import (
+from granular.run.time_steps import is_step_allowed, validated_step
+from granular.run.work_precision import (
     WorkPrecisionEntry,
     WorkPrecisionTable,
-    load_price_table,
+    load_work_precision_table,
     nearest_priced_scene,
 )
 from granular.scene.scene import Scene
@@ -68,7 +68,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
     InputError
         If it is none, or the table has no such quantity.
     """
-    names = sorted({name for entry in load_price_table() for name in entry.floors})
+    names = sorted({name for entry in load_work_precision_table() for name in entry.floors})
     match = _ASKED.fullmatch(text) if isinstance(text, str) else None
     try:
         value = float(match["value"]) if match else math.nan
@@ -136,7 +136,7 @@ def _accurate_methods(
         if fraction is None:
             continue
         dt = step_of_fraction(scene, fraction)
-        if not is_allowed(scene, dt, method):
+        if not is_step_allowed(scene, dt, method):
             continue
         near = min(entries, key=lambda entry: abs(math.log(entry.fraction / fraction)))
         order = method_named(method).order

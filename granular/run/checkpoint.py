@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.directory import CHECKPOINT, is_run, replace_file
+from granular.run.directory import CHECKPOINT, is_run_directory, replace_file
 from granular.shared.errors import StoreError
 
 MANIFEST = "manifest"
@@ -73,7 +73,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
         If there is none, it cannot be read, or it is not what the run wrote.
     """
     file = path / CHECKPOINT
-    if not is_run(path):
+    if not is_run_directory(path):
         raise StoreError(f"{path} holds no run; give the directory that a run wrote")
     content = file_bytes(file)
     if content[-_SEAL:] != _seal(content[:-_SEAL]):

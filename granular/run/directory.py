@@ -129,7 +129,7 @@ def replace_file(file: Path, content: bytes) -> None:
     os.replace(part, file)
 
 
-def is_run(path: Path) -> bool:
+def is_run_directory(path: Path) -> bool:
     """Return True where a directory holds a run, whole or damaged."""
     try:
         return (path / CHECKPOINT).is_file() or (path / TRAJECTORY).is_dir()

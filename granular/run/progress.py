@@ -13,7 +13,7 @@ import numpy as np
 
 from granular.compiled.timer import report_compiled_kernels
 from granular.kernel_data.state import HEIGHT, SPEED
-from granular.protocol.stage import Timed
+from granular.protocol.stage import TimedStage
 from granular.shared.progress import print_above_bar, progress_bar
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class Settling:
 
     def __init__(self, run: Run) -> None:
         stage = run.stage
-        assert isinstance(stage, Timed)
+        assert isinstance(stage, TimedStage)
         self.limit = run.rest_limit
         self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
@@ -160,7 +160,7 @@ class Settling:
 def stage_duration(run: Run) -> float | None:
     """Length of the present stage [s], as far as it is known."""
     stage = run.scene.protocol[run.progress.stage]
-    if isinstance(stage, Timed) and stage.until == "rest":
+    if isinstance(stage, TimedStage) and stage.until == "rest":
         return None
     end = min(run.total, run.t_end - run.progress.start)
     return end * run.system.scales.time if math.isfinite(end) else None
@@ -178,7 +178,7 @@ def remaining_steps(run: Run) -> float:
     later = run.scene.protocol[progress.stage + 1 :]
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.total + math.fsum(durations) / run.system.scales.time, run.t_end)
-    if isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end):
+    if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # such a stage is lengthened up to it
     return max(0.0, end - run.time) / run.schedule.h
 

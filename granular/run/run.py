@@ -30,7 +30,7 @@ from granular.engine.outflow import remove_outflow
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
 from granular.protocol.motion import piston_path
-from granular.protocol.stage import Timed, stage_motion
+from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.threads import Threads
 from granular.scene.dryness import has_coarse_friction
@@ -238,7 +238,7 @@ class Run(RunState):
 
     def _end_stage(self, reason: str, *, new_frame: bool) -> None:
         progress, stage = self.progress, self.stage
-        if reason == "duration" and isinstance(stage, Timed) and stage.until == "rest":
+        if reason == "duration" and isinstance(stage, TimedStage) and stage.until == "rest":
             state, scales = self.state, self.system.scales
             fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
             raise not_at_rest_error(

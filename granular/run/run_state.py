@@ -31,7 +31,7 @@ from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, 
 from granular.methods import Method
 from granular.protocol import Stage
 from granular.protocol.motion import Motion, drive_frequency, greatest_piston_speed
-from granular.protocol.stage import Timed
+from granular.protocol.stage import TimedStage
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
 from granular.scene.system import System
@@ -127,7 +127,7 @@ class RunState:
         stage = self.stage
         duration = stage.total_duration(self.progress.height)
         last = self.progress.stage == len(self.scene.protocol) - 1
-        timed = isinstance(stage, Timed) and stage.until is None
+        timed = isinstance(stage, TimedStage) and stage.until is None
         if duration is None or (last and timed and math.isfinite(self.t_end)):
             return math.inf
         return duration / self.system.scales.time
@@ -316,7 +316,7 @@ class RunState:
     def rest_limit(self) -> float:
         """Limit of motion at rest [D], [D/tau]; negative where the stage does not end so."""
         stage = self.stage
-        if not isinstance(stage, Timed) or stage.until != "rest":
+        if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0
         if stage.tolerance is None:
             return REST_TOLERANCE
@@ -325,7 +325,7 @@ class RunState:
     def stop_criteria(self) -> StopCriteria:
         """Stop criteria of the present stage, for the compiled loop."""
         stage, rest, window = self.stage, self.rest_limit, 0
-        if isinstance(stage, Timed) and rest >= 0.0:
+        if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MOST_COUNT))
         stiff = self.step.stiff if self.plan.fraction is None else math.inf

@@ -20,14 +20,14 @@ from granular.methods.method import Method
 from granular.methods.registry import method_setting, resolve_method
 from granular.run.accuracy import choose_settings
 from granular.run.checkpoint import read_checkpoint, read_files
-from granular.run.directory import SETTINGS, is_run
-from granular.run.options import check_end, check_method, check_step, validated_step
+from granular.run.directory import SETTINGS, is_run_directory
 from granular.run.progress import ProgressBar
 from granular.run.recorder import Recorder
 from granular.run.run import Run
 from granular.run.snapshot import restore_snapshot, take_snapshot
 from granular.run.store import Store
 from granular.run.threads import Threads, choose_threads, set_threads
+from granular.run.time_steps import check_end, check_method, check_step, validated_step
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
 from granular.scene.dryness import degraded_residual_limit
 from granular.scene.scene import Scene
@@ -262,9 +262,9 @@ def custom_code_digests(scene: Scene) -> list[str]:
 
 
 def _open_store(path: Path, run: Run, settings: dict[str, Any], resume: bool) -> Store:
-    if is_run(path) and not resume:
+    if is_run_directory(path) and not resume:
         raise StoreError(f"{path} holds a run; resume it, or give a new directory")
-    if not is_run(path):
+    if not is_run_directory(path):
         first = take_snapshot(run) | {"rows": 0, "frames": 0}
         outcome = {"figures": run.figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))

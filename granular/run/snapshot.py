@@ -14,7 +14,7 @@ from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes
 from granular.pairs.verlet_list import VerletList
-from granular.protocol.stage import Timed, stage_motion
+from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, Progress, RunState
 from granular.shared.errors import StoreError
 
@@ -72,7 +72,7 @@ def _check_end(run: RunState) -> None:
             f"{run.t_end * seconds:g} s lies before; give a later one"
         )
     last = run.scene.protocol[-1]
-    longer = isinstance(last, Timed) and last.until is None and math.isfinite(run.t_end)
+    longer = isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end)
     if run.finished and longer and run.time < run.t_end * (1.0 - 1e-9):
         raise StoreError(
             f"the protocol of this run has ended, at {run.time * seconds:g} s; "

@@ -195,7 +195,7 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
 def _far_field(scene: Scene, scales: Scales, summed: str | None, method: Method | None) -> FarField | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
-        every, rubbing = _far_every(scene, method), _friction_far_steps(scene, method)
+        every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
         if every is None and rubbing is None:
             return None
         return FarField(SPLIT_RADIUS, None, every, rubbing)
@@ -213,7 +213,7 @@ def _far_field(scene: Scene, scales: Scales, summed: str | None, method: Method 
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    every, rubbing = _far_every(scene, method), _friction_far_steps(scene, method)
+    every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
     return FarField(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
@@ -229,7 +229,7 @@ def _friction_far_steps(scene: Scene, method: Method | None) -> int | None:
     return wanted
 
 
-def _far_every(scene: Scene, method: Method | None) -> int | None:
+def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
     """Return the steps between impulses of the far field; None where every force holds it."""
     wanted = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None

@@ -54,7 +54,12 @@ def cite(*things: Any) -> str:
         texts = getattr(thing, "literature", None)
         if texts is None:
             raise InputError(f"{quote(thing)} names no papers; give a scene, run, method, law or model")
-        keys |= {by_doi()[doi] for text in texts for doi in dois(text) if doi in by_doi()}
+        keys |= {
+            citation_keys_by_doi()[doi]
+            for text in texts
+            for doi in dois(text)
+            if doi in citation_keys_by_doi()
+        }
     entries = bibliography()
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
 
@@ -80,7 +85,7 @@ def bibliography() -> dict[str, str]:
 
 
 @functools.cache
-def by_doi() -> dict[str, str]:
+def citation_keys_by_doi() -> dict[str, str]:
     """Keys of the entries by their DOIs."""
     result = {}
     for key, entry in bibliography().items():

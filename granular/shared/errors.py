@@ -110,12 +110,12 @@ class RunError(GranularError, RuntimeError):
         RunError
             Error of the same type.
         """
-        return type(self)(words + self.cause, **self._facts())
+        return type(self)(words + self.cause, **self._context_values())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_error, (type(self), self.cause, self._facts())
+        return _rebuild_error, (type(self), self.cause, self._context_values())
 
-    def _facts(self) -> dict[str, Any]:
+    def _context_values(self) -> dict[str, Any]:
         names = ("step", "time", "grain", "value", "remedy")
         return {name: getattr(self, name) for name in names}
 

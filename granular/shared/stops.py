@@ -50,10 +50,10 @@ class Stop:
             return Interrupted(self.trajectory, terminated)
         return Terminated() if terminated else KeyboardInterrupt()
 
-    def _take(self, number: int, _: FrameType | None) -> None:
+    def _record_signal(self, number: int, _: FrameType | None) -> None:
         self.number = number
         # Numba may be of no use after that, which matters where the process goes on: in a notebook.
-        if signal.getsignal(signal.SIGTERM) == self._take and _is_compiling():
+        if signal.getsignal(signal.SIGTERM) == self._record_signal and _is_compiling():
             _raise_stop(self.error())
 
 
@@ -79,7 +79,7 @@ def deferred_stop() -> Iterator[Stop]:
     former = {number: signal.getsignal(number) for number in numbers}
     try:
         for number in numbers:
-            signal.signal(number, stop._take)
+            signal.signal(number, stop._record_signal)
         yield stop
     finally:
         for number, handler in former.items():

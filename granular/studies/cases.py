@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from granular.methods.registry import method_setting, resolve_method
-from granular.run.options import validated_step
 from granular.run.simulation import custom_code_digests
+from granular.run.time_steps import validated_step
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError

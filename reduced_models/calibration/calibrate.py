@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from granular.methods import resolve_method
-from granular.run.options import halve_step
 from granular.run.record import PistonRecord
+from granular.run.time_steps import halve_step
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote

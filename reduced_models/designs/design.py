@@ -35,6 +35,9 @@ from reduced_models.designs.study import check_columns, check_figures
 from reduced_models.records.sources import METHOD
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
+DISC_FREQUENCY_TOLERANCE = 0.03
+"""Wider for discs, whose beds come to rest in one order or another: of two neighbouring proposals for 4 Hz one
+swings with 3.90 and the other with 4.09 Hz, from every start."""
 CENTRED, CENTRING = 0.5, 3
 """Fraction of these that the mean of the checks may be off by, without one more correction; and the
 proposals of one number of grains after which it may."""
@@ -116,7 +119,7 @@ def design(
     Returns
     -------
     Design
-        Damper within 2 % of the frequency and 5 % of the damping ratio in every check, with all
+        Damper within 2 % of the frequency (3 % for discs) and 5 % of the damping ratio in every check, with all
         proposals and their simulations.
 
     Raises
@@ -141,6 +144,11 @@ def design(
         return _search(target, chosen, seeds, out, pool, progress)
 
 
+def frequency_tolerance(target: DesignTarget) -> float:
+    """Relative error of the frequency that a check of a proposal may have."""
+    return FREQUENCY_TOLERANCE if target.magnets == "dipoles" else DISC_FREQUENCY_TOLERANCE
+
+
 def _search(
     target: DesignTarget,
     chosen: DamperMaps,
@@ -151,6 +159,7 @@ def _search(
 ) -> Design:
     """Proposals, each checked and the next one corrected by it, until a target is met."""
     rounds: list[DesignRound] = []
+    tolerance = frequency_tolerance(target)
     targets = targets_by_grain_count(target)
     for target_ in targets:
         aim = _aim_for_next_grain_count(target, rounds)
@@ -168,17 +177,13 @@ def _search(
                 raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
             rounds.append(DesignRound(candidate, chosen.predict(candidate), checks))
             result = Design(target, tuple(rounds))
-            if result.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            if result.met(tolerance, DAMPING_TOLERANCE):
                 met = result
-                if met.centred(CENTRED * FREQUENCY_TOLERANCE, CENTRED * DAMPING_TOLERANCE):
+                if met.centred(CENTRED * tolerance, CENTRED * DAMPING_TOLERANCE):
                     break
             if met is not None and len(rounds) - first >= CENTRING:
                 break
-            if (
-                met is None
-                and len(targets) > 1
-                and not result.seeds_agree(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE)
-            ):
+            if met is None and len(targets) > 1 and not result.seeds_agree(tolerance, DAMPING_TOLERANCE):
                 break
             aim = _corrected_target(target, rounds[first:])
         if met is not None:
@@ -213,7 +218,7 @@ def _corrected_target(target: DesignTarget, rounds: Sequence[DesignRound]) -> tu
     """
     last = rounds[-1]
     aim = last.promise.frequency
-    if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * FREQUENCY_TOLERANCE:
+    if abs(last.mean("frequency") / target.frequency - 1.0) > CENTRED * frequency_tolerance(target):
         aim *= (target.frequency / last.mean("frequency")) ** (
             1.0 / _slope_of_measured_by_promised_frequency(rounds)
         )

@@ -287,12 +287,12 @@ def scene_with_other_step(run: Trajectory) -> StepCheck:
     Half the step changes 1 - 2^-p of the error.
     """
     from granular.run.accuracy import RESOLVED
-    from granular.run.options import double_step, halve_step, is_allowed
+    from granular.run.time_steps import double_step, halve_step, is_step_allowed
 
     settings = run.settings()
     dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
-    if coarser <= RESOLVED and is_allowed(run.scene, double_step(dt), run.method):
+    if coarser <= RESOLVED and is_step_allowed(run.scene, double_step(dt), run.method):
         return StepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
     power = 2.0**run.method.order
     return StepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))

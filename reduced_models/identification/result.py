@@ -311,11 +311,13 @@ def lift_verdict(table: Comparison) -> str:
 
 
 def checked_price_text(run: Trajectory, rest: Quantity | None) -> str:
-    """Price of a run whose level of rest was checked; without a check, `price_text`."""
+    """Price of a run whose level of rest was checked; without a check, `work_precision_text`."""
     if rest is None or "step" not in rest.parts or not rest.value > 0.0:
-        from granular.run.price_table import price_text  # fits alone need nothing of the simulation
+        from granular.run.work_precision import (
+            work_precision_text,
+        )  # fits alone need nothing of the simulation
 
-        return price_text(run)
+        return work_precision_text(run)
     seconds = run.settings()["seconds"]
     spread, step = rest.parts.get("start"), rest.parts["step"]
     scatter = f"; starts scatter it by {spread / rest.value:.1g}" if spread else ""

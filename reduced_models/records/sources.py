@@ -223,11 +223,11 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
                 f"{', '.join(plain)}: how the file of a record is read, and {show_path(path)} is "
                 "none; leave it out"
             )
-        from granular.run.directory import is_run
+        from granular.run.directory import is_run_directory
         from granular.run.trajectory import load_trajectory
         from granular.scene.loading import load_scene
 
-        if is_run(path):
+        if is_run_directory(path):
             return load_trajectory(path)
         return load_scene(source)
     except OSError as error:
@@ -244,7 +244,7 @@ def check_run_options(options: RunOptions) -> None:
     if (options.method, options.dt) == (METHOD, STEP):
         return
     from granular.methods import resolve_method
-    from granular.run.options import validated_step
+    from granular.run.time_steps import validated_step
 
     resolve_method(options.method)
     validated_step(options.dt)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granular import sweep
-from granular.run.options import validated_step
+from granular.run.time_steps import validated_step
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.result_cache import ResultCache

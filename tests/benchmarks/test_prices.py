@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from benchmarks import costs as module
 from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from granular import Scene
-from granular.run import price_table as stored
+from granular.run import work_precision as stored
 from validation.runner import Plain
 
 NAMES = ("piston force", "energy")
@@ -37,11 +37,11 @@ def test_what_is_written_is_what_promises_are_made_from(
 ) -> None:
     path, plain = found
     monkeypatch.setattr(stored, "TABLE", path)
-    stored.load_price_table.cache_clear()
+    stored.load_work_precision_table.cache_clear()
     try:
         known = stored.nearest_priced_scene(priced.scene, "piston force")
     finally:
-        stored.load_price_table.cache_clear()
+        stored.load_work_precision_table.cache_clear()
     assert known is not None
     assert known.grains == 23
     assert known.date == plain["made"]["date"]

@@ -13,7 +13,7 @@ import pytest
 
 import granular.run.simulation
 from granular import Scene, load_trajectory, simulate
-from granular.run.directory import is_run
+from granular.run.directory import is_run_directory
 
 KILLS = 100
 STEP = 2e-6
@@ -54,7 +54,7 @@ def test_hundred_random_kills(small_bed: Scene, tmp_path: Path, random: np.rando
         assert process.pid is not None
         os.kill(process.pid, signal.SIGKILL)
         process.join()
-        if not lengths and not is_run(path):
+        if not lengths and not is_run_directory(path):
             continue  # killed before it had begun
         part = load_trajectory(path)
         lengths.append(part.dataset.sizes["time"])

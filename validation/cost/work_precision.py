@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.options import is_allowed
+from granular.run.time_steps import is_step_allowed
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
@@ -149,7 +149,9 @@ CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan
 
 def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
     """Return the settings that are tried: methods and steps, and never another law."""
-    return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if is_allowed(scene, dt, name))
+    return tuple(
+        SolverSettings(name, dt) for name in methods for dt in STEPS if is_step_allowed(scene, dt, name)
+    )
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
@@ -199,7 +201,7 @@ def reference_values(
 def reference_setting(scene: Scene) -> SolverSettings:
     """Return setting far more accurate than any that is worth while: order six where it can run."""
     best = SolverSettings("blanes-moan-6", "auto/2")
-    if is_allowed(scene, best.dt, best.method):
+    if is_step_allowed(scene, best.dt, best.method):
         return best
     return SolverSettings("stormer-verlet", "auto/16")
 

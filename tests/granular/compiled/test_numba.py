@@ -36,7 +36,7 @@ INSIDES = {
         "numba.core.typing.templates.infer_getattr",
         "numba.extending.lower_getattr_generic",
     ),
-    "granular/compiled/dispatch.py": (
+    "granular/compiled/hook_calls.py": (
         "numba.extending.intrinsic",
         "numba.core.typing.context.BaseContext.resolve_value_type",
         "numba.core.base.BaseContext.get_function",

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from granular import evaluate, load_trajectory
-from granular.run.directory import is_run
+from granular.run.directory import is_run_directory
 from granular.scene.scene import Scene
 from granular.user_code import import_user_code
 
@@ -124,7 +124,7 @@ def carry_out(file: Path, out: Path, threads: int, *, kill: bool = False) -> int
 @pytest.mark.long
 def test_a_killed_run_goes_on_with_the_same_bits_on_any_threads(file: Path, tmp_path: Path) -> None:
     assert carry_out(file, tmp_path / "killed", 1, kill=True) == -signal.SIGKILL
-    assert is_run(tmp_path / "killed")
+    assert is_run_directory(tmp_path / "killed")
     assert carry_out(file, tmp_path / "killed", 1) == 0
     assert carry_out(file, tmp_path / "whole", 1) == 0
     assert carry_out(file, tmp_path / "threads", 2) == 0

@@ -15,7 +15,7 @@ import pytest
 from granular import Scene, evaluate, load_trajectory, simulate
 from granular.effects.bath import draw_normal_pair, philox
 from granular.observables import configurational_temperature
-from granular.run.directory import is_run
+from granular.run.directory import is_run_directory
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]
@@ -140,7 +140,7 @@ def carry_out(scene: Scene, out: Path, threads: int, told: str = "go") -> int:
 def test_same_bits_after_a_kill_and_on_two_threads(small_bed: Scene, tmp_path: Path) -> None:
     scene = crystal(small_bed, output={"scalars": "4 ms", "frames": "20 ms"})
     assert carry_out(scene, tmp_path / "killed", 1, "kill") == -signal.SIGKILL
-    assert is_run(tmp_path / "killed")
+    assert is_run_directory(tmp_path / "killed")
     assert carry_out(scene, tmp_path / "killed", 1) == 0
     assert carry_out(scene, tmp_path / "whole", 1) == 0
     assert carry_out(scene, tmp_path / "threads", 2) == 0

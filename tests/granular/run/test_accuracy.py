@@ -13,9 +13,14 @@ from numba.core.compiler_lock import global_compiler_lock
 import granular.run.run
 from granular import Scene, damper, load_scene, simulate
 from granular.run.accuracy import FLOORS, MARGIN, choose_settings, parse_accuracy, step_hidden_by_scatter
-from granular.run.options import validated_step
-from granular.run.price_table import WorkPrecisionTable, load_price_table, nearest_priced_scene, price_text
 from granular.run.summary import run_text
+from granular.run.time_steps import validated_step
+from granular.run.work_precision import (
+    WorkPrecisionTable,
+    load_work_precision_table,
+    nearest_priced_scene,
+    work_precision_text,
+)
 from granular.shared.errors import InputError
 
 
@@ -30,7 +35,7 @@ def of_table(one: WorkPrecisionTable) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    for one in load_price_table():
+    for one in load_work_precision_table():
         for quantity in one.floors:
             yield pytest.param(one, quantity, id=f"{one.name}: {quantity}")
 
@@ -106,9 +111,9 @@ def test_a_run_says_what_was_chosen_and_its_price(small_bed: Scene) -> None:
     words = run.settings()["accuracy"]
     assert words.startswith("energy to 0.001: ")
     assert run.settings()["dt"] in words
-    assert price_text(run).startswith("price: ")
-    assert "by the step" in price_text(run)
-    assert "twice as fine" in price_text(run)
+    assert work_precision_text(run).startswith("price: ")
+    assert "by the step" in work_precision_text(run)
+    assert "twice as fine" in work_precision_text(run)
 
 
 def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,15 +131,15 @@ def test_the_price_is_without_compiling(monkeypatch: pytest.MonkeyPatch) -> None
     passed, settings = time.perf_counter() - started, run.settings()
     assert settings["compile_seconds"] >= 1.2
     assert 0.0 < settings["seconds"] <= passed - settings["compile_seconds"]
-    assert f"price: {settings['seconds']:.3g} s" in price_text(run)
+    assert f"price: {settings['seconds']:.3g} s" in work_precision_text(run)
     assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
 
 
 def test_price_without_a_like_scene_is_the_energy_s() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     error = run.settings()["ledger_residual"]
-    assert f"energy to {error:.1g} by the step" in price_text(run)
-    assert f", {error / 4.0:.1g}" in price_text(run)
+    assert f"energy to {error:.1g} by the step" in work_precision_text(run)
+    assert f", {error / 4.0:.1g}" in work_precision_text(run)
 
 
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])

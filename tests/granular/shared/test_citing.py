@@ -9,7 +9,7 @@ import pytest
 from granular import Trajectory, cite, load_scene
 from granular.effects.registry import all_effects
 from granular.methods import METHODS
-from granular.shared.citing import bibliography, by_doi, dois, module_docstring_of
+from granular.shared.citing import bibliography, citation_keys_by_doi, dois, module_docstring_of
 from granular.shared.errors import InputError
 from granular.shared.version import __version__
 from reduced_models.laws import LAWS
@@ -23,12 +23,12 @@ TEXTS = (
 
 @pytest.mark.parametrize(("name", "text"), TEXTS, ids=[name for name, _ in TEXTS])
 def test_every_paper_that_is_named_is_in_the_bibliography(name: str, text: str) -> None:
-    assert [doi for doi in dois(text) if doi not in by_doi()] == []
+    assert [doi for doi in dois(text) if doi not in citation_keys_by_doi()] == []
 
 
 def test_every_entry_is_complete_and_is_named_by_something() -> None:
     named = {doi for _, text in TEXTS for doi in dois(text)}
-    assert set(by_doi()) <= named
+    assert set(citation_keys_by_doi()) <= named
     for key, entry in bibliography().items():
         assert entry.count("{") == entry.count("}"), key
         for field in ("title", *(("year", "doi") if key not in cite() else ())):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, Scene, simulate
-from granular.run.options import halve_step, validated_step
+from granular.run.time_steps import halve_step, validated_step
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case

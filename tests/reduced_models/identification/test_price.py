@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular import load_scene, simulate
-from granular.run.price_table import price_text
+from granular.run.work_precision import work_precision_text
 from reduced_models.identification.engineering import Quantity
 from reduced_models.identification.result import checked_price_text
 
@@ -16,4 +16,4 @@ def test_the_step_check_is_told_where_there_was_one() -> None:
     scattered = checked_price_text(run, rest._replace(parts={"step": 1.2e-3, "start": 6e-2}))
     assert "starts scatter it by 0.001" in scattered
     assert "no better where the starts decide" in scattered
-    assert checked_price_text(run, rest) == price_text(run)
+    assert checked_price_text(run, rest) == work_precision_text(run)

@@ -18,7 +18,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.files import parse_toml
 
-TABLE = Path(__file__).with_name("price_table.toml")
+TABLE = Path(__file__).with_name("work_precision.toml")
 
 KNOWN = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
 """Effects that the scenes of the table have; it says nothing of others."""
@@ -90,7 +90,7 @@ def damping_kind(scene: Scene) -> str:
 
 
 @cache
-def load_price_table() -> tuple[WorkPrecisionTable, ...]:
+def load_work_precision_table() -> tuple[WorkPrecisionTable, ...]:
     """Scenes of the stored table."""
     plain = parse_toml(TABLE.read_text(encoding="utf-8"))
     return tuple(_priced_scene(scene_table, plain["made"]["date"]) for scene_table in plain["scenes"])
@@ -119,13 +119,13 @@ def nearest_priced_scene(scene: Scene, quantity: str) -> WorkPrecisionTable | No
 
     near = [
         entry
-        for entry in load_price_table()
+        for entry in load_work_precision_table()
         if entry.kind == kind and quantity in entry.floors and apart(entry) <= math.log(ALIKE)
     ]
     return min(near, key=unlike, default=None)
 
 
-def price_text(run: Trajectory) -> str:
+def work_precision_text(run: Trajectory) -> str:
     """Price of a run: its time, what its step errs, and the same for half the step.
 
     The error of a quantity is that of the table's scene most like it, scaled from the step used

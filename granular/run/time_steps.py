@@ -13,7 +13,7 @@ from granular.engine.step_size import MOST_STEPS, Step
 from granular.methods.method import COMPENSATED, Method
 from granular.methods.registry import resolve_method
 from granular.protocol import Hold, Lift, Stage
-from granular.protocol.stage import Timed
+from granular.protocol.stage import TimedStage
 from granular.scene.dryness import dry_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -73,15 +73,15 @@ def _scale_coefficients(dt: float | str, by: float) -> float | str:
         return by * step.seconds
     factor = by * step.factor
     if factor >= 1.0:
-        return f"auto*{_is_positional_fraction(factor)}"
-    return f"auto/{_is_positional_fraction(1.0 / factor)}"
+        return f"auto*{_format_decimal(factor)}"
+    return f"auto/{_format_decimal(1.0 / factor)}"
 
 
-def _is_positional_fraction(value: float) -> str:
+def _format_decimal(value: float) -> str:
     return np.format_float_positional(value, trim="-")
 
 
-def is_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
+def is_step_allowed(scene: Scene, dt: float | str, method: str | Method) -> bool:
     """Return True where a scene can be run with a time step and a method."""
     try:
         step = validated_step(dt, scene)
@@ -178,7 +178,7 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
     for stage in scene.protocol:
         height += stage.jump(height)
         duration = stage.total_duration(height)
-        last = stage is scene.protocol[-1] and isinstance(stage, Timed)
+        last = stage is scene.protocol[-1] and isinstance(stage, TimedStage)
         if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
             yield stage, duration
         final = stage.final_height()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.compiled.dispatch import call_hook, call_last_hook, greatest_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import call_hook, call_last_hook, greatest_of_hooks, sum_of_hooks
 
 
 class Quiet(NamedTuple):
