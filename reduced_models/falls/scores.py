@@ -220,7 +220,20 @@ def score_drops(
     if not laws:
         raise InputError("give at least one law")
     level = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
+    _check_falls(record, unseen, level)  # before the fits, which take minutes
     return judge_fits(record, fit_drops(record, laws, scene, starts), unseen, level)
+
+
+def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], level: float) -> None:
+    """Refuse falls that are none, and a call without an unseen one."""
+    if not unseen:
+        raise InputError("give at least one unseen fall")
+    for label, item in {"the fall": record, **unseen}.items():
+        if not item.height[0] > level:
+            raise InputError(
+                f"{label} begins at {item.height[0]:g} m, not above the level of rest, "
+                f"{level:g} m; give a fall"
+            )
 
 
 def fit_drops(
@@ -241,14 +254,7 @@ def judge_fits(
         If there is no unseen fall, no law could be fitted, or a record begins below the level of
         rest.
     """
-    if not unseen:
-        raise InputError("give at least one unseen fall")
-    for label, item in {"the fall": record, **unseen}.items():
-        if not item.height[0] > level:
-            raise InputError(
-                f"{label} begins at {item.height[0]:g} m, not above the level of rest, "
-                f"{level:g} m; give a fall"
-            )
+    _check_falls(record, unseen, level)
     rows = [
         row
         if (model := row.model) is None

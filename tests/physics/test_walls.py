@@ -229,6 +229,7 @@ def test_energy_is_kept_between_the_walls(law: str) -> None:
     assert run.settings()["ledger_residual"] < 1e-4
 
 
+@pytest.mark.long  # quick: the force of slabs and its energy, above
 def test_the_bed_that_the_source_could_not_hold_up_rests_on_slabs() -> None:
     """[D, 3.6]: with slabs the source's bed fell through the bottom. Here it settles."""
     scene = walled(

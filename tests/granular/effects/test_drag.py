@@ -77,7 +77,10 @@ def test_dry_friction_takes_the_drag_of_each_grain_along() -> None:
     np.testing.assert_allclose(after, exact, rtol=1e-6)
 
 
-@pytest.mark.parametrize("friction", [{}, {"scheme": "regularised", "threshold": "10 mm/s"}, None])
+REGULARISED = {"scheme": "regularised", "threshold": "10 mm/s"}
+
+
+@pytest.mark.parametrize("friction", [{}, pytest.param(REGULARISED, marks=pytest.mark.long), None])
 def test_ledger_closes_to_second_order(friction: dict[str, Any] | None) -> None:
     rubbing = {"friction": friction} if friction is not None else {}
     scene = load_scene("bed").replace(

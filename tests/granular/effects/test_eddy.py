@@ -92,7 +92,7 @@ def test_two_grains_decay_as_the_tensor_says(name: str) -> None:
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("species", [1, 2])
+@pytest.mark.parametrize("species", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_flow_is_of_second_order_and_a_runge_kutta_method_agrees(species: int) -> None:
     random = np.random.default_rng(3)
     positions = loose(4, 3, 3)

@@ -128,11 +128,19 @@ def test_ten_seeds(method: Method, name: str) -> None:
     assert np.median(errors, axis=0).max() < 0.01
 
 
-def test_strong_form_and_ensembles() -> None:
+@pytest.fixture(scope="module")
+def coarse_duffing() -> PistonRecord:
     integer = made("duffing", 1)
-    record = PistonRecord(integer.time[::3], integer.height[::3])
-    assert is_exact(discover(record, "sindy", form="strong", polish=0), "duffing")
-    found = discover(record, "sindy", form="strong", ensemble=True, polish=0)
+    return PistonRecord(integer.time[::3], integer.height[::3])
+
+
+@pytest.mark.long  # quick: in ensembles, below
+def test_strong_form(coarse_duffing: PistonRecord) -> None:
+    assert is_exact(discover(coarse_duffing, "sindy", form="strong", polish=0), "duffing")
+
+
+def test_strong_form_in_ensembles(coarse_duffing: PistonRecord) -> None:
+    found = discover(coarse_duffing, "sindy", form="strong", ensemble=True, polish=0)
     assert is_exact(found, "duffing")
     fractions = found.inclusion
     assert all(fractions[term.text] > 0.9 for term in LAWS["duffing"][3])

@@ -46,7 +46,10 @@ def released(ratio: float, loss: float, noise: float) -> PistonRecord:
     return PistonRecord(TIME, height + np.random.default_rng(1).normal(0.0, noise, len(TIME)))
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if name == "a Pohl wheel without" else ()) for name in CASES],
+)
 def test_damping_is_that_of_swings_that_were_seen(name: str, tmp_path: Path) -> None:
     """Energy lost in a cycle over 4 pi that of the swing, in closed form."""
     law, ratio, loss, noise = CASES[name]

@@ -242,7 +242,7 @@ def test_what_comes_to_rest_is_tested_while_it_moves() -> None:
     assert quality.test_error < 0.05 * quality.test_error_at_rest
 
 
-@pytest.mark.parametrize("duration", [0.2, 0.3, 0.4])
+@pytest.mark.parametrize("duration", [0.2, pytest.param(0.3, marks=pytest.mark.long), 0.4])
 def test_short_records(duration: float) -> None:
     """Less than one and a half periods, in which the frequency cannot be read off."""
     time = np.linspace(0.0, duration, 400)

@@ -22,9 +22,9 @@ def errors(model: ReducedModel, true: dict[str, float]) -> list[float]:
     return [abs(model.parameters[key] / value - 1.0) for key, value in true.items()]
 
 
-# A linear one, a spring, a state of its own; dampings: tests/reduced_models/fitting/test_fit.py, a
-# jump: below.
-QUICK = ("linear", "duffing", "bouc-wen")
+# A linear one and a state of its own; springs: tests/reduced_models/models/test_printed_equation.py,
+# dampings: tests/reduced_models/fitting/test_fit.py, a jump: below.
+QUICK = ("linear", "bouc-wen")
 
 
 @pytest.mark.parametrize(

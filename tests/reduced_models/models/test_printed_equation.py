@@ -139,10 +139,10 @@ def test_few_digits_where_little_is_known(made: Any) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=() if name in ("bouc-wen", "elastoplastic-bed") else pytest.mark.long)
+        pytest.param(name, marks=() if name == "elastoplastic-bed" else pytest.mark.long)
         for name, law in LAWS.items()
         if law.hidden
-    ],  # quick: two that have memory
+    ],  # quick: one that has memory
 )
 def test_a_law_with_memory_by_its_printed_parameters(name: str, made: Any) -> None:
     """Its small swing, hidden states included, lies within the printed intervals."""

@@ -150,8 +150,8 @@ LAWS = [
     {"effects__friction": {"dynamic": 0.4515}},
     {"effects__gravity": {"acceleration": 9.81}},
     {"grains__remanence": 1.302},
-    {"effects__walls__right": "infinite"},
-    {"effects__drag": {"coefficient": 1e-4}},
+    pytest.param({"effects__walls__right": "infinite"}, marks=pytest.mark.long),
+    pytest.param({"effects__drag": {"coefficient": 1e-4}}, marks=pytest.mark.long),
 ]
 
 
