@@ -36,8 +36,8 @@ from reduced_models.records.sources import METHOD
 
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Wider for discs, whose beds come to rest in one order or another: of two neighbouring proposals for 4 Hz one
-swings with 3.90 and the other with 4.09 Hz, from every start."""
+"""Wider for discs, whose beds come to rest in one order or another: of two neighbouring proposals for
+4 Hz one swings with 3.90 and the other with 4.09 Hz, from every start."""
 CENTRED, CENTRING = 0.5, 3
 """Fraction of these that the mean of the checks may be off by, without one more correction; and the
 proposals of one number of grains after which it may."""
@@ -119,8 +119,8 @@ def design(
     Returns
     -------
     Design
-        Damper within 2 % of the frequency (3 % for discs) and 5 % of the damping ratio in every check, with all
-        proposals and their simulations.
+        Damper within 2 % of the frequency (3 % for discs) and 5 % of the damping ratio in every
+        check, with all proposals and their simulations.
 
     Raises
     ------

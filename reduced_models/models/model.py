@@ -17,17 +17,10 @@ from granular.shared.messages import quote, sanitize
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.sensor_signal import motion_signal
-from reduced_models.models import export, prediction, response
+from reduced_models.models import export, prediction, response, schema
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping, FittedLaw
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.quality import Direction, Quality
-from reduced_models.models.schema import (
-    FORMAT,
-    check_plain_model,
-    law_from_plain,
-    quality_from_plain,
-    read_model,
-)
 from reduced_models.records.envelope import PeakDamping
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor, sensor_lines
@@ -308,8 +301,7 @@ class ReducedModel(FittedLaw):
         amplitude : float
             Amplitude about rest [m].
         frequency : float, optional
-            Angular frequency [rad/s]; if not given, that at which the equivalent stiffness carries
-            the inertia.
+            Angular frequency [rad/s]; by default that of the equivalent stiffness.
 
         Returns
         -------
@@ -336,8 +328,7 @@ class ReducedModel(FittedLaw):
         frequencies : float64 (k,)
             Angular frequencies [rad/s].
         largest : float, optional
-            Greatest amplitude that is looked for [m]; ten times the farthest swing of the record if
-            not given.
+            Greatest amplitude looked for [m]; by default ten times the record's farthest swing.
 
         Returns
         -------
@@ -491,7 +482,7 @@ class ReducedModel(FittedLaw):
             Plain data for JSON.
         """
         return {
-            "format": FORMAT,
+            "format": schema.FORMAT,
             "law": self.law.name,
             "equation": self.law.equation,
             "latex": self.fitted_latex,
@@ -551,17 +542,17 @@ class ReducedModel(FittedLaw):
         InputError
             If the data are not those of a model.
         """
-        data = check_plain_model(plain)
+        data = schema.check_plain_model(plain)
         at_rest = data["at_rest"]
         return cls(
-            law=law_from_plain(data),
+            law=schema.law_from_plain(data),
             parameters=data["parameters"],
             intervals=data["intervals"],
             confidence=data["confidence"],
             map=HeightMap(**data["map"]),
             initial=(data["initial"][0], data["initial"][1]),
             at_rest=None if at_rest is None else _at_rest(at_rest),
-            quality=quality_from_plain(data["quality"]),
+            quality=schema.quality_from_plain(data["quality"]),
             undetermined=tuple(Direction(**direction) for direction in data["undetermined"]),
             domain=data["domain"],
             notes=tuple(data["notes"]),
@@ -601,7 +592,7 @@ def load_model(path: str | Path) -> ReducedModel:
     InputError
         If there is no such file, it cannot be read, or it holds no model.
     """
-    plain = read_model(Path(path))
+    plain = schema.read_model(Path(path))
     try:
         return ReducedModel.from_plain(plain)
     except InputError as error:
