@@ -86,7 +86,7 @@ def workshop_sheet(
     page.figure(
         _draw_cell(scene, rest),
         "Front view, all lengths in proportion, in mm. The piston is drawn at rest on discs in a "
-        "lattice, the cell up to the height from which the piston is let down.",
+        "lattice, the cell up to the height from which the piston is lowered.",
     )
     page.section("Parts")
     page.table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
@@ -139,7 +139,7 @@ def workshop_sheet(
     page.section("What to measure first")
     page.text(
         "With the piston at rest, and the machine held still, lift it by a fifth of a disc's "
-        "diameter and let it go; record its height for three seconds, at 200 "
+        "diameter and release it; record its height for three seconds, at 200 "
         "samples a second or more, as a table of time and "
         "height. Then read back mass, drag and remanence, and simulate again with what was read:"
     )
