@@ -54,12 +54,8 @@ def cite(*things: Any) -> str:
         texts = getattr(thing, "literature", None)
         if texts is None:
             raise InputError(f"{quote(thing)} names no papers; give a scene, run, method, law or model")
-        keys |= {
-            citation_keys_by_doi()[doi]
-            for text in texts
-            for doi in dois(text)
-            if doi in citation_keys_by_doi()
-        }
+        known = citation_keys_by_doi()
+        keys |= {known[doi] for text in texts for doi in dois(text) if doi in known}
     entries = bibliography()
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
 

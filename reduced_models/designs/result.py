@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
+"""Relative errors that every check of a proposal may have."""
+
+
 class DesignCheck(NamedTuple):
     """A simulation of a proposal.
 
@@ -168,6 +172,12 @@ class Design:
             )
         if min(check.rest_gap for check in self.checks) < 1.0:
             notes.append("at rest grains touch; ask for a lower frequency, or fewer small grains")
+        if not self.met(FREQUENCY_TOLERANCE, DAMPING_TOLERANCE):
+            notes.append(
+                f"the frequency is off by {_deviation_text(self.frequency, self.target.frequency)}, and "
+                f"{len(self.rounds) - 1} other proposals were no nearer: beds of discs come to rest in one "
+                "order or another"
+            )
         return tuple(notes)
 
     def __str__(self) -> str:

@@ -302,7 +302,7 @@ class Comparison:
 def tie_limit(rows: Sequence[Row], noise: float) -> float:
     """Return the greatest test error that is as good as the least one.
 
-    That is one standard error more (Breiman et al. 1984, Classification and Regression EquationTrees, ch.
+    That is one standard error more (Breiman et al. 1984, Classification and Regression Trees, ch.
     3.4; Hastie et al. 2009, The Elements of Statistical Learning, ch. 7.10).
     """
     least = min(rows, key=lambda row: row.error)

@@ -313,9 +313,8 @@ def lift_verdict(table: Comparison) -> str:
 def checked_price_text(run: Trajectory, rest: Quantity | None) -> str:
     """Price of a run whose level of rest was checked; without a check, `work_precision_text`."""
     if rest is None or "step" not in rest.parts or not rest.value > 0.0:
-        from granular.run.work_precision import (
-            work_precision_text,
-        )  # fits alone need nothing of the simulation
+        # Fits alone need nothing of the simulation.
+        from granular.run.work_precision import work_precision_text
 
         return work_precision_text(run)
     seconds = run.settings()["seconds"]
