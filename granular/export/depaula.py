@@ -72,6 +72,16 @@ def depaula_cadence(run: Trajectory) -> DepaulaCadence:
 
     T is the duration of the first stage that lowers the piston at constant speed, stroke/V_c
     [D, 2.3.2, 4.13], as the scene prescribes it; 1 s where there is none.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+
+    Returns
+    -------
+    DepaulaCadence
+        Unit of time, time step and interval of the frames, each in seconds.
     """
     unit = 1.0
     height = None if run.scene.piston is None else run.scene.piston.height
@@ -117,8 +127,8 @@ def to_depaula_files(
     contents = {
         **_particle_files(run, cadence, progress),
         **_piston_files(run, cadence),
-        "avgDis": _distances(run, cadence, progress),
-        **_constants(run, cadence),
+        "avgDis": _mean_distance_lines(run, cadence, progress),
+        **_constant_files(run, cadence),
     }
     files = {f"{name}.dat": lines for name, lines in contents.items()}
     with write_files_atomically(directory, list(files), overwrite) as place_of:
@@ -167,7 +177,10 @@ def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) ->
     }
     apart = not unsupported_effects(run.scene)
     if apart:
-        tables["comPart"] = ("compression [m D/T^2]", lambda frame: _compression(run, frame) / force)
+        tables["comPart"] = (
+            "compression [m D/T^2]",
+            lambda frame: _compressive_forces_of_frame(run, frame) / force,
+        )
     times = run.dataset["frame_time"].values
     chosen = {every: _nearest_record_indices(times, cadence, every) for every in (FINE, USUAL, COARSE)}
     files: dict[str, Iterator[str]] = {}
@@ -182,15 +195,22 @@ def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) ->
             add(f"{name}_0", FINE, table)
     if apart:
         coarse = iterate_frames(run, chosen[COARSE])
-        sizes = (float(np.fmax.reduce(_compression(run, frame)[:, 0], initial=0.0)) for frame in coarse)
+        sizes = (
+            float(np.fmax.reduce(_compressive_forces_of_frame(run, frame)[:, 0], initial=0.0))
+            for frame in coarse
+        )
         greatest = max(sizes, default=0.0) or 1.0
         fraction = "compression/(its greatest)"
-        add("comPart_norm", COARSE, (fraction, lambda frame: _compression(run, frame) / greatest))
+        add(
+            "comPart_norm",
+            COARSE,
+            (fraction, lambda frame: _compressive_forces_of_frame(run, frame) / greatest),
+        )
     add("posPart_norm", COARSE, tables["posPart"])
     return files
 
 
-def _compression(run: Trajectory, frame: BedFrame) -> np.ndarray:
+def _compressive_forces_of_frame(run: Trajectory, frame: BedFrame) -> np.ndarray:
     """Compressive force on each grain that is there (k, 1) [N]."""
     positions = np.full((run.scene.grains.count, 2), np.nan)
     positions[frame.grains] = frame.position
@@ -233,7 +253,7 @@ def _piston_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterato
     return files
 
 
-def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iterator[str]:
+def _mean_distance_lines(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iterator[str]:
     diameter = run.scene.grains.species[0].diameter
     chosen = _nearest_record_indices(run.dataset["frame_time"].values, cadence, COARSE)
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
@@ -242,7 +262,7 @@ def _distances(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> Iter
         yield _table_lines(np.array([[frame.time / cadence.time_unit, distance]]))
 
 
-def _constants(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
+def _constant_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
     units, unit = Scales.of(run.scene.grains), cadence.time_unit
     sizes = (units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2)
     scales = run.scene.grains.diameters() / units.length

@@ -57,13 +57,13 @@ def to_extxyz(
     """
     run, path = open_run(run), Path(path)
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
-        lines = _lines(run)
+        grain_lines = _grain_line_writer(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
-            file.write(f"{len(frame.grains)}\n{_comment(run, frame)}\n{lines(frame)}")
+            file.write(f"{len(frame.grains)}\n{_comment_line(run, frame)}\n{grain_lines(frame)}")
     return path
 
 
-def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
+def _grain_line_writer(run: Trajectory) -> Callable[[BedFrame], str]:
     """Return a function that writes the lines of a frame's grains."""
     grains = run.scene.grains
     names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
@@ -82,7 +82,7 @@ def _lines(run: Trajectory) -> Callable[[BedFrame], str]:
     return lines
 
 
-def _comment(run: Trajectory, frame: BedFrame) -> str:
+def _comment_line(run: Trajectory, frame: BedFrame) -> str:
     cell = run.scene.cell
     periodic = cell.periods is not None
     height = cell.height if periodic else frame.height

@@ -47,7 +47,17 @@ class BedFrame(NamedTuple):
 
 
 def open_run(run: Trajectory | str | Path) -> Trajectory:
-    """Run, or the run in a directory.
+    """Return a run as it is, or load the run in a directory.
+
+    Parameters
+    ----------
+    run : Trajectory or path
+        A run, or its directory.
+
+    Returns
+    -------
+    Trajectory
+        The run, with at least one frame.
 
     Raises
     ------
@@ -63,30 +73,43 @@ def open_run(run: Trajectory | str | Path) -> Trajectory:
 
 
 def iterate_frames(
-    run: Trajectory, numbers: Sequence[int] | None = None, bar: str | None = None
+    run: Trajectory, indices: Sequence[int] | None = None, bar: str | None = None
 ) -> Iterator[BedFrame]:
-    """Frames of a run, in the order of their numbers (all of them where none are given).
+    """Yield frames of a run, some of which are in memory at a time.
 
-    Grains that have left the cell (their position is NaN) are left out. With ``bar``, a progress
-    bar of that name is shown.
+    Grains that have left the cell (their position is NaN) are left out.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A run.
+    indices : sequence of int, optional
+        Indices of the frames, in the order in which they are wanted; all if not given.
+    bar : str, optional
+        Title of a progress bar, which is shown if this is given.
+
+    Yields
+    ------
+    BedFrame
+        The grains in the cell, in SI.
     """
     from granular.shared.progress import progress_bar
 
-    chosen = range(run.dataset.sizes["frame"]) if numbers is None else numbers
+    chosen = range(run.dataset.sizes["frame"]) if indices is None else indices
     with progress_bar(total=len(chosen), desc=bar, unit="frame", wanted=bool(bar)) as shown:
         for start in range(0, len(chosen), BLOCK):
-            for frame in _read_block(run, list(chosen[start : start + BLOCK])):
+            for frame in _read_frame_block(run, list(chosen[start : start + BLOCK])):
                 yield frame
                 shown.update()
 
 
-def _read_block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
+def _read_frame_block(run: Trajectory, indices: list[int]) -> Iterator[BedFrame]:
     from granular.observables.forces import interaction_forces
     from granular.observables.frame import frames
 
     has_piston = run.scene.piston is not None
-    part = dataclasses.replace(run, dataset=run.dataset.isel(frame=numbers).load())
-    for number, frame in zip(numbers, frames(part), strict=True):
+    part = dataclasses.replace(run, dataset=run.dataset.isel(frame=indices).load())
+    for number, frame in zip(indices, frames(part), strict=True):
         grains = np.flatnonzero(np.isfinite(frame.positions).all(axis=1))
         fields = frame.positions, frame.velocities, frame.forces, interaction_forces(frame)
         height = frame.piston_height if has_piston else None
@@ -94,5 +117,5 @@ def _read_block(run: Trajectory, numbers: list[int]) -> Iterator[BedFrame]:
 
 
 def planar_to_spatial(plane: np.ndarray) -> np.ndarray:
-    """Vectors (k, 2) as vectors of space (k, 3)."""
+    """Append z = 0 to vectors in the plane: (k, 2) to (k, 3), in their own unit."""
     return np.column_stack([plane, np.zeros(len(plane))])

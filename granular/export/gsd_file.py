@@ -64,9 +64,9 @@ def to_gsd(
     run, path = open_run(run), Path(path)
     low, size = _bounding_box_of_run(run)
     with write_atomically(path, overwrite) as part, gsd.hoomd.open(name=str(part), mode="w") as file:
-        unchanging = _constant_fields(run)
+        constant_fields = _constant_fields(run)
         for frame in iterate_frames(run, bar=path.name if progress else None):
-            file.append(_frame(gsd.hoomd.Frame(), frame, unchanging, low, size))
+            file.append(_fill_gsd_frame(gsd.hoomd.Frame(), frame, constant_fields, low, size))
     return path
 
 
@@ -95,15 +95,17 @@ def _constant_fields(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def _frame(new: Any, frame: BedFrame, unchanging: dict[str, Any], low: np.ndarray, size: np.ndarray) -> Any:
+def _fill_gsd_frame(
+    new: Any, frame: BedFrame, constant_fields: dict[str, Any], low: np.ndarray, size: np.ndarray
+) -> Any:
     new.configuration.step = frame.number
     new.configuration.dimensions = 2
-    new.configuration.box = [*(unchanging["box"] * size).tolist(), 0.0, 0.0, 0.0, 0.0]
+    new.configuration.box = [*(constant_fields["box"] * size).tolist(), 0.0, 0.0, 0.0, 0.0]
     particles = new.particles
     particles.N = len(frame.grains)
-    particles.types = unchanging["types"]
+    particles.types = constant_fields["types"]
     for name in ("typeid", "diameter", "mass"):
-        setattr(particles, name, unchanging[name][frame.grains])
+        setattr(particles, name, constant_fields[name][frame.grains])
     particles.position = planar_to_spatial(frame.position - low - size / 2.0)
     particles.velocity = planar_to_spatial(frame.velocity)
     new.log = {

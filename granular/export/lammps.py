@@ -25,12 +25,12 @@ from granular.export.frames import iterate_frames, open_run
 from granular.export.lammps_script import (
     NEAREST_PAIR,
     NEAREST_WALL,
-    Deck,
-    check_scene,
+    LammpsDeck,
+    check_exportable_scene,
     input_script_lines,
-    pair_table,
+    pair_force_table,
     pair_table_name,
-    wall_table,
+    wall_force_table,
     wall_table_name,
 )
 from granular.export.lammps_stages import RemainingStage, remaining_stage
@@ -46,7 +46,7 @@ from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, make_directory, write_atomically
 
 
-class _Start(NamedTuple):
+class _DeckStart(NamedTuple):
     """State in which the deck begins, in SI, and the stages from there on."""
 
     time: float
@@ -54,7 +54,7 @@ class _Start(NamedTuple):
     grains: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
-    legs: tuple[RemainingStage, ...]
+    remaining_stages: tuple[RemainingStage, ...]
 
 
 def to_lammps(
@@ -97,15 +97,15 @@ def to_lammps(
         or the source cannot be read.
     """
     scene, run = _open_source(source)
-    check_scene(scene)
-    start = _scene_start(scene) if run is None else _run_start(run)
+    check_exportable_scene(scene)
+    start = _start_of_scene(scene) if run is None else _start_after_run(run)
     deck = _make_deck(scene, start, dt)
     directory = Path(directory)
     contents = {
         "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
         "bed.data": _data_file_lines(deck, start),
-        "pairs.table": _pair_tables(deck),
-        "walls.table": _wall_tables(deck),
+        "pairs.table": _pair_table_lines(deck),
+        "walls.table": _wall_table_lines(deck),
     }
     return _write(directory, contents, overwrite)
 
@@ -120,13 +120,15 @@ def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajec
     return source.scene, open_run(source)
 
 
-def _scene_start(scene: Scene) -> _Start:
+def _start_of_scene(scene: Scene) -> _DeckStart:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
-    return _Start(0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height)))
+    return _DeckStart(
+        0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height))
+    )
 
 
-def _run_start(run: Trajectory) -> _Start:
+def _start_after_run(run: Trajectory) -> _DeckStart:
     """Last frame, and the stages that it leaves."""
     (frame,) = iterate_frames(run, [run.dataset.sizes["frame"] - 1])
     behind = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
@@ -136,44 +138,44 @@ def _run_start(run: Trajectory) -> _Start:
         started = now.start
         if height is not None:
             height = float(run.piston(now.name).height[0])
-    legs = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
-    return _Start(frame.time, frame.height, frame.grains, frame.position, frame.velocity, legs)
+    stages = tuple(_remaining_stages(run.scene, point, height, frame.time - started))
+    return _DeckStart(frame.time, frame.height, frame.grains, frame.position, frame.velocity, stages)
 
 
 def _remaining_stages(
-    scene: Scene, index: int, height: float | None, done: float = 0.0
+    scene: Scene, index: int, height: float | None, elapsed: float = 0.0
 ) -> Iterator[RemainingStage]:
     """Stages from one on, which begins (or has begun) with the piston at a height [m]."""
     for stage in scene.protocol[index:]:
-        next_leg = remaining_stage(stage, height, done)
-        yield next_leg
-        height, done = None if next_leg.path is None else next_leg.path.end, 0.0
+        remaining = remaining_stage(stage, height, elapsed)
+        yield remaining
+        height, elapsed = None if remaining.path is None else remaining.path.end, 0.0
 
 
-def _make_deck(scene: Scene, start: _Start, dt: float | str) -> Deck:
+def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
     if scene.cell.periods is not None:
         raise InputError(
             "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
             "extended XYZ, whose lattice is periodic"
         )
     scales = Scales.of(scene.grains)
-    paths = [each_leg.path for each_leg in start.legs if each_leg.path is not None]
+    paths = [stage.path for stage in start.remaining_stages if stage.path is not None]
     top = float(start.positions[:, 1].max()) if start.height is None else start.height
-    deck = Deck(
+    deck = LammpsDeck(
         scene=scene,
         scales=scales,
         charges=tuple(scene.grains.moment_ratios().tolist()),
         masses=tuple(scene.grains.mass_ratios().tolist()),
-        legs=start.legs,
-        piston=start.height,
-        height=max([top, *(each_leg.highest for each_leg in paths)]),
-        step=math.inf,
-        time=start.time,
+        remaining_stages=start.remaining_stages,
+        piston_start=start.height,
+        highest=max([top, *(path.highest for path in paths)]),
+        longest_step=math.inf,
+        start_time=start.time,
     )
-    return deck._replace(step=_time_step(deck, start, dt))
+    return deck._replace(longest_step=_choose_time_step(deck, start, dt))
 
 
-def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
+def _choose_time_step(deck: LammpsDeck, start: _DeckStart, dt: float | str) -> float:
     """Time step [s] that is given, or that the bed's stiffest modes allow."""
     from granular.run.time_steps import validated_step
 
@@ -181,62 +183,62 @@ def _time_step(deck: Deck, start: _Start, dt: float | str) -> float:
     if asked.seconds is not None:
         return asked.seconds
     highest = (
-        max(_compressed_frequency(deck, start), _highest_run_collision_frequency(deck, start))
+        max(_mode_frequency_under_compression(deck, start), _highest_collision_frequency(deck, start))
         * deck.scales.rate
     )
     return min(deck.scene.output.scalars, asked.fraction / highest if highest else math.inf)
 
 
-def _compressed_frequency(deck: Deck, start: _Start) -> float:
+def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> float:
     """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.assignment()[start.grains]
     cylinders = deck.scene.grains.magnets == "cylinders"
     charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
-    height = deck.height if start.height is None else start.height
-    heights = [each_leg.path.lowest for each_leg in deck.legs if each_leg.path is not None]
+    height = deck.highest if start.height is None else start.height
+    heights = [stage.path.lowest for stage in deck.remaining_stages if stage.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
         mode_frequency_bound(
             position * [1.0, fraction],
             charge,
             mass,
-            deck.sides,
+            deck.wall_laws,
             width,
             height * fraction / unit,
-            pairs=deck.cut is not None,
+            pairs=deck.pair_cutoff is not None,
             discs=tuple(grain_discs(deck.scene.grains, unit)[k] for k in species) if cylinders else (),
         )
         for fraction in (1.0, min(fractions))
     )
 
 
-def _highest_run_collision_frequency(deck: Deck, start: _Start) -> float:
+def _highest_collision_frequency(deck: LammpsDeck, start: _DeckStart) -> float:
     """Highest frequency of a collision at the speed that grains can reach [1/tau]."""
     gravity = deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
-    speed += max((each_leg.path.speed for each_leg in deck.legs if each_leg.path is not None), default=0.0)
-    return collision_frequency(
+    speed += max((stage.path.speed for stage in deck.remaining_stages if stage.path is not None), default=0.0)
+    return collision_stiffness_frequency(
         speed / deck.scales.velocity,
         deck.charges,
         deck.masses,
-        set(deck.sides.values()),
-        pairs=deck.cut is not None,
+        set(deck.wall_laws.values()),
+        pairs=deck.pair_cutoff is not None,
         discs=grain_discs(deck.scene.grains, deck.scales.length),
     )
 
 
-def _data_file_lines(deck: Deck, start: _Start) -> Iterator[str]:
+def _data_file_lines(deck: LammpsDeck, start: _DeckStart) -> Iterator[str]:
     """Grains, in the order of the scene and counted from 1."""
     species = deck.scene.grains.assignment()[start.grains] + 1
     depth = deck.scene.cell.separation
     yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
     yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"
-    sizes = (deck.scene.cell.width, deck.height)
+    sizes = (deck.scene.cell.width, deck.highest)
     for axis, size, position in zip("xy", sizes, start.positions.T, strict=True):
-        low, high = _box_along_axis(position, size, deck.scales.length)
+        low, high = _box_bounds_along_axis(position, size, deck.scales.length)
         yield f"{low!r} {high!r} {axis}lo {axis}hi\n"
     yield f"{-depth / 2.0!r} {depth / 2.0!r} zlo zhi\n\nAtoms # atomic\n\n"
     columns = (start.grains + 1, species, *start.positions.T)
@@ -247,30 +249,32 @@ def _data_file_lines(deck: Deck, start: _Start) -> Iterator[str]:
         yield "{} {!r} {!r} 0\n".format(*row)
 
 
-def _box_along_axis(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
+def _box_bounds_along_axis(position: np.ndarray, cell: float, margin: float) -> tuple[float, float]:
     """Cell along an axis, and grains that stand outside of it where it is open [m]."""
     return min(0.0, float(position.min()) - margin), max(cell, float(position.max()) + margin)
 
 
-def _pair_tables(deck: Deck) -> Iterator[str]:
-    if deck.cut is None:
+def _pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
+    if deck.pair_cutoff is None:
         return
     nearest = NEAREST_PAIR * math.sqrt(min(deck.charges))
     discs = grain_discs(deck.scene.grains, deck.scales.length)
-    for first, second in deck.pairs():
+    for first, second in deck.species_pairs():
         charge = deck.charges[first - 1] * deck.charges[second - 1]
         name = pair_table_name(first, second)
         pair = (discs[first - 1], discs[second - 1]) if discs else None
-        yield from pair_table(name, charge, nearest, deck.cut, deck.scales, pair).lines("FPRIME")
+        yield from pair_force_table(name, charge, nearest, deck.pair_cutoff, deck.scales, pair).section_lines(
+            "FPRIME"
+        )
 
 
-def _wall_tables(deck: Deck) -> Iterator[str]:
+def _wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
     # LAMMPS reads one row beyond the last distance.
-    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.charges)), 1.001 * deck.wall_cut
-    for law in dict.fromkeys(deck.sides.values()):
+    nearest, farthest = NEAREST_WALL * math.sqrt(min(deck.charges)), 1.001 * deck.wall_cutoff
+    for law in dict.fromkeys(deck.wall_laws.values()):
         for number, charge in enumerate(deck.charges, start=1):
             name = wall_table_name(law, number)
-            yield from wall_table(name, law, charge, nearest, farthest, deck.scales).lines("FP")
+            yield from wall_force_table(name, law, charge, nearest, farthest, deck.scales).section_lines("FP")
 
 
 def _write(directory: Path, contents: Mapping[str, Iterable[str]], overwrite: bool) -> tuple[Path, ...]:
@@ -304,22 +308,32 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Bound of the highest angular frequency of a bed [1/tau], by Gershgorin's theorem.
+    """Upper bound of the highest angular frequency of the bed's normal modes, in natural units.
+
+    The row sums of the stiffness matrix bound its eigenvalues (Gershgorin's circle theorem; Horn and
+    Johnson, Matrix Analysis, 2nd ed., theorem 6.1.1). Natural units: the length D is the diameter of
+    the first species, the time tau that of `granular.schema.scales.Scales`.
 
     Parameters
     ----------
     position : float (n, 2)
-        [D]
+        Positions of the grains [D].
     charge, mass : float (n,)
-        Moment and mass over those of the first species.
+        Magnetic moment and mass of each grain over those of the first species.
     walls : mapping of str to str
-        Side and law.
+        Law (``"experimental"`` or ``"infinite"``) of each wall, by its side: ``left``, ``right``,
+        ``bottom`` or ``top``.
     width, height : float
         Width and height of the cell [D].
     pairs : bool
-        Whether grains repel each other.
-    discs : sequence of Disc
+        Whether grains repel each other; pairs farther apart than `REACH` are left out.
+    discs : sequence of Disc, n long
         Each grain as a disc; empty where grains are dipoles.
+
+    Returns
+    -------
+    float
+        Angular frequency [1/tau].
     """
     from scipy.spatial import cKDTree
 
@@ -347,7 +361,7 @@ def mode_frequency_bound(
     return math.sqrt(float((rows * (charge / mass)).max()))
 
 
-def collision_frequency(
+def collision_stiffness_frequency(
     speed: float,
     charges: Sequence[float],
     masses: Sequence[float],
@@ -356,20 +370,39 @@ def collision_frequency(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Highest angular frequency [1/tau] of a collision at that speed [D/tau].
+    """Highest angular frequency sqrt(stiffness/mass) at the turning point of a collision.
 
-    Two grains of a species meet head-on, or one of them meets a wall.
+    Two grains of one species meet head-on, or one of them meets a wall; where they turn, the stiffness
+    is greatest. Energy conservation gives the distance of that point.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of each grain far from the other one, or from the wall [D/tau].
+    charges, masses : sequence of float, a species each
+        Magnetic moment and mass over those of the first species.
+    laws : set of str
+        Laws of the walls that act: ``"experimental"``, ``"infinite"``.
+    pairs : bool
+        Whether grains repel each other.
+    discs : sequence of Disc, a species each
+        Shapes of the magnets; empty where grains are dipoles.
+
+    Returns
+    -------
+    float
+        Angular frequency [1/tau]; 0 where nothing repels.
     """
     squares = []
     for charge, mass in zip(charges, masses, strict=True):
         ratio = charge / mass
-        at = speed / math.sqrt(ratio)
-        squares += [ratio * _WALLS[law].turning_stiffness(at) for law in laws]
+        scaled_speed = speed / math.sqrt(ratio)
+        squares += [ratio * _WALLS[law].turning_stiffness(scaled_speed) for law in laws]
         if pairs and not discs:
             squares.append(dipole.head_on_stiffness(speed, mass, charge))
         elif pairs:
             meeting = make_discs(discs, np.zeros(0, dtype=np.int64), 8).collision
             strength = charge * ratio
-            at = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
-            squares.append(strength * meeting[STIFFNESSES, at])
+            row = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
+            squares.append(strength * meeting[STIFFNESSES, row])
     return math.sqrt(max(squares, default=0.0))

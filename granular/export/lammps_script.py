@@ -35,13 +35,14 @@ _PAIR_EXPONENT = 4.0
 
 
 class ForceTable(NamedTuple):
-    """A law from the nearest to the farthest distance.
+    """A repulsive force and its potential energy, tabulated over the distance, in SI.
 
     Attributes
     ----------
     name : str
+        Keyword of the section in the table file.
     distance, energy, force : float64 (ROWS,)
-        [m], [J], [N]
+        Distance [m], increasing; potential energy [J]; repulsive force [N].
     slopes : tuple of float
         d(force)/d(distance) at both ends [N/m].
     """
@@ -52,17 +53,28 @@ class ForceTable(NamedTuple):
     force: np.ndarray
     slopes: tuple[float, float]
 
-    def lines(self, slopes: str) -> Iterator[str]:
-        """Section of a table file; ``slopes`` is its keyword for the slopes at both ends."""
+    def section_lines(self, slope_keyword: str) -> Iterator[str]:
+        """Yield the lines of this table's section in a LAMMPS table file.
+
+        Parameters
+        ----------
+        slope_keyword : str
+            LAMMPS's keyword for the slopes at both ends: ``"FPRIME"`` for pairs, ``"FP"`` for walls.
+
+        Yields
+        ------
+        str
+            The header, then a row for each distance: number, distance [m], energy [J] and force [N].
+        """
         first, last = self.slopes
-        yield f"{self.name}\nN {ROWS} {slopes} {first:.17g} {last:.17g}\n\n"
+        yield f"{self.name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
         columns = (self.distance.tolist(), self.energy.tolist(), self.force.tolist())
         for number, row in enumerate(zip(*columns, strict=True), start=1):
             yield "{} {:.17g} {:.17g} {:.17g}\n".format(number, *row)
         yield "\n"
 
 
-def pair_table(
+def pair_force_table(
     name: str,
     charge: float,
     nearest: float,
@@ -70,9 +82,27 @@ def pair_table(
     scales: Scales,
     discs: tuple[Disc, Disc] | None = None,
 ) -> ForceTable:
-    """Repulsion of two dipoles or discs, with ``charge`` the product of theirs, up to ``farthest``.
+    """Tabulate the repulsion of two grains over their distance.
 
-    Distances are in units D.
+    Dipoles repel as 1/r^4; discs by the law of `granular.pairs.disc_tables.continued_law`.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of the section in the table file.
+    charge : float
+        Product of both magnetic moments, each over that of the first species.
+    nearest, farthest : float
+        Range of the distance [D], D being the diameter of the first species.
+    scales : Scales
+        Natural units in SI.
+    discs : tuple of two Disc, optional
+        Shapes of the two magnets; dipoles if not given.
+
+    Returns
+    -------
+    ForceTable
+        Distance [m], energy [J] and force [N], each (ROWS,), in geometric steps.
     """
     r = np.geomspace(nearest, farthest, ROWS)
     energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
@@ -80,22 +110,41 @@ def pair_table(
     if discs is not None:
         energy, force = (dipole.ENERGY * values for values in continued_law(r, discs))
         slopes = np.array([dipole.ENERGY * contact_slope(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]])
-    return _law_table(name, r, charge * energy, charge * force, charge * slopes, scales)
+    return _force_table_in_si(name, r, charge * energy, charge * force, charge * slopes, scales)
 
 
-def wall_table(
+def wall_force_table(
     name: str, law: str, charge: float, nearest: float, farthest: float, scales: Scales
 ) -> ForceTable:
-    """Repulsion of a grain of that charge from a wall; see `pair_table`."""
+    """Tabulate the repulsion of a grain from a wall over their distance, a power law.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of the section in the table file.
+    law : str
+        ``"experimental"`` (force as distance^-3.5) or ``"infinite"`` (as distance^-3).
+    charge : float
+        Magnetic moment of the grain over that of the first species.
+    nearest, farthest : float
+        Range of the distance [D], D being the diameter of the first species.
+    scales : Scales
+        Natural units in SI.
+
+    Returns
+    -------
+    ForceTable
+        Distance [m], energy [J] and force [N], each (ROWS,), in geometric steps.
+    """
     w = np.geomspace(nearest, farthest, ROWS)
     exponent = WALL_EXPONENTS[law]
     strength = {"experimental": wall_experimental, "infinite": wall_infinite}[law].force(1.0)
     force = charge * strength / w**exponent
     slopes = -exponent * force[[0, -1]] / w[[0, -1]]
-    return _law_table(name, w, force * w / (exponent - 1.0), force, slopes, scales)
+    return _force_table_in_si(name, w, force * w / (exponent - 1.0), force, slopes, scales)
 
 
-def _law_table(
+def _force_table_in_si(
     name: str, distance: np.ndarray, energy: np.ndarray, force: np.ndarray, slopes: np.ndarray, scales: Scales
 ) -> ForceTable:
     first, last = (slopes * (scales.force / scales.length)).tolist()
@@ -117,12 +166,14 @@ CARRIED = ("dipole", "walls", "gravity", "drag", "shaking")
 """Effects that a deck has."""
 
 
-def check_scene(scene: Scene) -> None:
-    """Refuse what a LAMMPS deck cannot carry.
+def check_exportable_scene(scene: Scene) -> None:
+    """Refuse a scene that a LAMMPS deck cannot carry.
 
     Raises
     ------
     InputError
+        If the scene has no grains, a spread of their sizes, dry friction, contact or another effect
+        that a deck has not, a wall that depends on two coordinates, or Verlet lists.
     """
     effects, walls = scene.effects, scene.effects.walls
     if scene.grains.count == 0:
@@ -160,25 +211,27 @@ def check_scene(scene: Scene) -> None:
         )
 
 
-class Deck(NamedTuple):
-    """Contents of the script.
+class LammpsDeck(NamedTuple):
+    """Contents of the input script.
 
     Attributes
     ----------
     scene : Scene
     scales : Scales
+        Natural units in SI.
     charges : tuple of float
-        Moment of each species over that of the first one.
+        Magnetic moment of each species over that of the first one.
     masses : tuple of float
-        The same of the masses.
-    legs : tuple of Leg
-    piston : float or None
-        Its height at the start [m].
-    height : float
+        Mass of each species over that of the first one.
+    remaining_stages : tuple of RemainingStage
+        Stages that the script runs.
+    piston_start : float or None
+        Height of the piston at the start [m]; None without a piston.
+    highest : float
         Greatest height in the run of the piston, or of the bed where there is none [m].
-    step : float
+    longest_step : float
         Longest time step [s].
-    time : float
+    start_time : float
         Time of the start [s].
     """
 
@@ -186,15 +239,15 @@ class Deck(NamedTuple):
     scales: Scales
     charges: tuple[float, ...]
     masses: tuple[float, ...]
-    legs: tuple[RemainingStage, ...]
-    piston: float | None
-    height: float
-    step: float
-    time: float
+    remaining_stages: tuple[RemainingStage, ...]
+    piston_start: float | None
+    highest: float
+    longest_step: float
+    start_time: float
 
     @property
-    def sides(self) -> dict[str, str]:
-        """The law of each wall that there is."""
+    def wall_laws(self) -> dict[str, str]:
+        """Law of each wall that acts, by its side: left, right, bottom or top (the piston)."""
         walls = self.scene.effects.walls
         if walls is None:
             return {}
@@ -204,58 +257,78 @@ class Deck(NamedTuple):
         return {side: wall.law for side, wall in result.items() if wall is not None}
 
     @property
-    def rates(self) -> list[tuple[str, str, int]]:
-        """For each decay rate a suffix of names, its group, and the first species that has it."""
+    def decay_rate_groups(self) -> list[tuple[str, str, int]]:
+        """Groups of grains that one rate of viscous decay holds for.
+
+        Each group is a suffix of its variables' names, its name in LAMMPS, and the index of a species
+        in it. There is one group of all grains where drag over mass is the same for all species.
+        """
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
         return [(str(k + 1), f"species{k + 1}", k) for k in range(len(self.masses))]
 
     @property
-    def cut(self) -> float | None:
-        """Distance at which the pairs end [D]: the cut-off, or beyond the cell's diagonal."""
+    def pair_cutoff(self) -> float | None:
+        """Distance beyond which two grains exert no force [D]; None without magnetic forces.
+
+        It is the scene's cut-off; without one the cell's diagonal, or a multiple where a side is open.
+        """
         if self.scene.effects.dipole is None:
             return None
         # What a mesh adds to its near part is the rest of all pairs.
         method = "direct" if self.scene.pair_method == "mesh" else self.scene.pair_method
         radius = self.scene.pairs.radius(method, self.scales.length)
-        diagonal = math.hypot(self.scene.cell.width, self.height) / self.scales.length
-        closed = len(self.sides) == len(FACES)
+        diagonal = math.hypot(self.scene.cell.width, self.highest) / self.scales.length
+        closed = len(self.wall_laws) == len(FACES)
         return radius or diagonal * (1.0 if closed else OPEN_MARGIN)
 
     @property
-    def wall_cut(self) -> float:
-        """Distance at which the walls' force ends [D]."""
-        longest = max(self.scene.cell.width, self.height) / self.scales.length
+    def wall_cutoff(self) -> float:
+        """Distance beyond which a wall exerts no force [D]."""
+        longest = max(self.scene.cell.width, self.highest) / self.scales.length
         return min(FARTHEST_WALL, longest * OPEN_MARGIN)
 
-    def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of species, counted from 1 as LAMMPS does."""
+    def species_pairs(self) -> list[tuple[int, int]]:
+        """List the unordered pairs of species (first <= second), counted from 1 as LAMMPS does."""
         return list(itertools.combinations_with_replacement(range(1, len(self.charges) + 1), 2))
 
 
 def pair_table_name(first: int, second: int) -> str:
+    """Name of the table of two species' repulsion, which are counted from 1."""
     return f"PAIR_{first}_{second}"
 
 
 def wall_table_name(law: str, species: int) -> str:
+    """Name of the table of a species' repulsion from a wall of that law; species count from 1."""
     return f"WALL_{law.upper()}_{species}"
 
 
-def input_script_lines(deck: Deck) -> Iterator[str]:
-    """Lines of the input script."""
-    yield from _opening(deck)
-    yield from _pairs(deck)
-    yield from _walls(deck)
-    yield from _drag(deck)
-    yield from _gravity(deck)
+def input_script_lines(deck: LammpsDeck) -> Iterator[str]:
+    """Yield the lines of the LAMMPS input script, in SI and without line ends.
+
+    Parameters
+    ----------
+    deck : LammpsDeck
+        Contents of the script.
+
+    Yields
+    ------
+    str
+        A line of the script.
+    """
+    yield from _initialization_lines(deck)
+    yield from _pair_style_lines(deck)
+    yield from _wall_force_lines(deck)
+    yield from _drag_lines(deck)
+    yield from _gravity_and_shaking_lines(deck)
     yield from _time_integration_lines()
-    yield from _output(deck)
-    for leg in deck.legs:
-        yield from _stage(deck, leg)
+    yield from _output_lines(deck)
+    for stage in deck.remaining_stages:
+        yield from _stage_lines(deck, stage)
 
 
-def _opening(deck: Deck) -> Iterator[str]:
+def _initialization_lines(deck: LammpsDeck) -> Iterator[str]:
     scene = deck.scene
     yield f"# Scene {scene.name!r}: {scene.grains.count} grains, in SI. Run it in parallel with"
     yield "#   mpirun -np 2 lmp -in in.granular"
@@ -265,22 +338,22 @@ def _opening(deck: Deck) -> Iterator[str]:
     yield "boundary m m p"
     yield "atom_style atomic"
     yield "read_data bed.data"
-    yield f"reset_timestep 0 time {deck.time!r}"
+    yield f"reset_timestep 0 time {deck.start_time!r}"
     for number in range(1, len(deck.charges) + 1):
         yield f"group species{number} type {number}"
     yield ""
 
 
-def _pairs(deck: Deck) -> Iterator[str]:
+def _pair_style_lines(deck: LammpsDeck) -> Iterator[str]:
     length, count = deck.scales.length, deck.scene.grains.count
-    if deck.cut is None:
+    if deck.pair_cutoff is None:
         yield f"pair_style zero {length!r}"
         yield "pair_coeff * *"
     else:
         yield f"pair_style table bitmap {PAIR_BITS}"
-        for first, second in deck.pairs():
+        for first, second in deck.species_pairs():
             name = pair_table_name(first, second)
-            yield f"pair_coeff {first} {second} pairs.table {name} {deck.cut * length!r}"
+            yield f"pair_coeff {first} {second} pairs.table {name} {deck.pair_cutoff * length!r}"
     yield f"neighbor {length!r} bin"
     # With all pairs summed, every other grain is a neighbour.
     most = max(2000, count)
@@ -288,22 +361,22 @@ def _pairs(deck: Deck) -> Iterator[str]:
     yield ""
 
 
-def _walls(deck: Deck) -> Iterator[str]:
-    if not deck.sides:
+def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
+    if not deck.wall_laws:
         return
     coordinates = {"left": "0.0", "right": repr(deck.scene.cell.width), "bottom": "0.0"}
-    if "top" in deck.sides:
-        yield f"variable height equal {deck.piston!r}"
-    reach = deck.wall_cut * deck.scales.length
+    if "top" in deck.wall_laws:
+        yield f"variable height equal {deck.piston_start!r}"
+    reach = deck.wall_cutoff * deck.scales.length
     for number in range(1, len(deck.charges) + 1):
         walls = " ".join(
             f"{FACES[side]} {coordinates.get(side, 'v_height')} walls.table "
             f"{wall_table_name(law, number)} {reach!r}"
-            for side, law in deck.sides.items()
+            for side, law in deck.wall_laws.items()
         )
         yield f"fix walls{number} species{number} wall/table spline {WALL_ROWS} {walls}"
         yield f"fix_modify walls{number} energy yes"
-    for position, side in enumerate(deck.sides, start=1):
+    for position, side in enumerate(deck.wall_laws, start=1):
         terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.charges) + 1))
         # LAMMPS counts forces along the axes, the record outwards.
         outwards = "" if side in ("right", "top") else "-"
@@ -311,7 +384,7 @@ def _walls(deck: Deck) -> Iterator[str]:
     yield ""
 
 
-def _drag(deck: Deck) -> Iterator[str]:
+def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
     """Drag, and the masses that make its step exact."""
     drag = deck.scene.effects.drag
     moving = drag is not None and drag.coefficient > 0.0
@@ -319,27 +392,27 @@ def _drag(deck: Deck) -> Iterator[str]:
         yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         faces = deck.scene.grains.face_ratios().tolist()
-        for suffix, _, species in deck.rates:
+        for suffix, _, species in deck.decay_rate_groups:
             relative = faces[species] / deck.masses[species]
             yield f"variable rate{suffix} equal {relative * drag.coefficient / deck.scales.mass!r}"
         fractions = "".join(f" scale {k} {face!r}" for k, face in enumerate(faces, start=1))
         yield f"fix drag all viscous {drag.coefficient!r}{fractions}"
-    for suffix, _, _ in deck.rates:
+    for suffix, _, _ in deck.decay_rate_groups:
         stretch = f"v_rate{suffix}*dt/(1.0-exp(-v_rate{suffix}*dt))" if moving else "1.0"
         yield f"variable stretch{suffix} equal {stretch}"
     for number, mass in enumerate(deck.masses, start=1):
-        suffix = deck.rates[number - 1 if len(deck.rates) > 1 else 0][0]
+        suffix = deck.decay_rate_groups[number - 1 if len(deck.decay_rate_groups) > 1 else 0][0]
         yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch{suffix}"
-    for suffix, group, _ in deck.rates:
+    for suffix, group, _ in deck.decay_rate_groups:
         yield f"compute motion{suffix} {group} ke"
-    total = "+".join(f"c_motion{suffix}/v_stretch{suffix}" for suffix, _, _ in deck.rates)
+    total = "+".join(f"c_motion{suffix}/v_stretch{suffix}" for suffix, _, _ in deck.decay_rate_groups)
     yield f"variable kinetic equal {total}"
 
 
-def _gravity(deck: Deck) -> Iterator[str]:
+def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
     """Gravity and shaking: accelerations, of the forces on the true masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
-    for suffix, group, _ in deck.rates:
+    for suffix, group, _ in deck.decay_rate_groups:
         if gravity is not None:
             yield f"variable weight{suffix} equal {gravity.acceleration!r}/v_stretch{suffix}"
             yield f"fix gravity{suffix} {group} gravity v_weight{suffix} vector 0 -1 0"
@@ -360,18 +433,18 @@ def _time_integration_lines() -> Iterator[str]:
     yield ""
 
 
-def _records(deck: Deck) -> tuple[int, int]:
+def _output_intervals(deck: LammpsDeck) -> tuple[int, int]:
     """Return the steps from record to record, and records from frame to frame."""
     output = deck.scene.output
-    return max(1, math.ceil(output.scalars / deck.step - 1e-9)), output.frames_every
+    return max(1, math.ceil(output.scalars / deck.longest_step - 1e-9)), output.frames_every
 
 
-def _output(deck: Deck) -> Iterator[str]:
-    every, frames = _records(deck)
+def _output_lines(deck: LammpsDeck) -> Iterator[str]:
+    every, frames = _output_intervals(deck)
     columns = {"time [s]": "time"}
-    if "top" in deck.sides:
+    if "top" in deck.wall_laws:
         columns |= {"height [m]": "height", "force [N]": "force_top"}
-    columns |= {f"force_{side} [N]": f"force_{side}" for side in deck.sides if side != "top"}
+    columns |= {f"force_{side} [N]": f"force_{side}" for side in deck.wall_laws if side != "top"}
     values = ",".join(f"${{{name}}}" for name in columns.values())
     yield "variable time equal time"
     shown = " ".join(f"v_{name}" for name in list(columns.values())[1:])
@@ -380,8 +453,8 @@ def _output(deck: Deck) -> Iterator[str]:
     yield f"dump frames all custom {every * frames} frames.dump id type x y vx vy fx fy"
     yield "dump_modify frames sort id format float %.17g time yes units yes"
     yield "variable t equal 0.0"
-    yield f"timestep {_commensurate_step(deck)!r}"
-    yield from _masses(deck)
+    yield f"timestep {_step_dividing_record_interval(deck)!r}"
+    yield from _mass_lines(deck)
     yield "run 0"
     yield f'print "{",".join(columns)}" file piston.csv screen no'
     # With a number in place of v_next, records would come twice where two stages meet; the title
@@ -391,26 +464,26 @@ def _output(deck: Deck) -> Iterator[str]:
     yield ""
 
 
-def _masses(deck: Deck) -> Iterator[str]:
+def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
     for number in range(1, len(deck.charges) + 1):
         yield f"mass {number} ${{mass{number}}}"
 
 
-def _commensurate_step(deck: Deck) -> float:
+def _step_dividing_record_interval(deck: LammpsDeck) -> float:
     """Longest step that divides the distance of the records [s]."""
-    return deck.scene.output.scalars / _records(deck)[0]
+    return deck.scene.output.scalars / _output_intervals(deck)[0]
 
 
-def _stage(deck: Deck, leg: RemainingStage) -> Iterator[str]:
-    yield f"# Stage {leg.name}: {leg.kind}, {leg.left:g} s"
-    if leg.path is not None and "top" in deck.sides:
-        yield f"variable height equal {leg.path.formula}"
-    if leg.left <= 0.0:
+def _stage_lines(deck: LammpsDeck, stage: RemainingStage) -> Iterator[str]:
+    yield f"# Stage {stage.name}: {stage.kind}, {stage.remaining_duration:g} s"
+    if stage.path is not None and "top" in deck.wall_laws:
+        yield f"variable height equal {stage.path.formula}"
+    if stage.remaining_duration <= 0.0:
         return
-    steps = max(1, math.ceil(leg.left / _commensurate_step(deck) - 1e-6))
-    started = f"+{leg.done!r}" if leg.done else ""
+    steps = max(1, math.ceil(stage.remaining_duration / _step_dividing_record_interval(deck) - 1e-6))
+    started = f"+{stage.elapsed!r}" if stage.elapsed else ""
     yield f"variable t equal elapsed*dt{started}"
-    yield f"timestep {leg.left / steps!r}"
-    yield from _masses(deck)
+    yield f"timestep {stage.remaining_duration / steps!r}"
+    yield from _mass_lines(deck)
     yield f"run {steps}"
     yield ""

@@ -13,7 +13,7 @@ from granular.shared.errors import InputError
 
 
 class PistonPath(NamedTuple):
-    """Motion of the piston in a stage.
+    """Prescribed motion of the piston in a stage.
 
     Attributes
     ----------
@@ -33,35 +33,37 @@ class PistonPath(NamedTuple):
 
 
 class RemainingStage(NamedTuple):
-    """A stage, or what is left of it.
+    """A stage of a protocol that LAMMPS runs from its start, or from a later time on.
 
     Attributes
     ----------
     name, kind : str
+        Name in the scene, and the class of the stage in lower case.
     path : PistonPath or None
-        None without a piston.
-    done, span : float
+        Motion of the piston; None without one.
+    elapsed, total_duration : float
         Elapsed time of the stage, and its whole duration [s].
     """
 
     name: str
     kind: str
     path: PistonPath | None
-    done: float
+    elapsed: float
     total_duration: float
 
     @property
-    def left(self) -> float:
-        """Rest of the stage [s]."""
-        return max(0.0, self.total_duration - self.done)
+    def remaining_duration(self) -> float:
+        """Time from now to the stage's end [s]."""
+        return max(0.0, self.total_duration - self.elapsed)
 
 
-def check_stage(stage: Stage) -> None:
+def check_exportable_stage(stage: Stage) -> None:
     """Refuse a stage that does not prescribe the piston for a known time.
 
     Raises
     ------
     InputError
+        If the piston is free, or the stage ends at rest or at a force.
     """
     what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
     if stage.needs_mass:
@@ -74,21 +76,35 @@ def check_stage(stage: Stage) -> None:
         raise InputError(f"{what}: {only}")
 
 
-def remaining_stage(stage: Stage, height: float | None, done: float = 0.0) -> RemainingStage:
-    """Stage that begins with the piston at a height [m], and is ``done`` for so long [s].
+def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
+    """Turn a stage of a protocol into one that LAMMPS can run.
+
+    Parameters
+    ----------
+    stage : Stage
+        Stage of the scene's protocol.
+    height : float or None
+        Height of the piston at the stage's start [m]; None without a piston.
+    elapsed : float
+        Time since the stage's start [s], if part of it is over.
+
+    Returns
+    -------
+    RemainingStage
+        Piston's path, elapsed time and whole duration.
 
     Raises
     ------
     InputError
-        If LAMMPS cannot carry the stage.
+        If LAMMPS cannot carry the stage, or it has no end.
     """
-    check_stage(stage)
+    check_exportable_stage(stage)
     kind = type(stage).__name__.lower()
     duration = stage.total_duration(0.0 if height is None else height)
     if duration is None:
         raise InputError(f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS")
     path = None if height is None else _piston_path_of_stage(stage, height, duration)
-    return RemainingStage(stage.name, kind, path, done, duration)
+    return RemainingStage(stage.name, kind, path, elapsed, duration)
 
 
 def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> PistonPath:
@@ -110,13 +126,13 @@ def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> Pisto
         end = height + reach * math.sin(omega * duration)
         return PistonPath(formula, height - reach, height + reach, end, reach * omega)
     if isinstance(stage, Follow):
-        return _path_as_ramp_sum(stage)
+        return _piston_path_of_follow(stage)
     if isinstance(stage, Lift):
         height += stage.by
     return PistonPath(repr(height), height, height, height, 0.0)
 
 
-def _path_as_ramp_sum(stage: Follow) -> PistonPath:
+def _piston_path_of_follow(stage: Follow) -> PistonPath:
     """Sum over the rows: from each on, the slope changes."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()

@@ -62,7 +62,7 @@ def to_tables(
     if kind not in _WRITERS:
         raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
     run, directory = open_run(run), Path(directory)
-    tables = {"scalars": iter([_scalars(run)]), "grains": _grains(run, directory, progress)}
+    tables = {"scalars": iter([_scalar_table(run)]), "grains": _grain_tables(run, directory, progress)}
     files = {f"{name}.{kind}": parts for name, parts in tables.items()}
     with write_files_atomically(directory, list(files), overwrite) as place_of:
         for name, parts in files.items():
@@ -70,24 +70,24 @@ def to_tables(
     return tuple(directory / name for name in files)
 
 
-def _scalars(run: Trajectory) -> pandas.DataFrame:
+def _scalar_table(run: Trajectory) -> pandas.DataFrame:
     data = run.scalars
     table = data.to_dataframe().reset_index()
     units = {name: data[name].attrs.get("units", "1") for name in table.columns}
-    return table.rename(columns={name: _header(name, unit) for name, unit in units.items()})
+    return table.rename(columns={name: _header_with_unit(name, unit) for name, unit in units.items()})
 
 
-def _header(name: str, unit: str) -> str:
+def _header_with_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} [{unit}]"
 
 
-def _grains(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
+def _grain_tables(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
     species = run.scene.grains.assignment()
     for frame in iterate_frames(run, bar=directory.name if progress else None):
-        yield _frame_rows(frame, species)
+        yield _grain_table_of_frame(frame, species)
 
 
-def _frame_rows(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
+def _grain_table_of_frame(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
     import pandas
 
     columns: dict[str, Any] = {
@@ -98,7 +98,7 @@ def _frame_rows(frame: BedFrame, species: np.ndarray) -> pandas.DataFrame:
     }
     for name, unit in (("position", "m"), ("velocity", "m/s"), ("force", "N")):
         for k, axis in enumerate("xy"):
-            columns[_header(f"{name}_{axis}", unit)] = getattr(frame, name)[:, k]
+            columns[_header_with_unit(f"{name}_{axis}", unit)] = getattr(frame, name)[:, k]
     return pandas.DataFrame(columns)
 
 

@@ -62,11 +62,11 @@ def to_vtk(
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with write_files_atomically(directory, [LIST, *names], overwrite) as place_of:
-        unchanging = _constant_fields(run)
+        constant_fields = _constant_fields(run)
         place_of(LIST).write_text(_paraview_series(names, times), encoding="utf-8")
         frames = iterate_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
-            meshio.write(place_of(name), _mesh(meshio, frame, unchanging), file_format="vtu")
+            meshio.write(place_of(name), _mesh_of_frame(meshio, frame, constant_fields), file_format="vtu")
     return (directory / LIST, *(directory / name for name in names))
 
 
@@ -79,8 +79,8 @@ def _constant_fields(run: Trajectory) -> dict[str, np.ndarray]:
     }
 
 
-def _mesh(meshio: Any, frame: BedFrame, unchanging: dict[str, np.ndarray]) -> Any:
-    data = {name: values[frame.grains] for name, values in unchanging.items()}
+def _mesh_of_frame(meshio: Any, frame: BedFrame, constant_fields: dict[str, np.ndarray]) -> Any:
+    data = {name: values[frame.grains] for name, values in constant_fields.items()}
     data |= {"grain": np.asarray(frame.grains, dtype=np.int64)}
     data |= {"velocity": planar_to_spatial(frame.velocity), "force": planar_to_spatial(frame.force)}
     points = np.arange(len(frame.grains))[:, None]
