@@ -337,9 +337,9 @@ def test_automatic_step_is_shorter_for_a_squeezed_bed(small_bed: Scene, tmp_path
 def test_height_of_a_stage_under_way_is_that_of_its_start() -> None:
     stage = Move(name="down", to=0.1, speed=0.01)
     one = remaining_stage(stage, 0.2, 4.0)
-    assert one.left == pytest.approx(6.0)
+    assert one.remaining_duration == pytest.approx(6.0)
     assert one.path is not None
-    assert eval(one.path.formula, {"v_t": one.done}) == pytest.approx(0.16)
+    assert eval(one.path.formula, {"v_t": one.elapsed}) == pytest.approx(0.16)
 
 
 def test_command_line(tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]) -> None:
