@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from granular.pairs.section import METHODS
+from granular.pairs.pair_sum_settings import METHODS
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from granular.effects import drag
 from granular.effects.wall_experimental import force
-from granular.pairs.direct import direct_sum
-from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.direct_sum import direct_sum
+from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import GrainArrays
 
 _ABSENT = (None,) * 7
@@ -62,19 +62,19 @@ def _walls(bed: Bed) -> None:
     for i in range(bed.grains):
         push[i] = force(bed.x[i])
         bed.fx[i] += push[i]
-    bed.totals[0] = lane_sum(push)
+    bed.totals[0] = reproducible_sum(push)
     for i in range(bed.grains):
         push[i] = force(bed.width - bed.x[i])
         bed.fx[i] -= push[i]
-    bed.totals[1] = lane_sum(push)
+    bed.totals[1] = reproducible_sum(push)
     for i in range(bed.grains):
         push[i] = force(bed.y[i])
         bed.fy[i] += push[i]
-    bed.totals[2] = lane_sum(push)
+    bed.totals[2] = reproducible_sum(push)
     for i in range(bed.grains):
         push[i] = force(bed.height - bed.y[i])
         bed.fy[i] -= push[i]
-    bed.totals[3] = lane_sum(push)
+    bed.totals[3] = reproducible_sum(push)
 
 
 @_by_hand
@@ -99,7 +99,7 @@ def _kick_with_drag(bed: Bed, rate: float, total_duration: float) -> None:
         bed.vx[i] = decay * vx + gain * ax
         bed.vy[i] = decay * vy + gain * ay
         bed.push[i] = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
-    bed.totals[4] += lane_sum(bed.push)
+    bed.totals[4] += reproducible_sum(bed.push)
 
 
 @_by_hand

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.engine import PAIR_METHODS, bed_of
 from benchmarks.timing import least_seconds
 from granular import evaluate, simulate
-from granular.pairs.direct import PARTED_FROM
+from granular.pairs.direct_sum import PARTED_FROM
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import EnergyError

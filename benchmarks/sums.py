@@ -21,8 +21,14 @@ from benchmarks.peers import (
 )
 from benchmarks.timing import least_seconds
 from granular.compiled import entry
-from granular.pairs.cut_off import cut_sum
-from granular.pairs.direct import PARTED_FROM, direct_sum, padded_coordinates, padded_values, part_buffers
+from granular.pairs.cut_off_sum import cut_off_sum
+from granular.pairs.direct_sum import (
+    PARTED_FROM,
+    direct_sum,
+    pad_coordinates,
+    pad_values,
+    partial_sum_buffers,
+)
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import RADIUS as SOURCE_RADIUS
@@ -75,8 +81,8 @@ class PaddedGrains:
 
     def __init__(self, positions: np.ndarray) -> None:
         self.count, self.positions = len(positions), positions
-        self.x, self.y = padded_coordinates(positions)
-        self.weight = padded_values(np.ones(self.count))
+        self.x, self.y = pad_coordinates(positions)
+        self.weight = pad_values(np.ones(self.count))
 
     def sums(self) -> np.ndarray:
         """Workspace for three sums."""
@@ -89,7 +95,7 @@ class PaddedGrains:
 def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) -> TimedSum:
     sums, x = grains.sums(), grains.x
     third, weight = (sums[2], grains.weight) if load else (None, None)
-    buffers = part_buffers(x.size)
+    buffers = partial_sum_buffers(x.size)
     thread = True if threaded and buffers is not None else None
     return grains.timed(
         sums,
@@ -141,7 +147,7 @@ def _cut_off_steps(
     for step in range(BATCH):
         _move(x, y, start, way, at + step)
         arrays = GrainArrays(x, y, sums[0], sums[1], None, None, None, None, None, None, None)
-        cut_sum(near, radius, None, None, start.shape[1], arrays)
+        cut_off_sum(near, radius, None, None, start.shape[1], arrays)
 
 
 @numba.njit(error_model="numpy")

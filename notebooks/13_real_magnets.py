@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from granular import load_scene, simulate
-from granular.pairs.discs import Disc, disc_energy_and_force
+from granular.pairs.disc_law import Disc, disc_energy_and_force
 from granular.schema import Scales
 from reduced_models import fit, predict
 from reduced_models.falls.lattice import lattice_pressure

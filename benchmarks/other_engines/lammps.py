@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.process import finished
-from granular.pairs import dipole
+from granular.pairs import dipole_law
 
 TABLE, EXACT = "LAMMPS, table", "LAMMPS, exact dipoles"
 
@@ -150,7 +150,7 @@ def _data(positions: np.ndarray, velocities: np.ndarray, style: str) -> str:
 
 def _table(nearest: float, reach: float) -> str:
     r = np.geomspace(nearest, reach, _ROWS)
-    energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
+    energy, force = dipole_law.ENERGY / r**3, dipole_law.STRENGTH / r**4
     rows = zip(range(1, _ROWS + 1), r.tolist(), energy.tolist(), force.tolist(), strict=True)
     text = "\n".join("{} {!r} {!r} {!r}".format(*row) for row in rows)
     slopes = -4.0 * force / r

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.pairs import dipole
+from granular.pairs import dipole_law
 
 PLATFORMS = ("Reference", "CPU")
 """In double precision, plain; in single precision, vectorised."""
@@ -28,7 +28,7 @@ def steps(positions: np.ndarray, platform: str) -> tuple[Callable[[], None], Cal
     """
     import openmm
 
-    system, force = openmm.System(), openmm.CustomNonbondedForce(f"{dipole.ENERGY}/r^3")
+    system, force = openmm.System(), openmm.CustomNonbondedForce(f"{dipole_law.ENERGY}/r^3")
     force.setNonbondedMethod(openmm.CustomNonbondedForce.NoCutoff)
     for _ in positions:
         system.addParticle(1e12)

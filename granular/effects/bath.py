@@ -29,7 +29,7 @@ from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.effects.frame import Frame
 from granular.kernel_data.state import LOSSES, STEPS, Bed
-from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
@@ -123,7 +123,7 @@ class BathLaw(NamedTuple):
             state.y[i] += half * (vy + new_y)
             state.vx[i], state.vy[i] = new_x, new_y
             state.scratch[i] = 0.5 * mass * (vx * vx + vy * vy - new_x * new_x - new_y * new_y)
-        state.ledger[LOSSES + index] += lane_sum(state.scratch)
+        state.ledger[LOSSES + index] += reproducible_sum(state.scratch)
         return 0
 
 

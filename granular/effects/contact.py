@@ -23,9 +23,9 @@ from granular.effects.flow import Flow
 from granular.effects.force import Force
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
-from granular.pairs.cells import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
-from granular.pairs.dipole import pair_energy
-from granular.pairs.disc_tables import TOUCH, Discs
+from granular.pairs.cell_list import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs
+from granular.pairs.dipole_law import pair_energy
+from granular.pairs.disc_law_tables import TOUCH, DiscLaw
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.sections import quantity
 
@@ -180,7 +180,7 @@ class ContactLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def _energy_at_touch(discs: Discs | None, law: ContactLaw) -> float:
+def _energy_at_touch(discs: DiscLaw | None, law: ContactLaw) -> float:
     return pair_energy(law.narrowest) if discs is None else discs.collision[TOUCH, 0]
 
 

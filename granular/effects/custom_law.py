@@ -14,7 +14,7 @@ from granular.compiled.hook_calls import OPTIONS
 from granular.effects.custom_functions import DEFINITIONS, Definition, Grain
 from granular.kernel_data.constants import Constants, relative_moments
 from granular.kernel_data.state import LOSSES, WORK, Bed, State
-from granular.pairs.cells import Cells, cells_workspace, find_partners, sort_into_cells
+from granular.pairs.cell_list import CellList, cell_list_workspace, find_partners_of_grain, sort_into_cells
 from granular.pairs.grain_arrays import value_or_one
 
 
@@ -37,14 +37,14 @@ class CustomLaw(NamedTuple):
     reach: float
     factor: Array | None
 
-    def workspace(self, size: int, count: int) -> Cells | None:
+    def workspace(self, size: int, count: int) -> CellList | None:
         """Cells for the search of grains within reach; None where all pairs count."""
         pairs = "pair_force" in DEFINITIONS[self.kind.name].functions
-        return cells_workspace(count) if pairs and math.isfinite(self.reach) else None
+        return cell_list_workspace(count) if pairs and math.isfinite(self.reach) else None
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: CustomLaw, workspace: Cells | None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: CustomLaw, workspace: CellList | None, index: int, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _grain_forces(law.kind, law, state, constants, time)
         return _pair_forces(law.kind, law, workspace, state, constants)
@@ -53,7 +53,7 @@ class CustomLaw(NamedTuple):
     @compiled(inline=True)
     def measure(
         law: CustomLaw,
-        workspace: Cells | None,
+        workspace: CellList | None,
         index: int,
         bed: Bed,
         time: float,
@@ -67,13 +67,15 @@ class CustomLaw(NamedTuple):
 
     @staticmethod
     @compiled(inline=True)
-    def flow(law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, opening: bool) -> int:
+    def flow(
+        law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, opening: bool
+    ) -> int:
         _flow(law.kind, law, LOSSES + index, dt, bed.state, bed.constants)
         return 0
 
     @staticmethod
     @compiled(inline=True)
-    def work(law: CustomLaw, workspace: Cells | None, index: int, dt: float, bed: Bed, time: float) -> int:
+    def work(law: CustomLaw, workspace: CellList | None, index: int, dt: float, bed: Bed, time: float) -> int:
         state, constants = bed.state, bed.constants
         _work(law.kind, law, dt, state, constants, time)
         return 0
@@ -182,21 +184,21 @@ def _make_flow(definition: Definition) -> Loop:
 
 
 @compiled
-def _sort_grains_into_cells(law: CustomLaw, cells: Cells | None, state: State, count: int) -> bool:
+def _sort_grains_into_cells(law: CustomLaw, cells: CellList | None, state: State, count: int) -> bool:
     """Sort the grains, where pairs end; False where a position is no number."""
     return True if cells is None else sort_into_cells(cells, state.x, state.y, count, law.reach)
 
 
 @compiled
-def _count_partners(law: CustomLaw, cells: Cells | None, state: State, i: int, count: int) -> int:
+def _count_partners(law: CustomLaw, cells: CellList | None, state: State, i: int, count: int) -> int:
     """Return the number of a grain's partners: those within reach, or all that follow it."""
     if cells is None:
         return count - 1 - i
-    return find_partners(cells, state.x, state.y, i, law.reach)
+    return find_partners_of_grain(cells, state.x, state.y, i, law.reach)
 
 
 @compiled
-def _partner_index(cells: Cells | None, i: int, k: int) -> int:
+def _partner_index(cells: CellList | None, i: int, k: int) -> int:
     return i + 1 + k if cells is None else cells.partners[k]
 
 
@@ -205,7 +207,7 @@ def _make_pair_forces(definition: Definition) -> Loop:
     if force is None:
         return lambda kind, law, cells, state, constants: 0
 
-    def add(kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants) -> int:
+    def add(kind: Any, law: CustomLaw, cells: CellList | None, state: State, constants: Constants) -> int:
         p, count = values_of(*law.values), constants.grains
         masses, moments = constants.masses, relative_moments(constants)
         if not _sort_grains_into_cells(law, cells, state, count):
@@ -234,7 +236,7 @@ def _make_pair_energy(definition: Definition) -> Loop:
         return lambda kind, law, cells, state, constants, slopes: 0.0
 
     def measure(
-        kind: Any, law: CustomLaw, cells: Cells | None, state: State, constants: Constants, slopes: Array
+        kind: Any, law: CustomLaw, cells: CellList | None, state: State, constants: Constants, slopes: Array
     ) -> float:
         p, count, total = values_of(*law.values), constants.grains, 0.0
         masses, moments = constants.masses, relative_moments(constants)

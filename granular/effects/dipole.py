@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from granular.effects.effect import energy_variable
 from granular.effects.force import Force
-from granular.pairs.discs import Disc
+from granular.pairs.disc_law import Disc
 from granular.schema.parts import Grains
 
 

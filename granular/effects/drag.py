@@ -26,8 +26,8 @@ from granular.effects.effect import EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
-from granular.pairs.direct import padded_values
-from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.direct_sum import pad_values
+from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -65,7 +65,7 @@ class Drag(Flow):
         if (slower == 1.0).all():
             return rate, None, None
         distinct, kinds = np.unique(slower, return_inverse=True)
-        return rate, padded_values(kinds[setting.species]), RateTable(rate * distinct)
+        return rate, pad_values(kinds[setting.species]), RateTable(rate * distinct)
 
 
 class RateTable(NamedTuple):
@@ -123,7 +123,7 @@ class DragLaw(NamedTuple):
             _kick_with_drag(
                 state.rounding, workspace.values[k], law, k, dt, state, constants.grains, constants.masses
             )
-        state.ledger[LOSSES + index] += lane_sum(state.scratch)
+        state.ledger[LOSSES + index] += reproducible_sum(state.scratch)
         return 0
 
     @staticmethod
@@ -143,7 +143,7 @@ class DragLaw(NamedTuple):
             slopes[VX, i] -= rate * vx
             slopes[VY, i] -= rate * vy
             state.scratch[i] = weight * (vx * vx + vy * vy)
-        state.ledger[LOSSES + index] += dt * common * lane_sum(state.scratch)
+        state.ledger[LOSSES + index] += dt * common * reproducible_sum(state.scratch)
         return 0
 
 

@@ -27,7 +27,7 @@ from granular.effects.effect import Effect, EffectContext, energy_variable
 from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
-from granular.pairs.direct import padded_values
+from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
@@ -137,7 +137,7 @@ class Eddy(Flow):
         if not discs:
             return EddyLaw(rate, None)
         factors = np.array([lone_disc_drag_factor(plate, disc) for disc in discs])
-        return EddyLaw(rate / plate.factor(), padded_values(factors[setting.species]))
+        return EddyLaw(rate / plate.factor(), pad_values(factors[setting.species]))
 
 
 class EddyLaw(NamedTuple):

@@ -22,8 +22,8 @@ from granular.effects.eddy_tensor import FARTHEST, Plate, lone_disc_drag_factor,
 from granular.effects.effect import EffectContext
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
-from granular.pairs.direct import padded_values
-from granular.pairs.discs import Disc
+from granular.pairs.direct_sum import pad_values
+from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
 
 LEFT_OUT = 0.01
@@ -326,7 +326,7 @@ def make_mutual_eddy_law(
         spare=0.0 if reach == math.inf else LEFT_OUT * factor,
         stiffest=heaviest * factor * (1.0 + DENSEST * square),
         kinds=max(len(discs), 1),
-        kind=padded_values(setting.species) if discs else None,
+        kind=pad_values(setting.species) if discs else None,
         table=EddyTable(made, shifts),
     )
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.pairs.discs import Disc
+from granular.pairs.disc_law import Disc
 
 ORDER = 12
 """Coefficients of each series: hold the tensor of a thick plate to 1e-7 of a lone grain's drag."""

@@ -22,7 +22,7 @@ from granular.effects.force import Force
 from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
-from granular.pairs.direct import padded_values
+from granular.pairs.direct_sum import pad_values
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import FieldError, Many, quantity, section_field, unknown
@@ -124,7 +124,7 @@ class FieldFormula(Formula, Force):
         if self.factor:
             numbers = dict(self.factor)
             value = [numbers.get(specy.name, 1.0) for specy in setting.grains.species]
-            factor = padded_values(np.array(value)[setting.species])
+            factor = pad_values(np.array(value)[setting.species])
         kind = Kind(self.definition.digest)
         return CustomLaw(kind, self.natural(setting.scales), math.inf, factor)
 

@@ -30,7 +30,7 @@ from granular.effects.effect import Effect, EffectContext, Record, energy_variab
 from granular.effects.flow import Flow
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
-from granular.pairs.direct import padded_values
+from granular.pairs.direct_sum import pad_values
 from granular.schema.parts import Cell, Grains, Piston
 from granular.schema.sections import FieldError, choice, quantity
 
@@ -122,7 +122,7 @@ class Friction(Flow):
             dynamic=self.dynamic,
             threshold=threshold,
             load=self.load / scales.force,
-            factor=padded_values(own[setting.species] * setting.grains.spread_factors()),
+            factor=pad_values(own[setting.species] * setting.grains.spread_factors()),
             rate=rate,
             kind=kind,
             rates=rates,
@@ -132,7 +132,7 @@ class Friction(Flow):
 
     def load_weight(self, setting: EffectContext) -> np.ndarray:
         weight = self.factors(setting.grains, setting.cell)[1][setting.species]
-        return padded_values(weight * setting.grains.spread_factors())
+        return pad_values(weight * setting.grains.spread_factors())
 
     def grain_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
         """Return the normal force on the plates [F*]."""

@@ -2,7 +2,7 @@
 
 The row's middle line lies one radius behind the wall's face, so that a grain that touches the face
 touches a magnet. With W the distance from that line and x along it, the energy is the sum over the row
-of that of two discs (`granular.pairs.discs`), below their contact with the force that goes on. It
+of that of two discs (`granular.pairs.disc_law`), below their contact with the force that goes on. It
 repeats with the pitch p, and so is a series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
@@ -23,9 +23,9 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_side import Side
-from granular.pairs.dipole import ENERGY
-from granular.pairs.disc_tables import contact_slope, continued_law
-from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, pair_shift
+from granular.pairs.dipole_law import ENERGY
+from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
+from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
 """Pieces of a table in 1/W; places along the pitch at which the row is summed, and the distance along
@@ -242,7 +242,7 @@ def disc_wall_tables(discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch
 
 def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
     """W^2 A_m at those 1/W (PHASES / 2 + 1, n), over that of one dipole at D."""
-    shift, w = pair_shift(disc, magnet), 1.0 / v[1:]
+    shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _pair_energy(disc, magnet)
     each_way = int(np.ceil(SUMMED / pitch))
     offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
@@ -269,12 +269,14 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
 def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Energy of two discs over that of dipoles at D, quickly at many distances."""
     pair, contact = (disc, magnet), contact_distance(disc, magnet)
-    shift, slope = pair_shift(disc, magnet), contact_slope(disc, magnet)
+    shift, slope = pair_squared_distance_shift(disc, magnet), force_slope_at_contact(disc, magnet)
     # With r = contact / (1 - t^2) what is singular at contact is smooth.
     t = np.linspace(0.0, np.sqrt(1.0 - 1.0 / 40.0), 500)
     r = contact / (1.0 - t * t)
     near = CubicSpline(t, disc_energy_and_force(r, *pair)[0] * r**3)
-    first, force = (float(values[0]) for values in continued_law(np.array([contact]), pair))
+    first, force = (
+        float(values[0]) for values in disc_law_continued_below_contact(np.array([contact]), pair)
+    )
 
     def energy(r: np.ndarray) -> np.ndarray:
         t = np.sqrt(1.0 - np.minimum(contact / r, 1.0))

@@ -24,7 +24,7 @@ from granular.effects.wall_side import (
 )
 from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments
 from granular.kernel_data.state import HEIGHT, Bed
-from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
 
 
@@ -162,7 +162,7 @@ def _add_side_forces(
         return 0
     outside = _forces(law, count, moments, side, force, normal, tangential)
     _tangential_forces(law, count, moments, along_force, tangential)
-    wall_forces[which] = lane_sum(normal)
+    wall_forces[which] = reproducible_sum(normal)
     # Behind a wall the force may be no number, and at it infinite, so the total tells.
     return outside + (not wall_forces[which] < math.inf)
 
@@ -219,7 +219,7 @@ def _measure_side(
     if moments is not None:
         for i in range(count):
             energies[i] *= moments[i]
-    return lane_sum(energies)
+    return reproducible_sum(energies)
 
 
 @compiled

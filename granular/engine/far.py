@@ -10,22 +10,22 @@ from granular.compiled import Array, compiled
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import Bed, State
-from granular.pairs.far_direct import DirectWorkspace, find_far_direct
-from granular.pairs.far_field import (
+from granular.pairs.direct_far_field import DirectFarFieldWorkspace, compute_direct_far_field
+from granular.pairs.grain_arrays import GrainArrays, value_or_one
+from granular.pairs.mesh_far_field import (
     CALLS,
     CHANGING,
     TIME,
-    FarForces,
+    FarFieldState,
     any_grain_moved,
-    find_far_forces,
+    compute_mesh_far_field,
     store_positions,
 )
-from granular.pairs.grain_arrays import GrainArrays, value_or_one
-from granular.pairs.mesh import Mesh
+from granular.pairs.multilevel_mesh import MultilevelMesh
 
 
 @compiled(inline=True)
-def compute_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
+def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Compute the far field at the present positions and time; 1 where its mesh is too small."""
     if far is None:
         return 0
@@ -37,7 +37,7 @@ def compute_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
 
 @compiled(inline=True)
 def _find_far_forces_of_bed(
-    mesh: Mesh | None, direct: DirectWorkspace | None, far: FarForces, bed: Bed
+    mesh: MultilevelMesh | None, direct: DirectFarFieldWorkspace | None, far: FarFieldState, bed: Bed
 ) -> int:
     state, constants = bed.state, bed.constants
     assert state.stripes is not None
@@ -56,19 +56,19 @@ def _find_far_forces_of_bed(
         constants.acting.shift,
     )
     if mesh is not None:
-        crowded = find_far_forces(mesh, far, threaded, grains, arrays, state.stripes.order)
+        crowded = compute_mesh_far_field(mesh, far, threaded, grains, arrays, state.stripes.order)
     if direct is not None:
-        find_far_direct(direct, state.stripes, far.radius, threaded, grains, arrays, far.energy)
+        compute_direct_far_field(direct, state.stripes, far.radius, threaded, grains, arrays, far.energy)
         store_positions(far.met, state.x, state.y, grains)
     return crowded
 
 
 @compiled(inline=True)
-def refresh_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
+def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Find the far field where it is a part of every force; where it acts in impulses, it stays.
 
     It also stays where grains rub and none has moved by more than a little (see
-    `granular.pairs.far_field.STILL`): grains at rest feel the same force to the last bit.
+    `granular.pairs.mesh_far_field.STILL`): grains at rest feel the same force to the last bit.
     """
     if far is None:
         return 0
@@ -76,14 +76,14 @@ def refresh_far_field(far: FarForces | None, bed: Bed, time: float) -> int:
 
 
 @compiled(inline=True)
-def _refresh_if_moved(held: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _refresh_if_moved(held: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     if held is None:
         return _refresh_trajectory_if_moved(far.met, far, bed, time)
     return 0
 
 
 @compiled(inline=True)
-def _refresh_trajectory_if_moved(met: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _refresh_trajectory_if_moved(met: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     state, constants = bed.state, bed.constants
     if met is None:
         return compute_far_field(far, bed, time)
@@ -97,7 +97,7 @@ def _refresh_trajectory_if_moved(met: Array | None, far: FarForces, bed: Bed, ti
 
 
 @compiled(inline=True)
-def _update_far_trajectory(trajectory: Array | None, far: FarForces, bed: Bed, time: float) -> int:
+def _update_far_trajectory(trajectory: Array | None, far: FarFieldState, bed: Bed, time: float) -> int:
     """Compute the far field, and its rate of change where the last one is recent."""
     if trajectory is None:
         return compute_far_field(far, bed, time)
@@ -112,7 +112,7 @@ def _update_far_trajectory(trajectory: Array | None, far: FarForces, bed: Bed, t
 
 
 @compiled
-def _store_far_forces(trajectory: Array, far: FarForces) -> None:
+def _store_far_forces(trajectory: Array, far: FarFieldState) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = far.fx[i]
         trajectory[1, i] = far.fy[i]
@@ -120,7 +120,7 @@ def _store_far_forces(trajectory: Array, far: FarForces) -> None:
 
 
 @compiled
-def _store_far_force_rates(trajectory: Array, far: FarForces, lapse: float) -> None:
+def _store_far_force_rates(trajectory: Array, far: FarFieldState, lapse: float) -> None:
     for i in range(far.fx.size):
         trajectory[0, i] = (far.fx[i] - trajectory[0, i]) / lapse
         trajectory[1, i] = (far.fy[i] - trajectory[1, i]) / lapse
@@ -128,7 +128,7 @@ def _store_far_force_rates(trajectory: Array, far: FarForces, lapse: float) -> N
 
 
 @compiled(inline=True)
-def add_far_field(far: FarForces | None, state: State, count: int, time: float) -> None:
+def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
     """Add the far field to forces and loads; where it acts in impulses, the held one."""
     if far is not None:
         _add_held_forces(far.held, far, state.load, state, count)
@@ -138,7 +138,7 @@ def add_far_field(far: FarForces | None, state: State, count: int, time: float) 
 
 @compiled
 def _add_held_forces(
-    held: Array | None, far: FarForces, load: Array | None, state: State, count: int
+    held: Array | None, far: FarFieldState, load: Array | None, state: State, count: int
 ) -> None:
     if held is None:
         for i in range(count):
@@ -167,13 +167,13 @@ def _add_extrapolated_forces(
 
 
 @compiled
-def far_energy(far: FarForces | None) -> float:
+def far_energy(far: FarFieldState | None) -> float:
     """Energy of the far field [F* D] at the positions of its last evaluation; 0 without one."""
     return 0.0 if far is None else far.energy[0]
 
 
 @compiled
-def kick_by_far_field(far: FarForces | None, dt: float, bed: Bed) -> None:
+def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
     """Give the impulse over ``dt`` [tau] by which the far field differs from the held one."""
     state, constants = bed.state, bed.constants
     if far is not None:
@@ -184,7 +184,7 @@ def kick_by_far_field(far: FarForces | None, dt: float, bed: Bed) -> None:
 def _kick_by_held_forces(
     rounding: Array | None,
     held: Array | None,
-    far: FarForces,
+    far: FarFieldState,
     dt: float,
     state: State,
     masses: Array | None,

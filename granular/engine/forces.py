@@ -8,20 +8,20 @@ from granular.compiled.hook_calls import sum_of_hooks
 from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
 from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments, stiffness_bound
 from granular.kernel_data.state import Bed, Measurement, State
-from granular.pairs.close_discs import CloseDiscs, add_close_discs
-from granular.pairs.cut_off import cut_sum
-from granular.pairs.dipole import ENERGY
-from granular.pairs.direct import direct_sum
-from granular.pairs.direct_sweep import lane_sum
-from granular.pairs.disc_tables import Discs
-from granular.pairs.grain_arrays import GrainArrays, clear_sums, if_given
-from granular.pairs.stripes import CutOff
-from granular.pairs.verlet_list import VerletSettings, list_sum
+from granular.pairs.close_disc_corrections import CloseDiscList, add_close_disc_corrections
+from granular.pairs.cut_off_sum import cut_off_sum
+from granular.pairs.dipole_law import ENERGY
+from granular.pairs.direct_sum import direct_sum
+from granular.pairs.direct_vector_loops import reproducible_sum
+from granular.pairs.disc_law_tables import DiscLaw
+from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums
+from granular.pairs.stripes import CutOffSettings
+from granular.pairs.verlet_list import VerletSettings, verlet_list_sum
 
 
 @compiled(inline=True)
 def _magnetic_forces(
-    cut: CutOff | None, listing: VerletSettings | None, bed: Bed, arrays: GrainArrays
+    cut: CutOffSettings | None, listing: VerletSettings | None, bed: Bed, arrays: GrainArrays
 ) -> None:
     state, constants = bed.state, bed.constants
     grains, threaded = constants.grains, constants.threaded
@@ -29,10 +29,10 @@ def _magnetic_forces(
         direct_sum(arrays, state.buffers, threaded, constants.acting.nearest)
     if cut is not None:
         assert state.stripes is not None
-        cut_sum(state.stripes, cut.radius, cut.smooth, threaded, grains, arrays)
+        cut_off_sum(state.stripes, cut.radius, cut.smooth, threaded, grains, arrays)
     if listing is not None:
         assert state.verlet_list is not None
-        list_sum(state.verlet_list, listing, grains, arrays)
+        verlet_list_sum(state.verlet_list, listing, grains, arrays)
 
 
 @compiled(inline=True)
@@ -48,7 +48,7 @@ def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extreme
         relative_moments(constants),
         stiffness,
         extremes,
-        if_given(weight, state.load),
+        array_if_wanted(weight, state.load),
         weight,
         constants.acting.series,
         constants.acting.shift,
@@ -61,10 +61,12 @@ def _pair_forces(dipole: bool | None, bed: Bed, stiffness: Array | None, extreme
 
 
 @compiled(inline=True)
-def _close_forces(discs: Discs | None, close: CloseDiscs | None, grains: int, arrays: GrainArrays) -> int:
+def _close_forces(
+    discs: DiscLaw | None, close: CloseDiscList | None, grains: int, arrays: GrainArrays
+) -> int:
     if discs is None or close is None:
         return 0
-    return add_close_discs(discs, close, grains, arrays)
+    return add_close_disc_corrections(discs, close, grains, arrays)
 
 
 _add_forces = sum_of_hooks("add_forces", "bed time")
@@ -117,7 +119,7 @@ def _sum_times_mass(state: State, masses: Array | None) -> float:
     if masses is not None:
         for i in range(masses.size):
             state.scratch[i] *= masses[i]
-    return lane_sum(state.scratch)
+    return reproducible_sum(state.scratch)
 
 
 @compiled

@@ -9,9 +9,9 @@ import numpy as np
 from granular.kernel_data.constants import EffectLaws
 from granular.kernel_data.state import LOSSES, Measurement, StageSlopes, State
 from granular.methods import Method
-from granular.pairs.close_discs import close_discs_workspace
-from granular.pairs.direct import padded_coordinates, part_buffers
-from granular.pairs.far_field import FarForces, far_forces_workspace
+from granular.pairs.close_disc_corrections import close_disc_list_workspace
+from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
+from granular.pairs.mesh_far_field import FarFieldState, far_field_state
 from granular.pairs.stripes import Stripes, stripes_workspace
 from granular.pairs.verlet_list import verlet_list_workspace
 
@@ -24,7 +24,7 @@ def new_state(
     Arrays are made only for the effects that act.
     """
     count = len(positions)
-    x, y = padded_coordinates(positions)
+    x, y = pad_coordinates(positions)
     workspaces = tuple(_workspace(law, x.size, count) for law in acting.laws)
     hosts = [workspace for law, workspace in zip(acting.laws, workspaces, strict=True) if law is acting.host]
     vx, vy = np.zeros_like(x), np.zeros_like(x)
@@ -47,11 +47,11 @@ def new_state(
         far_forces=_new_far_forces(x.size, acting),
         close=None
         if acting.discs is None
-        else close_discs_workspace(x.size, acting.discs.reach, acting.periods),
+        else close_disc_list_workspace(x.size, acting.discs.reach, acting.periods),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
-        buffers=part_buffers(x.size) if acting.cut is None and acting.listing is None else None,
+        buffers=partial_sum_buffers(x.size) if acting.cut is None and acting.listing is None else None,
         rounding=np.zeros((4, x.size)) if method.compensated else None,
         slopes=None if method.tableau is None else _new_slopes(len(method.tableau), x.size),
     )
@@ -74,10 +74,10 @@ def _new_stripes(size: int, acting: EffectLaws) -> Stripes | None:
     )
 
 
-def _new_far_forces(size: int, acting: EffectLaws) -> FarForces | None:
+def _new_far_forces(size: int, acting: EffectLaws) -> FarFieldState | None:
     if acting.far is None:
         return None
-    return far_forces_workspace(acting.far, size, loaded=acting.weight is not None)
+    return far_field_state(acting.far, size, loaded=acting.weight is not None)
 
 
 def _new_slopes(rows: int, size: int) -> StageSlopes:

@@ -7,7 +7,7 @@ import numpy as np
 from granular.effects.wall_discs import DiscWall
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import State
-from granular.pairs.direct import PADDING
+from granular.pairs.direct_sum import PADDING
 
 
 def constants_per_grain(constants: Constants) -> list[np.ndarray]:

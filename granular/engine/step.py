@@ -18,7 +18,7 @@ from granular.engine.step_size import Step
 from granular.kernel_data.compensation import compensated_sum
 from granular.kernel_data.state import Bed, Measurement, State, X, Y
 from granular.methods import Method
-from granular.pairs.far_field import FarField
+from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.protocol.motion import Motion
 
 
@@ -44,7 +44,7 @@ class Plan(NamedTuple):
     far_every: int | None
 
 
-def make_plan(method: Method, step: Step, far: FarField | None) -> Plan:
+def make_plan(method: Method, step: Step, far: FarFieldSettings | None) -> Plan:
     """Tables that the loop takes."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.fraction if method.variable else None

@@ -14,9 +14,9 @@ from granular.effects.wall_side import TOP
 from granular.effects.walls_law import add_piston_stiffness
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import Bed, Measurement
-from granular.pairs.close_discs import head_on_disc_stiffness
-from granular.pairs.dipole import head_on_stiffness
-from granular.pairs.disc_tables import Discs
+from granular.pairs.close_disc_corrections import head_on_disc_frequency_squared
+from granular.pairs.dipole_law import head_on_frequency_squared
+from granular.pairs.disc_law_tables import DiscLaw
 from granular.protocol.motion import Motion
 
 _collision = greatest_of_hooks("collision", "speed constants")
@@ -45,10 +45,10 @@ def highest_collision_frequency(constants: Constants, speed: float) -> float:
 
 
 @compiled(inline=True)
-def _head_on_pair_stiffness(discs: Discs | None, speed: float, mass: float, moment: float) -> float:
+def _head_on_pair_stiffness(discs: DiscLaw | None, speed: float, mass: float, moment: float) -> float:
     if discs is None:
-        return head_on_stiffness(speed, mass, moment)
-    return head_on_disc_stiffness(discs, speed, mass, moment)
+        return head_on_frequency_squared(speed, mass, moment)
+    return head_on_disc_frequency_squared(discs, speed, mass, moment)
 
 
 @compiled

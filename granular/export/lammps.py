@@ -34,9 +34,9 @@ from granular.export.lammps_script import (
     wall_table_name,
 )
 from granular.export.lammps_stages import RemainingStage, remaining_stage
-from granular.pairs import dipole
-from granular.pairs.disc_tables import SQUARES, STIFFNESSES, make_discs, stiffness_over_dipoles
-from granular.pairs.discs import Disc
+from granular.pairs import dipole_law
+from granular.pairs.disc_law import Disc
+from granular.pairs.disc_law_tables import SQUARES, STIFFNESSES, disc_over_dipole_stiffness, make_disc_law
 from granular.run.directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.loading import load_scene
@@ -345,11 +345,11 @@ def mode_frequency_bound(
         of_pairs = [(discs[first], discs[second]) for first, second in near]
         for pair in set(of_pairs):
             alike = np.array([other == pair for other in of_pairs])
-            fifth[alike] *= stiffness_over_dipoles(r[alike], pair)
+            fifth[alike] *= disc_over_dipole_stiffness(r[alike], pair)
     size = len(position)
     sums = np.bincount(i, charge[j] * fifth, size) + np.bincount(j, charge[i] * fifth, size)
     # A pair's stiffness 4 * 3/4 q_i q_j/r^5 enters a row twice.
-    rows = np.multiply(8.0 * dipole.STRENGTH, sums)
+    rows = np.multiply(8.0 * dipole_law.STRENGTH, sums)
     gaps = {
         "left": position[:, 0],
         "right": width - position[:, 0],
@@ -399,9 +399,9 @@ def collision_stiffness_frequency(
         scaled_speed = speed / math.sqrt(ratio)
         squares += [ratio * _WALLS[law].turning_stiffness(scaled_speed) for law in laws]
         if pairs and not discs:
-            squares.append(dipole.head_on_stiffness(speed, mass, charge))
+            squares.append(dipole_law.head_on_frequency_squared(speed, mass, charge))
         elif pairs:
-            meeting = make_discs(discs, np.zeros(0, dtype=np.int64), 8).collision
+            meeting = make_disc_law(discs, np.zeros(0, dtype=np.int64), 8).collision
             strength = charge * ratio
             row = min(np.searchsorted(meeting[SQUARES], speed**2 / strength), meeting.shape[1] - 1)
             squares.append(strength * meeting[STIFFNESSES, row])

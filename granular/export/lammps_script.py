@@ -11,9 +11,8 @@ import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
 from granular.export.lammps_stages import RemainingStage
-from granular.pairs import dipole
-from granular.pairs.disc_tables import contact_slope, continued_law
-from granular.pairs.discs import Disc
+from granular.pairs.disc_law import Disc
+from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
@@ -84,7 +83,7 @@ def pair_force_table(
 ) -> ForceTable:
     """Tabulate the repulsion of two grains over their distance.
 
-    Dipoles repel as 1/r^4; discs by the law of `granular.pairs.disc_tables.continued_law`.
+    Dipoles repel as 1/r^4; discs by the law of `granular.pairs.disc_law_tables.disc_law_continued_below_contact`.
 
     Parameters
     ----------
@@ -105,11 +104,13 @@ def pair_force_table(
         Distance [m], energy [J] and force [N], each (ROWS,), in geometric steps.
     """
     r = np.geomspace(nearest, farthest, ROWS)
-    energy, force = dipole.ENERGY / r**3, dipole.STRENGTH / r**4
+    energy, force = dipole_law.ENERGY / r**3, dipole_law.STRENGTH / r**4
     slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
     if discs is not None:
-        energy, force = (dipole.ENERGY * values for values in continued_law(r, discs))
-        slopes = np.array([dipole.ENERGY * contact_slope(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]])
+        energy, force = (dipole_law.ENERGY * values for values in disc_law_continued_below_contact(r, discs))
+        slopes = np.array(
+            [dipole_law.ENERGY * force_slope_at_contact(*discs), -_PAIR_EXPONENT * force[-1] / r[-1]]
+        )
     return _force_table_in_si(name, r, charge * energy, charge * force, charge * slopes, scales)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.pairs.disc_tables import STIFFNESS, Discs
-from granular.pairs.far_field import FarField
+from granular.pairs.disc_law_tables import STIFFNESS, DiscLaw
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.stripes import CutOff
+from granular.pairs.mesh_far_field import FarFieldSettings
+from granular.pairs.stripes import CutOffSettings
 from granular.pairs.verlet_list import VerletSettings
 
 
@@ -29,15 +29,15 @@ class EffectLaws(NamedTuple):
     weight : float64 (m,) or None
         Where friction bears on the grains: weight_j of the sums over weight_j / r_ij^3 that the
         pass over the pairs takes along.
-    cut : CutOff or None
+    cut : CutOffSettings or None
         Where pairs end; with None for this and the next, all pairs are summed.
     listing : Listing or None
         Parameters of de Paula's Verlet list.
-    far : FarField or None
+    far : FarFieldSettings or None
         Far field beyond the radius where pairs end smoothly.
     nearest : float64 (3,) or None
         Of the direct sum in a periodic cell: its sides, and the radius where pairs end [D].
-    discs : Discs or None
+    discs : DiscLaw or None
         Law of discs, which stands for that of dipoles.
     series, shift : float64 arrays or None
         Of ``discs``.
@@ -48,11 +48,11 @@ class EffectLaws(NamedTuple):
     dipole: bool | None
     walls: tuple[Any, ...]
     weight: Array | None
-    cut: CutOff | None
+    cut: CutOffSettings | None
     listing: VerletSettings | None
-    far: FarField | None
+    far: FarFieldSettings | None
     nearest: Array | None
-    discs: Discs | None = None
+    discs: DiscLaw | None = None
     series: Array | None = None
     shift: Array | None = None
 
@@ -133,7 +133,7 @@ def relative_moments(constants: Constants) -> Array | None:
 
 
 @compiled(inline=True)
-def stiffness_bound(discs: Discs | None) -> float:
+def stiffness_bound(discs: DiscLaw | None) -> float:
     """Stiffness of a pair over 3 / rho^5, at most; 1 for dipoles."""
     return 1.0 if discs is None else discs.series[STIFFNESS]
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.kernel_data.constants import Constants
-from granular.pairs.close_discs import CloseDiscs
-from granular.pairs.far_field import FarForces
+from granular.pairs.close_disc_corrections import CloseDiscList
+from granular.pairs.mesh_far_field import FarFieldState
 from granular.pairs.stripes import Stripes
 from granular.pairs.verlet_list import VerletList
 
@@ -63,9 +63,9 @@ class State(NamedTuple):
         Grains in stripes, and their partners, where pairs end at a distance.
     verlet_list : VerletList or None
         De Paula's list of pairs.
-    far_forces : FarForces or None
+    far_forces : FarFieldState or None
         The far field, and its forces.
-    close : CloseDiscs or None
+    close : CloseDiscList or None
         List of close pairs of discs.
     rooms : tuple
         Scratch of each law, or None; arrays of it are zero behind the grains.
@@ -95,8 +95,8 @@ class State(NamedTuple):
     load: np.ndarray | None
     stripes: Stripes | None
     verlet_list: VerletList | None
-    far_forces: FarForces | None
-    close: CloseDiscs | None
+    far_forces: FarFieldState | None
+    close: CloseDiscList | None
     workspaces: tuple[Any, ...]
     host: Any
     scratch: np.ndarray
@@ -113,7 +113,7 @@ class Measurement(NamedTuple):
     stiffness : float64 (m,)
         Row sums that bound the stiffest mode.
     extremes : float64 (2,)
-        Pair sums: see `granular.pairs.direct`.
+        Pair sums: see `granular.pairs.direct_sum`.
     against_piston : float64 (m,)
         Stiffness of each grain against the piston.
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.effects.dipole import grain_discs
 from granular.observables.frame import check_positions, is_present
-from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, pair_shift
+from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def magnetic_moments(scene: Scene) -> np.ndarray:
 
 
 def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    from granular.pairs.dipole import STRENGTH
+    from granular.pairs.dipole_law import STRENGTH
 
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 
@@ -187,14 +187,14 @@ def _disc_factor(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray
     """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
     from scipy.interpolate import CubicSpline
 
-    from granular.pairs.disc_tables import contact_slope
+    from granular.pairs.disc_law_tables import force_slope_at_contact
 
-    contact, shift = contact_distance(first, second), pair_shift(first, second)
+    contact, shift = contact_distance(first, second), pair_squared_distance_shift(first, second)
     # Its singular part at contact is smooth in the root of the gap.
     root = np.linspace(0.0, np.sqrt((FARTHEST - 1.0) * contact), 400)
     at = contact + root**2
     spline = CubicSpline(root, disc_energy_and_force(at, first, second)[1] * at**4 / 3.0)
-    slope = contact_slope(first, second) / 3.0
+    slope = force_slope_at_contact(first, second) / 3.0
 
     def factor(r: np.ndarray) -> np.ndarray:
         gap = r - contact

@@ -10,7 +10,7 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.disc_tables import FORCE_SCALE
+from granular.pairs.disc_law_tables import FORCE_SCALE
 from granular.pairs.simd import DISC_SCALE, SCALE
 
 
@@ -35,7 +35,7 @@ class GrainArrays(NamedTuple):
     series : float64 (6,) or None
         Law of all pairs of discs, which stands for 1/r^3 and its slope; None for dipoles.
     shift : float64 (m,) or None
-        Of unlike discs; see `granular.pairs.disc_tables.Discs`.
+        Of unlike discs; see `granular.pairs.disc_law_tables.DiscLaw`.
     """
 
     x: np.ndarray
@@ -52,7 +52,7 @@ class GrainArrays(NamedTuple):
 
 
 @compiled(inline=True)
-def with_extremes(arrays: GrainArrays, extremes: Array) -> GrainArrays:
+def replace_energy_and_closest(arrays: GrainArrays, extremes: Array) -> GrainArrays:
     """Return the same arrays with others for the extremes."""
     return GrainArrays(
         arrays.x,
@@ -73,7 +73,7 @@ def with_extremes(arrays: GrainArrays, extremes: Array) -> GrainArrays:
 
 
 @compiled(inline=True)
-def clear_array(values: Array | None) -> None:
+def clear_array_if_given(values: Array | None) -> None:
     """Set an array, if there is one, to zero."""
     if values is not None:
         values[:] = 0.0
@@ -82,15 +82,15 @@ def clear_array(values: Array | None) -> None:
 @compiled(inline=True)
 def clear_sums(arrays: GrainArrays) -> None:
     """Set all that a sum fills to zero."""
-    clear_array(arrays.fx)
-    clear_array(arrays.fy)
-    clear_array(arrays.stiffness)
-    clear_array(arrays.extremes)
-    clear_array(arrays.load)
+    clear_array_if_given(arrays.fx)
+    clear_array_if_given(arrays.fy)
+    clear_array_if_given(arrays.stiffness)
+    clear_array_if_given(arrays.extremes)
+    clear_array_if_given(arrays.load)
 
 
 @compiled(inline=True)
-def scale_array(values: Array | None, factor: float) -> None:
+def scale_array_if_given(values: Array | None, factor: float) -> None:
     """Multiply an array, if there is one."""
     if values is not None:
         for i in range(values.size):
@@ -104,19 +104,19 @@ def value_or_one(values: Array | None, i: int) -> float:
 
 
 @compiled(inline=True)
-def sum_scale(series: Array | None) -> float:
+def unscaled_sum_factor(series: Array | None) -> float:
     """Return the factor that sums lack before they are scaled."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def force_scale(series: Array | None) -> float:
-    """Return the factor that sums of forces lack, besides `granular.pairs.dipole.STRENGTH`."""
+def unscaled_force_factor(series: Array | None) -> float:
+    """Return the factor that sums of forces lack, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 
 
 @compiled(inline=True)
-def add_at(values: Array | None, i: int, amount: float) -> None:
+def add_to_entry_if_given(values: Array | None, i: int, amount: float) -> None:
     """Add an amount to one grain's entry, if there is such an array."""
     if values is not None:
         values[i] += amount
@@ -129,12 +129,12 @@ def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
     arrays.fy[:grains] = np.nan
 
 
-def _plain_value_if_wanted(asked: Array | None, sums: Array | None) -> Array | None:
+def _pure_python_array_if_wanted(asked: Array | None, sums: Array | None) -> Array | None:
     return None if asked is None else sums
 
 
 @intrinsic
-def _value_if_wanted(typing: Any, asked: Any, sums: Any) -> Any:
+def _compiled_array_if_wanted(typing: Any, asked: Any, sums: Any) -> Any:
     kind = types.none if isinstance(asked, types.NoneType) else sums
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -145,5 +145,5 @@ def _value_if_wanted(typing: Any, asked: Any, sums: Any) -> Any:
     return kind(asked, sums), generate
 
 
-if_given = _plain_value_if_wanted if config.DISABLE_JIT else _value_if_wanted
+array_if_wanted = _pure_python_array_if_wanted if config.DISABLE_JIT else _compiled_array_if_wanted
 """Return sums, or None where they are not asked for: a choice of types, made while compiling."""

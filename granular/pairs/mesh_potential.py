@@ -6,14 +6,14 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.convolution import convolve
-from granular.pairs.mesh import ACROSS, LEFT, LOW, PARTS, UP, Mesh
+from granular.pairs.mesh_convolution import convolve_eight_columns
+from granular.pairs.multilevel_mesh import ACROSS, LEFT, LOW, PARTS, UP, MultilevelMesh
 from granular.pairs.periodic_mesh import (
     FRACTIONS,
     copy_periodic_margin,
-    index_of_first_point,
-    prolong_periodic,
-    restrict_periodic,
+    index_of_first_mesh_point,
+    prolong_periodic_potential,
+    restrict_periodic_sources,
 )
 from granular.pairs.simd import WIDTH
 
@@ -29,7 +29,7 @@ def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int) -
 
 
 @compiled
-def _restrict(mesh: Mesh, level: int) -> None:
+def _restrict_sources(mesh: MultilevelMesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
@@ -60,7 +60,7 @@ def _restrict(mesh: Mesh, level: int) -> None:
 
 
 @compiled
-def _prolong(mesh: Mesh, level: int) -> None:
+def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     fine, coarse = mesh.windows[level - 1], mesh.windows[level]
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
@@ -95,7 +95,7 @@ def _prolong(mesh: Mesh, level: int) -> None:
 
 
 @compiled
-def _convolve_part(mesh: Mesh, part: int) -> None:
+def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
     """Potential of each level's own sources on a part of all columns.
 
     The bands', and on the last level the rest's. Parts take about equally long.
@@ -113,20 +113,20 @@ def _convolve_part(mesh: Mesh, part: int) -> None:
 
 
 @compiled(inline=True)
-def _index_of_first_point(around: Array | None, mesh: Mesh, level: int) -> int:
+def _index_of_first_point(around: Array | None, mesh: MultilevelMesh, level: int) -> int:
     """Place of a level's first point."""
     if around is not None:
-        return index_of_first_point(mesh, level)
+        return index_of_first_mesh_point(mesh, level)
     return mesh.begins[level] + mesh.margin
 
 
 @compiled
-def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
+def _convolve_columns(mesh: MultilevelMesh, level: int, column: int, part: int) -> None:
     at, up = _index_of_first_point(mesh.around, mesh, level) + column, mesh.windows[level, UP]
     along, across = mesh.band_along[level], mesh.band_across[level]
     if level == len(mesh.windows) - 1:
         along, across = mesh.rest_along, mesh.rest_across
-    convolve(
+    convolve_eight_columns(
         mesh.source,
         mesh.potential,
         along,
@@ -141,46 +141,46 @@ def _convolve_columns(mesh: Mesh, level: int, column: int, part: int) -> None:
 
 
 @compiled(inline=True)
-def _column_count(mesh: Mesh, level: int) -> int:
+def _column_count(mesh: MultilevelMesh, level: int) -> int:
     return (mesh.windows[level, ACROSS] + WIDTH - 1) // WIDTH * WIDTH
 
 
 @compiled(inline=True)
-def _column_cost(mesh: Mesh, level: int) -> int:
+def _column_cost(mesh: MultilevelMesh, level: int) -> int:
     """Cost of eight columns of a level: the last has more groups of terms, and a longer reach."""
     table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along[0]
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
 
 @compiled(parallel=True)
-def _convolve_threaded(mesh: Mesh) -> None:
+def _convolve_threaded(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
-        _convolve_part(mesh, part)
+        _convolve_columns_of_part(mesh, part)
 
 
 @compiled
-def compute_mesh_potential(mesh: Mesh, threaded: bool | None) -> None:
+def compute_mesh_potential(mesh: MultilevelMesh, threaded: bool | None) -> None:
     """Find the potential on the finest level of the sources there."""
-    _find_potential(mesh.around, mesh, threaded)
+    _compute_potential(mesh.around, mesh, threaded)
 
 
 @compiled(inline=True)
-def _find_potential(around: Array | None, mesh: Mesh, threaded: bool | None) -> None:
+def _compute_potential(around: Array | None, mesh: MultilevelMesh, threaded: bool | None) -> None:
     levels = len(mesh.windows)
     for level in range(1, levels):
         if around is None:
-            _restrict(mesh, level)
+            _restrict_sources(mesh, level)
         else:
-            restrict_periodic(mesh, level)
+            restrict_periodic_sources(mesh, level)
     if threaded is None:
         for part in range(PARTS):
-            _convolve_part(mesh, part)
+            _convolve_columns_of_part(mesh, part)
     else:
         _convolve_threaded(mesh)
     for level in range(levels - 1, 0, -1):
         if around is None:
-            _prolong(mesh, level)
+            _prolong_potential(mesh, level)
         else:
-            prolong_periodic(mesh, level)
+            prolong_periodic_potential(mesh, level)
     if around is not None:
         copy_periodic_margin(mesh, mesh.potential, 0)

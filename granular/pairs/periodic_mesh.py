@@ -1,10 +1,10 @@
 """A mesh that goes round a periodic cell: sources, levels and potential on it.
 
-Each level is stored like those of `granular.pairs.mesh`, with copies in place of zeros: points of
+Each level is stored like those of `granular.pairs.multilevel_mesh`, with copies in place of zeros: points of
 the other side before and behind every line, one line below the first one and two above the last.
 
 Its tables say what a point feels of another and of all its images. The bands are those of
-`granular.pairs.mesh`: they end at a distance, and the mesh goes round the cell. The rest does not
+`granular.pairs.multilevel_mesh`: they end at a distance, and the mesh goes round the cell. The rest does not
 end. On the coarsest level, which goes round the cell in a few points, it is summed over all images
 by Ewald's method for the power r^-3 in the plane: with
 
@@ -27,11 +27,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
-from granular.pairs.convolution import BESIDE, TERMS
-from granular.pairs.dipole import far_inverse_cube
-from granular.pairs.mesh import ACROSS, PARTS, REACH, UP, Mesh, Table, Tables, level_factors, repeated
+from granular.pairs.dipole_law import far_part_of_inverse_cube
+from granular.pairs.mesh_convolution import BESIDE, TERMS
+from granular.pairs.multilevel_mesh import (
+    ACROSS,
+    PARTS,
+    REACH,
+    UP,
+    MeshTables,
+    MultilevelMesh,
+    SeparableTable,
+    inverse_fifth_factor_by_level,
+    repeat_for_levels,
+)
 from granular.pairs.simd import WIDTH, pad_to_vectors
-from granular.pairs.spline_stencil import put_spline, spline_sums
+from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 Samples = NDArray[np.float64]
 
@@ -39,7 +49,7 @@ FEWEST = 4
 """Points of the coarsest level along the shorter side, at least; and less than twice as many."""
 
 _MARGIN = 48
-"""As in `granular.pairs.mesh`."""
+"""As in `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
 """Of the Ewald sum: a, times the square root of the cell's area; images within 6/a and waves below
@@ -51,7 +61,7 @@ _CELLS = 6.0
 _NOTHING, _DIGITS = 1e-5, 13
 """Products below this part of the first one are left out, which keeps eight of them: the others
 change forces by less than 1e-7, where 1e-6 is asked for. Digits as in
-`granular.pairs.mesh`."""
+`granular.pairs.multilevel_mesh`."""
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
@@ -62,7 +72,7 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
     return [(across * 2**k, up * 2**k) for k in reversed(range(levels))]
 
 
-def image_sum(
+def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, fifth: float = 0.0
 ) -> Samples:
     """Sum of the far part of r^-3 + ``fifth`` r^-5, split at a radius, over a point's images."""
@@ -79,7 +89,7 @@ def image_sum(
             lower = gammainc(1.5, sharp**2 * square) / cube
             lower = np.where(square < 1e-12, sharp**3 * 4.0 / (3.0 * math.sqrt(math.pi)), lower)
             upper = gammaincc(1.5, sharp**2 * square) / cube
-            near = far_inverse_cube(square, radius) - lower
+            near = far_part_of_inverse_cube(square, radius) - lower
             total += np.where(square < radius**2, near, upper)
     waves = 2.0 * math.pi / np.array([width, height])
     most = [math.ceil(_WAVES * sharp / wave) for wave in waves]
@@ -92,10 +102,10 @@ def image_sum(
                 fraction -= math.sqrt(math.pi) * k * erfc(k / (2.0 * sharp))
                 series += fraction * np.cos(m * waves[0] * dx + n * waves[1] * dy)
     total += 2.0 * math.sqrt(math.pi) / (width * height) * series
-    return total + _image_sum_of_fifth_power(dx, dy, (width, height), radius, fifth) if fifth else total
+    return total + _sum_inverse_fifth_over_images(dx, dy, (width, height), radius, fifth) if fifth else total
 
 
-def _image_sum_of_fifth_power(
+def _sum_inverse_fifth_over_images(
     dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, fifth: float
 ) -> Samples:
     """Sum over images of the far part of ``fifth`` r^-5; farther ones are the same everywhere."""
@@ -103,7 +113,9 @@ def _image_sum_of_fifth_power(
     for column in _image_numbers(max(radius, _CELLS * max(sides)), sides[0]):
         for row in _image_numbers(max(radius, _CELLS * max(sides)), sides[1]):
             square = (dx + column * sides[0]) ** 2 + (dy + row * sides[1]) ** 2
-            total += far_inverse_cube(square, radius, fifth) - far_inverse_cube(square, radius)
+            total += far_part_of_inverse_cube(square, radius, fifth) - far_part_of_inverse_cube(
+                square, radius
+            )
     return total
 
 
@@ -120,7 +132,7 @@ def _divide_by_splines(samples: Samples) -> Samples:
     return np.asarray(np.fft.ifft2(spectrum).real)
 
 
-def _factor_table(table: Samples, reach: int) -> Table:
+def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
     """Quarter of a table, by the distances up and across, as a sum of products."""
     left, weights, right = np.linalg.svd(table, full_matrices=False)
     # The sign of a pair of vectors is free; it is fixed, and the numbers cut, for all machines.
@@ -134,7 +146,7 @@ def _factor_table(table: Samples, reach: int) -> Table:
         across[term // TERMS, : table.shape[0], term % TERMS] = weights[term] * left[:, term]
     along[:, 0] *= 0.5
     across[:, 0] *= 0.5
-    return Table(along, across)
+    return SeparableTable(along, across)
 
 
 def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> Samples:
@@ -142,7 +154,9 @@ def _band_table(radius: float, spacings: tuple[float, float], fifth: float) -> S
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
-    samples = far_inverse_cube(square, radius, fifth) - far_inverse_cube(square, 2.0 * radius, fifth)
+    samples = far_part_of_inverse_cube(square, radius, fifth) - far_part_of_inverse_cube(
+        square, 2.0 * radius, fifth
+    )
     table = np.fft.fftshift(_divide_by_splines(np.fft.ifftshift(samples)))
     middle = len(n) // 2
     return np.asarray(table[middle : middle + reach + 1, middle : middle + reach + 1])
@@ -153,7 +167,7 @@ def _coarsest_level_table(
 ) -> Samples:
     """Quarter of the rest's table; what lies half round the cell is met from both sides."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
-    table = _divide_by_splines(image_sum(dx, dy, width, height, radius, fifth))
+    table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, fifth))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
     if up % 2 == 0:
         quarter[-1] *= 0.5
@@ -163,7 +177,9 @@ def _coarsest_level_table(
 
 
 @functools.cache
-def image_tables(width: float, height: float, radius: float, spacing: float, fifth: float = 0.0) -> Tables:
+def periodic_mesh_tables(
+    width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
+) -> MeshTables:
     """Tables of the bands and of the rest, for a periodic cell and a split radius [D].
 
     ``fifth`` is the factor of r^-5 in the far part.
@@ -172,11 +188,13 @@ def image_tables(width: float, height: float, radius: float, spacing: float, fif
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
     spacings = (width / fine[0], height / fine[1])
-    bands = [_band_table(radius, spacings, factor) for factor in level_factors(fifth, len(points))]
+    bands = [
+        _band_table(radius, spacings, factor) for factor in inverse_fifth_factor_by_level(fifth, len(points))
+    ]
     rest = _coarsest_level_table(width, height, radius * scale, *coarse, fifth) * scale**3
     reach = max(*bands[0].shape, *rest.shape)
-    made = [_factor_table(band, reach) for band in bands]
-    return Tables(repeated(made, len(points)), _factor_table(rest, reach))
+    made = [_factor_into_products(band, reach) for band in bands]
+    return MeshTables(repeat_for_levels(made, len(points)), _factor_into_products(rest, reach))
 
 
 BELOW, ABOVE = 1, 2
@@ -187,16 +205,16 @@ FRACTIONS = (0.75, 0.5, 0.125)
 
 
 @compiled(inline=True)
-def index_of_first_point(mesh: Mesh, level: int) -> int:
+def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
     """Place of a level's first point."""
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
 @compiled
-def copy_periodic_margin(mesh: Mesh, values: Array, level: int) -> None:
+def copy_periodic_margin(mesh: MultilevelMesh, values: Array, level: int) -> None:
     """Copy what lies on the one side of a level to the other one."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
-    stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_point(mesh, level)
+    stride, margin, first = mesh.strides[level], mesh.margin, index_of_first_mesh_point(mesh, level)
     for line in range(up):
         at = first + line * stride
         for apart in range(1, margin + 1):
@@ -210,10 +228,10 @@ def copy_periodic_margin(mesh: Mesh, values: Array, level: int) -> None:
 
 
 @compiled
-def _fold_periodic_margin(mesh: Mesh, level: int) -> None:
+def _fold_periodic_margin(mesh: MultilevelMesh, level: int) -> None:
     """Add what was put on the copies of points to the points."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
-    stride, first, source = mesh.strides[level], index_of_first_point(mesh, level), mesh.source
+    stride, first, source = mesh.strides[level], index_of_first_mesh_point(mesh, level), mesh.source
     for line in range(-BELOW, up + ABOVE):
         at = first + line * stride
         source[at + across - 1] += source[at - 1]
@@ -226,46 +244,54 @@ def _fold_periodic_margin(mesh: Mesh, level: int) -> None:
 
 
 @compiled
-def spread_periodic(
-    mesh: Mesh, fineness: Array, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+def spread_on_periodic_mesh(
+    mesh: MultilevelMesh,
+    fineness: Array,
+    x: Array,
+    y: Array,
+    amounts: Array | None,
+    order: Array,
+    grains: int,
 ) -> None:
     """Put amounts (ones where there are none) on the finest level; ``fineness`` [1/D]."""
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
-    corner = index_of_first_point(mesh, 0) - 1 - stride
+    corner = index_of_first_mesh_point(mesh, 0) - 1 - stride
     for k in range(grains):
         i = order[k]
         u, v = x[i] * fineness[0], y[i] * fineness[1]
         column, line = math.floor(u), math.floor(v)
         at = corner + int(line) % up * stride + int(column) % across
         amount = 1.0 if amounts is None else amounts[i]
-        put_spline(mesh.source, at, stride, u - column, v - line, amount)
+        add_spline_weights(mesh.source, at, stride, u - column, v - line, amount)
     _fold_periodic_margin(mesh, 0)
     copy_periodic_margin(mesh, mesh.source, 0)
 
 
 @compiled(inline=True)
-def interpolate_periodic(mesh: Mesh, fineness: Array, x: float, y: float) -> tuple[float, float, float]:
+def interpolate_on_periodic_mesh(
+    mesh: MultilevelMesh, fineness: Array, x: float, y: float
+) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
-    at = index_of_first_point(mesh, 0) - 1 - stride + int(line) % up * stride + int(column) % across
-    value, by_u, by_v = spline_sums(mesh.potential, at, stride, u - column, v - line)
+    at = index_of_first_mesh_point(mesh, 0) - 1 - stride + int(line) % up * stride + int(column) % across
+    value, by_u, by_v = interpolate_with_splines(mesh.potential, at, stride, u - column, v - line)
     return value, by_u * fineness[0], by_v * fineness[1]
 
 
 @compiled
-def restrict_periodic(mesh: Mesh, level: int) -> None:
+def restrict_periodic_sources(mesh: MultilevelMesh, level: int) -> None:
     """Return the sources of a level from those of the finer one before it."""
     row, source, margin = mesh.rows[0], mesh.source, mesh.margin
     total, half, rest = FRACTIONS
     lines, start, stride = (
         mesh.windows[level - 1, UP],
-        index_of_first_point(mesh, level - 1),
+        index_of_first_mesh_point(mesh, level - 1),
         mesh.strides[level - 1],
     )
-    own, custom_stride = index_of_first_point(mesh, level), mesh.strides[level]
+    own, custom_stride = index_of_first_mesh_point(mesh, level), mesh.strides[level]
     across, start = mesh.windows[level, ACROSS], start - margin
     for up in range(mesh.windows[level, UP]):
         lower = start + (2 * up - 2) % lines * stride
@@ -284,13 +310,13 @@ def restrict_periodic(mesh: Mesh, level: int) -> None:
 
 
 @compiled
-def prolong_periodic(mesh: Mesh, level: int) -> None:
+def prolong_periodic_potential(mesh: MultilevelMesh, level: int) -> None:
     """Add the potential of a level to that of the finer one before it."""
     row, potential, margin = mesh.rows[0], mesh.potential, mesh.margin
     total, half, rest = FRACTIONS
     copy_periodic_margin(mesh, potential, level)
-    coarse, stride = index_of_first_point(mesh, level) - margin, mesh.strides[level]
-    fine, fine_stride = index_of_first_point(mesh, level - 1), mesh.strides[level - 1]
+    coarse, stride = index_of_first_mesh_point(mesh, level) - margin, mesh.strides[level]
+    fine, fine_stride = index_of_first_mesh_point(mesh, level - 1), mesh.strides[level - 1]
     for line in range(mesh.windows[level - 1, UP]):
         # Copies of lines stand next to the first and the last one.
         middle = coarse + line // 2 * stride
@@ -309,10 +335,10 @@ def prolong_periodic(mesh: Mesh, level: int) -> None:
 
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, fifth: float = 0.0
-) -> Mesh:
+) -> MultilevelMesh:
     """Workspace for a mesh round a periodic cell of that size, for a split radius [D]."""
-    tables = image_tables(width, height, radius, spacing, fifth)
-    bands = tables.concatenated_bands()
+    tables = periodic_mesh_tables(width, height, radius, spacing, fifth)
+    bands = tables.stack_band_tables()
     points = periodic_mesh_points(width, height, spacing)
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
@@ -321,7 +347,7 @@ def periodic_mesh_workspace(
         strides.append(2 * margin + pad_to_vectors(across))
         begins.append(begins[-1] + strides[-1] * (BELOW + up + ABOVE))
     most = points[0][1]
-    return Mesh(
+    return MultilevelMesh(
         spacing=spacing,
         band_along=bands.along,
         band_across=bands.across,

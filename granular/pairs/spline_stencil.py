@@ -30,7 +30,7 @@ _POLYNOMIALS = (
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
-def _splines(code: Code, displacement: ir.Value) -> ir.Value:
+def _spline_values_and_slopes(code: Code, displacement: ir.Value) -> ir.Value:
     """Values of the four splines, and of their slopes."""
     u = code.splat(displacement)
     result: Any = vector_constant(_POLYNOMIALS[-1])
@@ -59,9 +59,9 @@ def _emit_spline_weights(typing: Any, values: Any, at: Any, stride: Any, u: Any,
         code = Code(context, builder)
         pointer = code.data(signature.args[0], arguments[0])
         at, stride, u, v, amount = arguments[1:]
-        across = _splines(code, u)
+        across = _spline_values_and_slopes(code, u)
         along = code.shuffle(across, across, list(range(POINTS)))
-        ups = builder.fmul(_splines(code, v), code.splat(amount))
+        ups = builder.fmul(_spline_values_and_slopes(code, v), code.splat(amount))
         for line in range(POINTS):
             fraction = code.shuffle(ups, ups, [line] * POINTS)
             index = _pointer_to_line(code, pointer, at)
@@ -82,7 +82,7 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
         code = Code(context, builder)
         pointer = code.data(signature.args[0], arguments[0])
         at, stride, u, v = arguments[1:]
-        along, up = _splines(code, u), _splines(code, v)
+        along, up = _spline_values_and_slopes(code, u), _spline_values_and_slopes(code, v)
         total = None
         for line in range(POINTS):
             points = builder.load(_pointer_to_line(code, pointer, at), align=8)
@@ -107,33 +107,41 @@ def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v:
 
 
 @compiled(inline=True)
-def _put_spline(values: Array, at: int, stride: int, u: float, v: float, amount: float) -> None:
+def _compiled_add_spline_weights(
+    values: Array, at: int, stride: int, u: float, v: float, amount: float
+) -> None:
     _emit_spline_weights(values, at, stride, u, v, amount)
 
 
 @compiled(inline=True)
-def _spline_sums(values: Array, at: int, stride: int, u: float, v: float) -> tuple[float, float, float]:
+def _compiled_interpolate_with_splines(
+    values: Array, at: int, stride: int, u: float, v: float
+) -> tuple[float, float, float]:
     return _emit_spline_sums(values, at, stride, u, v)
 
 
-def _plain_splines(displacement: float) -> np.ndarray:
+def _pure_python_spline_values(displacement: float) -> np.ndarray:
     """Values of the splines, and of their slopes, float64 (2, 4)."""
     result = np.polynomial.polynomial.polyval(displacement, np.array(_POLYNOMIALS))
     return np.asarray(result).reshape(2, POINTS)
 
 
-def _plain_put_spline(values: Array, at: int, stride: int, u: float, v: float, amount: float) -> None:
+def _pure_python_add_spline_weights(
+    values: Array, at: int, stride: int, u: float, v: float, amount: float
+) -> None:
     indices = at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)
-    values[indices] += amount * np.outer(_plain_splines(v)[0], _plain_splines(u)[0])
+    values[indices] += amount * np.outer(_pure_python_spline_values(v)[0], _pure_python_spline_values(u)[0])
 
 
-def _plain_spline_sums(values: Array, at: int, stride: int, u: float, v: float) -> tuple[float, float, float]:
+def _pure_python_interpolate_with_splines(
+    values: Array, at: int, stride: int, u: float, v: float
+) -> tuple[float, float, float]:
     points = values[at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)]
-    across, up = _plain_splines(u), _plain_splines(v)
+    across, up = _pure_python_spline_values(u), _pure_python_spline_values(v)
     return up[0] @ points @ across[0], up[0] @ points @ across[1], up[1] @ points @ across[0]
 
 
-put_spline = _plain_put_spline if config.DISABLE_JIT else _put_spline
+add_spline_weights = _pure_python_add_spline_weights if config.DISABLE_JIT else _compiled_add_spline_weights
 """Add an amount to the four by four points from ``at`` on, whose lines are ``stride`` apart.
 
 Parameters
@@ -145,5 +153,7 @@ u, v : float
 amount : float
 """
 
-spline_sums = _plain_spline_sums if config.DISABLE_JIT else _spline_sums
+interpolate_with_splines = (
+    _pure_python_interpolate_with_splines if config.DISABLE_JIT else _compiled_interpolate_with_splines
+)
 """Value of the spline through such points, and its slopes along both axes [1/spacing]."""

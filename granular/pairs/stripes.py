@@ -2,7 +2,7 @@
 
 The partners of a grain are then a few runs of consecutive entries: the rest of its own
 stripe, and a part of each of the two stripes above. Every stripe ends with entries so far away that
-a vector may run over its end. See `granular.pairs.stripe_lists` and `granular.pairs.cut_off`.
+a vector may run over its end. See `granular.pairs.stripe_partner_lists` and `granular.pairs.cut_off_sum`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_sweep import IMAGES, ROWS, RUNS
-from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.pairs.cut_off_vector_loops import IMAGES, ROWS, RUNS
+from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
 LEAST_IN_STRIPE = 8
@@ -24,7 +24,7 @@ LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
 many grains; the skin [D]; sums since; how often lists were made; in how many stripes."""
 
 
-class CutOff(NamedTuple):
+class CutOffSettings(NamedTuple):
     """Pairs end at a distance.
 
     Attributes
@@ -118,7 +118,7 @@ def stripes_workspace(
     shifted: bool = False,
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
-    """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOff`."""
+    """Workspace for that many grains (padded); linear in it. ``periods`` as of `CutOffSettings`."""
     around = periods is not None
     runs = RUNS * IMAGES if around else RUNS
     most = _most_stripes(size)
@@ -167,12 +167,12 @@ def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
     most = max(1, min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE))
     height = max(reach / (RUNS - 1), (high - low) / most)
     number = min(int((high - low) / height) + 1, most)
-    _sort_into(stripes, stripes.built[0], y, grains, low, height, number)
+    _sort_into_equal_stripes(stripes, stripes.built[0], y, grains, low, height, number)
     return number
 
 
 @compiled
-def _sort_into(
+def _sort_into_equal_stripes(
     stripes: Stripes, x: Array, y: Array, grains: int, low: float, height: float, number: int
 ) -> None:
     """Sort grains at those positions into so many stripes."""
@@ -220,5 +220,5 @@ def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> i
             inside[axis, i] = index - homes[axis, i]
     most = min(stripes.begins.size - 2, grains // LEAST_IN_STRIPE)
     number = min(int(periods[1] * (RUNS - 1) / reach), most)
-    _sort_into(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)
+    _sort_into_equal_stripes(stripes, inside[0], inside[1], grains, 0.0, periods[1] / number, number)
     return number

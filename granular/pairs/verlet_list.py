@@ -3,7 +3,7 @@
 A list holds the pairs that are closer than the radius where it is made. From then on all of them
 act, at whatever distance, and no others; the list is made anew once a grain has moved by the skin
 [D, Algorithm 5.1 without its lines 20 to 22]. Pairs that come closer meanwhile are missed: this is
-de Paula's approximation, with its bias. `granular.pairs.stripe_lists` misses none.
+de Paula's approximation, with its bias. `granular.pairs.stripe_partner_lists` misses none.
 """
 
 from __future__ import annotations
@@ -14,9 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cells import ClosePairs, close_pairs_workspace, find_close_pairs
-from granular.pairs.dipole import ENERGY, pair_energy, pair_force
-from granular.pairs.grain_arrays import GrainArrays, add_at, clear_sums, set_forces_to_nan, value_or_one
+from granular.pairs.cell_list import ClosePairs, close_pairs_workspace, find_close_pairs
+from granular.pairs.dipole_law import ENERGY, pair_energy, pair_force
+from granular.pairs.grain_arrays import (
+    GrainArrays,
+    add_to_entry_if_given,
+    clear_sums,
+    set_forces_to_nan,
+    value_or_one,
+)
 
 RADIUS, SKIN = 11.26, 4.13
 """Of de Paula, in diameters of the first species."""
@@ -61,7 +67,9 @@ def verlet_list_workspace(size: int, radius: float) -> VerletList:
 
 
 @compiled
-def _refresh_list(listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int) -> None:
+def _refresh_verlet_list(
+    listed: VerletList, listing: VerletSettings, x: Array, y: Array, grains: int
+) -> None:
     stale = listed.memory[GRAINS] != grains
     for i in range(grains):
         dx, dy = x[i] - listed.built[0, i], y[i] - listed.built[1, i]
@@ -78,12 +86,12 @@ def _refresh_list(listed: VerletList, listing: VerletSettings, x: Array, y: Arra
 
 
 @compiled
-def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
-    """Fill the sums over the listed pairs; as `granular.pairs.cut_off.cut_sum`.
+def verlet_list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: GrainArrays) -> None:
+    """Fill the sums over the listed pairs; as `granular.pairs.cut_off_sum.cut_off_sum`.
 
     Forces are no numbers where there are more pairs than the list holds.
     """
-    _refresh_list(listed, listing, arrays.x, arrays.y, grains)
+    _refresh_verlet_list(listed, listing, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     rest = pair_energy(listing.radius)
     if listed.pairs.filled[0] < 0:
@@ -100,15 +108,15 @@ def list_sum(listed: VerletList, listing: VerletSettings, grains: int, arrays: G
         arrays.fx[j] -= ratio * dx
         arrays.fy[j] -= ratio * dy
         fifth = force / (3.0 * ENERGY * r)
-        add_at(arrays.stiffness, i, fifth * second)
-        add_at(arrays.stiffness, j, fifth * first)
-        _update_extremes(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
-        add_at(arrays.load, i, value_or_one(arrays.weight, j) * energy / ENERGY)
-        add_at(arrays.load, j, value_or_one(arrays.weight, i) * energy / ENERGY)
+        add_to_entry_if_given(arrays.stiffness, i, fifth * second)
+        add_to_entry_if_given(arrays.stiffness, j, fifth * first)
+        _update_energy_and_closest(arrays.extremes, first * second * (energy - rest) / ENERGY, fifth)
+        add_to_entry_if_given(arrays.load, i, value_or_one(arrays.weight, j) * energy / ENERGY)
+        add_to_entry_if_given(arrays.load, j, value_or_one(arrays.weight, i) * energy / ENERGY)
 
 
 @compiled(inline=True)
-def _update_extremes(extremes: Array | None, energy: float, fifth: float) -> None:
+def _update_energy_and_closest(extremes: Array | None, energy: float, fifth: float) -> None:
     if extremes is not None:
         extremes[0] += energy
         extremes[1] = max(extremes[1], fifth)

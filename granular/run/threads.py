@@ -12,7 +12,7 @@ import time
 
 import numba
 
-from granular.pairs.direct import PARTED_FROM, PARTS
+from granular.pairs.direct_sum import PARTED_FROM, PARTS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.effects.effect import Effect
 from granular.effects.registry import effect_names, find_effect
-from granular.pairs.section import Pairs
+from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_motion
 from granular.schema.parts import Cell, Grains, Output, Piston
@@ -130,7 +130,7 @@ class Scene(Section):
         Piston above the bed.
     effects : Effects
         Forces, flows and frames that act; what is not named costs nothing.
-    pairs : Pairs
+    pairs : PairSumSettings
         How the forces between grains are summed.
     arrangement : Arrangement
         Positions and velocities at the start.
@@ -145,7 +145,7 @@ class Scene(Section):
     cell: Cell = nested(Cell)
     piston: Piston | None = nested(Piston, default=None, optional=True)
     effects: Effects = nested(Effects, default=Effects())
-    pairs: Pairs = nested(Pairs, default=Pairs())
+    pairs: PairSumSettings = nested(PairSumSettings, default=PairSumSettings())
     arrangement: Arrangement = nested(Arrangement, default=Arrangement())
     protocol: tuple[Stage, ...] = section_field(Many(kinds=KINDS), default=())
     output: Output = nested(Output, default=Output())

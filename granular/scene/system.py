@@ -15,12 +15,12 @@ from granular.effects.force import Force
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
-from granular.pairs.direct import padded_values
-from granular.pairs.disc_tables import FAR, Discs, make_discs
-from granular.pairs.far_field import AHEAD, MOST_POINTS, SPACINGS, FarField
-from granular.pairs.section import SPLIT_RADIUS
+from granular.pairs.direct_sum import pad_values
+from granular.pairs.disc_law_tables import FAR, DiscLaw, make_disc_law
+from granular.pairs.mesh_far_field import AHEAD, MOST_POINTS, SPACINGS, FarFieldSettings
+from granular.pairs.pair_sum_settings import SPLIT_RADIUS
 from granular.pairs.simd import pad_to_vectors
-from granular.pairs.stripes import CutOff
+from granular.pairs.stripes import CutOffSettings
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
@@ -86,8 +86,8 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
-        masses=padded_values(masses) if several else None,
-        moments=None if alike else padded_values(moments),
+        masses=pad_values(masses) if several else None,
+        moments=None if alike else pad_values(moments),
         least_mass=1.0 if weakest is None else float(masses[weakest]),
         least_moment=1.0 if weakest is None else float(moments[weakest]),
         least_ratio=float((moments / masses).min(initial=1.0)) if not alike else 1.0,
@@ -121,7 +121,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         nearest = np.array([*periods, radius])
     elif radius is not None:
         several = len(grains.species) > 1 or grains.spread > 0.0
-        cut = CutOff(radius, several, None if far is None else True, periods)
+        cut = CutOffSettings(radius, several, None if far is None else True, periods)
     if discs is not None:
         _check_reach(discs, scales, radius, periods)
     laws = tuple(effect.law(setting) for effect in effects)
@@ -142,14 +142,14 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
     )
 
 
-def _discs(scene: Scene, scales: Scales, species: np.ndarray) -> Discs | None:
+def _discs(scene: Scene, scales: Scales, species: np.ndarray) -> DiscLaw | None:
     """Law of the grains as discs; None where they are dipoles."""
     discs = grain_discs(scene.grains, scales.length)
-    return make_discs(discs, species, pad_to_vectors(len(species))) if discs else None
+    return make_disc_law(discs, species, pad_to_vectors(len(species))) if discs else None
 
 
 def _check_reach(
-    discs: Discs, scales: Scales, radius: float | None, periods: tuple[float, float] | None
+    discs: DiscLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
 ) -> None:
     """Raise `InputError` where pairs end before the law of discs is close to that of dipoles."""
     most = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])
@@ -192,13 +192,15 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
         raise
 
 
-def _far_field(scene: Scene, scales: Scales, summed: str | None, method: Method | None) -> FarField | None:
+def _far_field(
+    scene: Scene, scales: Scales, summed: str | None, method: Method | None
+) -> FarFieldSettings | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
         if every is None and rubbing is None:
             return None
-        return FarField(SPLIT_RADIUS, None, every, rubbing)
+        return FarFieldSettings(SPLIT_RADIUS, None, every, rubbing)
     radius = scene.pairs.radius(summed, scales.length)
     if summed != "mesh" or radius is None:
         return None
@@ -214,7 +216,7 @@ def _far_field(scene: Scene, scales: Scales, summed: str | None, method: Method 
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
     every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
-    return FarField(radius, (width, height), every, rubbing, periodic=periods is not None)
+    return FarFieldSettings(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
 def _friction_far_steps(scene: Scene, method: Method | None) -> int | None:

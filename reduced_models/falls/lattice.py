@@ -2,7 +2,7 @@
 
 N grains of a lattice of the density rho that repel with F(r) have, by the virial, the pressure
 p = (rho/4) sum r F(r) over the places of the lattice. For dipoles r F ~ r^-3 and the sum is
-`hexagonal_sum` of 3: p = 1.6674 rho^2.5. Discs have b r^-5 more far away (`granular.pairs.discs`),
+`hexagonal_sum` of 3: p = 1.6674 rho^2.5. Discs have b r^-5 more far away (`granular.pairs.disc_law`),
 again a closed sum, and what is left falls with r^-7: it is added over the places within `SHELLS`
 spacings. A mixture is taken at random: each place holds each species by its fraction.
 """
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-    from granular.pairs.discs import Disc
+    from granular.pairs.disc_law import Disc
     from granular.schema.parts import Grains
 
 __all__ = ["lattice_pressure"]
@@ -155,15 +155,15 @@ def _rest(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
 
     Below contact the force goes on with its slope, as in a run.
     """
-    from granular.pairs.disc_tables import contact_slope
-    from granular.pairs.discs import contact_distance, disc_energy_and_force, pair_shift
+    from granular.pairs.disc_law import contact_distance, disc_energy_and_force, pair_squared_distance_shift
+    from granular.pairs.disc_law_tables import force_slope_at_contact
 
     r, counts = _lattice_distances()
     r = spacing * r
-    shift, contact = pair_shift(first, second), contact_distance(first, second)
+    shift, contact = pair_squared_distance_shift(first, second), contact_distance(first, second)
     force = disc_energy_and_force(np.maximum(r, contact), first, second)[1]
     if r[0] < contact:
-        force += np.minimum(r - contact, 0.0) * contact_slope(first, second)
+        force += np.minimum(r - contact, 0.0) * force_slope_at_contact(first, second)
     return shift, float(counts @ (r * force - 3.0 * r**-3 - 7.5 * shift * r**-5))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from granular.pairs.dipole import STRENGTH
+from granular.pairs.dipole_law import STRENGTH
 
 REPEATS = 7
 

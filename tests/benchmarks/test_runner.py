@@ -14,7 +14,7 @@ from benchmarks.__main__ import parser
 from benchmarks.engine import PAIR_METHODS
 from benchmarks.page import SHEETS, benchmark_text, growth
 from benchmarks.process import ProcessError
-from granular.pairs.section import METHODS
+from granular.pairs.pair_sum_settings import METHODS
 from granular.shared.errors import InputError
 
 ROWS: dict[str, dict[str, Any]] = {

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.compiled import entry
-from granular.pairs import cells
-from granular.pairs.cells import close_pairs_workspace
-from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs import cell_list
+from granular.pairs.cell_list import close_pairs_workspace
+from granular.pairs.direct_sum import pad_coordinates, pad_values
 
-find_close_pairs = entry(cells.find_close_pairs)
+find_close_pairs = entry(cell_list.find_close_pairs)
 
 
 def head_on_collision(speed: float, restitution: float, **changes: object) -> Scene:
@@ -89,7 +89,7 @@ def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, wi
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     wanted = cKDTree(place).query_pairs(reach, output_type="set") if count else set()
     workspace = close_pairs_workspace(count, len(wanted))
-    x, y = padded_coordinates(place)
+    x, y = pad_coordinates(place)
     find_close_pairs(workspace, x, y, count, reach, None)
     filled = workspace.filled[0]
     found = {
@@ -103,7 +103,7 @@ def test_close_pairs_are_those_of_a_tree(count: int, seed: int, reach: float, wi
 def test_too_many_contacts_are_an_error_not_silence() -> None:
     place = np.zeros((40, 2))
     workspace = close_pairs_workspace(40, 40 * 39 // 2 - 1)
-    x, y = padded_coordinates(place)
+    x, y = pad_coordinates(place)
     find_close_pairs(workspace, x, y, 40, 1.0, None)
     assert workspace.filled[0] == -1
     x[3] = np.nan
@@ -116,7 +116,7 @@ def test_small_grains_about_a_big_one_have_room() -> None:
     radius = np.full(400, 0.056)
     radius[0] = 0.5
     workspace = close_pairs_workspace(400, 16 * 400)
-    find_close_pairs(workspace, *padded_coordinates(place), 400, 1.0, padded_values(radius))
+    find_close_pairs(workspace, *pad_coordinates(place), 400, 1.0, pad_values(radius))
     wanted = {
         (min(i, j), max(i, j))
         for i, j in cKDTree(place).query_pairs(1.0, output_type="set")

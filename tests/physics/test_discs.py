@@ -11,9 +11,9 @@ import pytest
 
 from granular import Scene, evaluate, simulate
 from granular.effects.dipole import grain_discs
-from granular.pairs.dipole import STRENGTH
-from granular.pairs.disc_tables import continued_law
-from granular.pairs.discs import Disc, disc_energy_and_force
+from granular.pairs.dipole_law import STRENGTH
+from granular.pairs.disc_law import Disc, disc_energy_and_force
+from granular.pairs.disc_law_tables import disc_law_continued_below_contact
 from granular.schema.scales import Scales
 from granular.shared.errors import OutsideError
 
@@ -122,7 +122,9 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     push = np.zeros_like(r)
     for pair in itertools.product(range(2), range(2)):
         chosen = (kind[:, None] == pair[0]) & (kind == pair[1]) & (r > 0.0)
-        push[chosen] = continued_law(r[chosen], (shapes[pair[0]], shapes[pair[1]]))[1] / (3.0 * r[chosen])
+        push[chosen] = disc_law_continued_below_contact(r[chosen], (shapes[pair[0]], shapes[pair[1]]))[1] / (
+            3.0 * r[chosen]
+        )
     known = (moments[:, None, None] * moments[:, None] * push[..., None] * apart).sum(axis=1)
     assert np.abs(forces(scene, positions) - known).max() <= 1e-5 * np.abs(known).max()
 

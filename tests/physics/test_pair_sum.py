@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular.compiled import entry
-from granular.pairs import direct
-from granular.pairs.direct import PARTED_FROM, padded_coordinates, padded_values, part_buffers
+from granular.pairs import direct_sum as direct
+from granular.pairs.direct_sum import PARTED_FROM, pad_coordinates, pad_values, partial_sum_buffers
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.plain_sums import plain_direct_sum
+from granular.pairs.pure_python_sums import pure_python_direct_sum
 
 direct_sum = entry(direct.direct_sum)
 
@@ -35,12 +35,12 @@ def arrangement(count: int, seed: int) -> np.ndarray:
 def sums(
     function, positions: np.ndarray, moments, *, full: bool, threaded: bool | None = None
 ) -> list[np.ndarray]:
-    x, y = padded_coordinates(positions)
+    x, y = pad_coordinates(positions)
     out = [np.zeros_like(x) for _ in range(4)]
     extremes = np.zeros(2)
-    weight = padded_values(np.linspace(0.2, 1.0, len(positions)))
+    weight = pad_values(np.linspace(0.2, 1.0, len(positions)))
     wanted = (out[2], extremes, out[3], weight) if full else (None,) * 4
-    function(GrainArrays(x, y, out[0], out[1], moments, *wanted), part_buffers(x.size), threaded, None)
+    function(GrainArrays(x, y, out[0], out[1], moments, *wanted), partial_sum_buffers(x.size), threaded, None)
     return [*(one[: len(positions)] for one in out), extremes]
 
 
@@ -48,9 +48,9 @@ def sums(
 @given(count=st.integers(1, 60), seed=st.integers(0, 10**6), differing=st.booleans(), full=st.booleans())
 def test_fast_sum_is_its_slow_twin(count: int, seed: int, differing: bool, full: bool) -> None:
     positions = arrangement(count, seed)
-    moments = padded_values(np.linspace(0.3, 1.0, count)) if differing else None
+    moments = pad_values(np.linspace(0.3, 1.0, count)) if differing else None
     fast = sums(direct_sum, positions, moments, full=full)
-    slow = sums(plain_direct_sum, positions, moments, full=full)
+    slow = sums(pure_python_direct_sum, positions, moments, full=full)
     for one, other in zip(fast, slow, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max() + 1e-150)
 
@@ -78,7 +78,7 @@ def test_error_against_long_double(count: int, differing: bool) -> None:
     """Within 1e-13 of the sum of the magnitudes of a grain's pair forces."""
     positions = arrangement(count, 3)
     moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
-    fast = sums(direct_sum, positions, padded_values(moments) if differing else None, full=True)
+    fast = sums(direct_sum, positions, pad_values(moments) if differing else None, full=True)
     fx, fy, magnitudes, load = exact(positions, moments, np.linspace(0.2, 1.0, count))
     assert (np.abs(fast[0] - fx) <= 1e-13 * magnitudes).all()
     assert (np.abs(fast[1] - fy) <= 1e-13 * magnitudes).all()
@@ -89,13 +89,13 @@ PORTABLE = """
 import json, sys
 import numpy as np
 from granular.compiled import entry
-from granular.pairs.direct import direct_sum, padded_coordinates, padded_values
+from granular.pairs.direct_sum import direct_sum, pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 positions = np.array(json.loads(sys.argv[1]))
-x, y = padded_coordinates(positions)
+x, y = pad_coordinates(positions)
 fx, fy, load = np.zeros((3, x.size))
 direct_sum = entry(direct_sum)
-weight = padded_values(np.ones(len(positions)))
+weight = pad_values(np.ones(len(positions)))
 direct_sum(GrainArrays(x, y, fx, fy, load=load, weight=weight), None, None, None)
 (code,) = direct_sum.inspect_asm().values()
 print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "sqrtpd" in code]))

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from granular import Scene, Trajectory, evaluate, load_scene, simulate
 from granular.compiled import entry
 from granular.effects import wall_discs, wall_experimental, wall_infinite, wall_slab
-from granular.pairs.disc_tables import continued_law
-from granular.pairs.discs import Disc, pair_shift
+from granular.pairs.disc_law import Disc, pair_squared_distance_shift
+from granular.pairs.disc_law_tables import disc_law_continued_below_contact
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -113,8 +113,8 @@ def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
     r = np.hypot(x, w + COIN.radius)
     near = r < 40.0
     energy, force = np.zeros((2, len(r)))
-    energy[near], force[near] = continued_law(r[near], (disc, COIN))
-    rho2 = r[~near] ** 2 - pair_shift(disc, COIN)
+    energy[near], force[near] = disc_law_continued_below_contact(r[near], (disc, COIN))
+    rho2 = r[~near] ** 2 - pair_squared_distance_shift(disc, COIN)
     energy[~near], force[~near] = rho2**-1.5, 3.0 * r[~near] * rho2**-2.5
     across = force * (w + COIN.radius) / r
     return 0.25 * np.array([energy.sum(), across.sum(), (force * x / r).sum()])
@@ -138,7 +138,7 @@ def test_row_of_discs_far_away_is_the_infinite_wall() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.5)
     for w in (20.0, 80.0):
         normal, middle = wall_discs.energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
-        factor = 1.0 + 2.0 * pair_shift(COIN, COIN) / middle**2
+        factor = 1.0 + 2.0 * pair_squared_distance_shift(COIN, COIN) / middle**2
         assert normal * 1.5 == pytest.approx(factor * wall_infinite.force(middle), rel=1e-5, abs=1e-9)
 
 

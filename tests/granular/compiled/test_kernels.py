@@ -8,7 +8,7 @@ import pytest
 
 from granular.compiled import compiled, entry
 from granular.effects import drag, friction_law
-from granular.pairs.direct_sweep import lane_sum
+from granular.pairs.direct_vector_loops import reproducible_sum
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -19,7 +19,7 @@ def test_a_kernel_for_kernels_says_so_to_python() -> None:
 
 def test_entry_makes_a_form_that_python_can_call() -> None:
     values = np.arange(16.0)
-    assert entry(lane_sum)(values) == values.sum()
+    assert entry(reproducible_sum)(values) == values.sum()
     assert entry(friction_law.sliding_factor)(1.0, 2.0) == 0.0
     assert drag.drag_flow_coefficients(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 

@@ -27,8 +27,8 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
     [
         ("effects/drag.py", '"""Viscous drag:', '"""Other words:'),
         ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
-        ("pairs/dipole.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
-        ("pairs/dipole.py", "Coefficients", "The coefficients"),
+        ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
+        ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
         ("engine/ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
@@ -42,8 +42,8 @@ def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new
     ("name", "old", "new"),
     [
         ("effects/drag.py", "z = rate * dt", "z = rate + dt"),
-        ("pairs/dipole.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
-        ("pairs/dipole.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
+        ("pairs/dipole_law.py", "STRENGTH = 0.75", "STRENGTH = 0.76"),
+        ("pairs/dipole_law.py", "CUBE = (6.5625", "CUBE = (6.5626"),  # a constant of kernels elsewhere
         ("kernel_data/state.py", "    vx: np.ndarray\n    vy", "    vy: np.ndarray\n    vx"),
         ("pairs/simd.py", "WIDTH = 8", "WIDTH = 4"),
         ("compiled/__init__.py", 'fastmath={"contract"}', 'fastmath={"reassoc"}'),

@@ -11,7 +11,7 @@ import pytest
 
 from granular import Scene, load_scene, simulate
 from granular.effects.eddy_tensor import Plate, lattice_drag_factor, series, tensor
-from granular.pairs.discs import Disc
+from granular.pairs.disc_law import Disc
 from granular.scene.system import natural_system
 from granular.schema.scales import Scales
 from granular.shared.errors import SceneError

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from granular import load_scene, load_trajectory, simulate
 from granular.methods import METHODS
-from granular.pairs.far_field import FarField
+from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.scene.system import natural_system
@@ -353,7 +353,7 @@ def test_the_far_field_of_a_bed_on_a_host_is_a_part_of_every_force() -> None:
         natural_far(bed.replace(**{"pairs.far_every": 4}))
 
 
-def natural_far(scene: Scene) -> FarField:
+def natural_far(scene: Scene) -> FarFieldSettings:
     far = natural_system(scene, method=METHODS["stormer-verlet"]).constants.acting.far
     assert far is not None
     return far

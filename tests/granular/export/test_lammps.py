@@ -18,8 +18,8 @@ from granular.effects.dipole import grain_discs
 from granular.export import to_lammps
 from granular.export.lammps import mode_frequency_bound
 from granular.export.lammps_stages import remaining_stage
-from granular.pairs.disc_tables import continued_law
-from granular.pairs.discs import Disc, contact_distance
+from granular.pairs.disc_law import Disc, contact_distance
+from granular.pairs.disc_law_tables import disc_law_continued_below_contact
 from granular.protocol import Move
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
@@ -168,7 +168,7 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
     header, rows = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[:2]
     _, r, energy, force = np.loadtxt(rows.splitlines(), unpack=True)
-    known = continued_law(r / scales.length, (pair[0], pair[1]))
+    known = disc_law_continued_below_contact(r / scales.length, (pair[0], pair[1]))
     charge = 0.25 * scene.grains.moment_ratios()[1]
     np.testing.assert_allclose(energy, charge * scales.energy * known[0], rtol=1e-9)
     np.testing.assert_allclose(force, charge * scales.force * known[1], rtol=1e-9)
@@ -186,7 +186,7 @@ def test_steps_of_discs_follow_their_stiffness(small_bed: Scene, tmp_path: Path)
         mode_frequency_bound(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
         for discs in ((), (Disc(0.5, 0.5),) * 3)
     ]
-    force = continued_law(np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5)))[1]
+    force = disc_law_continued_below_contact(np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5)))[1]
     known = (force[0] - force[1]) / 0.002 * 1.5**5 / 12.0
     assert (rates[1] / rates[0]) ** 2 == pytest.approx(known, rel=0.01)
 

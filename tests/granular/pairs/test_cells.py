@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.pairs import cells
-from granular.pairs.cells import close_pairs_workspace
+from granular.pairs import cell_list
+from granular.pairs.cell_list import close_pairs_workspace
 
-find_close_pairs = entry(cells.find_close_pairs)
+find_close_pairs = entry(cell_list.find_close_pairs)
 
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e12, 1e15, 1e100])

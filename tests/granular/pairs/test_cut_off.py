@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.pairs import cut_off, direct
-from granular.pairs.direct import padded_coordinates, padded_values
+from granular.pairs import cut_off_sum as cut_off
+from granular.pairs import direct_sum
+from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.plain_sums import plain_cut_sum
+from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.stripes import BUILDS, Stripes, stripes_workspace
 from granular.run.snapshot import neighbour_list_arrays, restore_neighbour_lists
 from granular.shared.errors import SceneError
 
-cut_sum = entry(cut_off.cut_sum)
+cut_off_sum = entry(cut_off.cut_off_sum)
 
 
 def scattered(count: int, seed: int) -> np.ndarray:
@@ -35,15 +36,15 @@ class Bed:
 
     def __init__(self, positions: np.ndarray, radius: float, *, differing: bool) -> None:
         self.count, self.radius = len(positions), radius
-        self.x, self.y = padded_coordinates(positions)
-        self.moments = padded_values(np.linspace(0.3, 1.0, self.count)) if differing else None
-        self.weight = padded_values(np.linspace(0.2, 1.0, self.count))
+        self.x, self.y = pad_coordinates(positions)
+        self.moments = pad_values(np.linspace(0.3, 1.0, self.count)) if differing else None
+        self.weight = pad_values(np.linspace(0.2, 1.0, self.count))
         self.stripes = self.workspace()
 
     def workspace(self) -> Stripes:
         return stripes_workspace(self.x.size, moments=self.moments is not None, loaded=True)
 
-    def sums(self, function=cut_sum) -> np.ndarray:
+    def sums(self, function=cut_off_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)
         function(
             self.stripes,
@@ -83,7 +84,7 @@ def test_sum_is_its_slow_twin_while_grains_move(
         bed.x[:count] += random.uniform(-move, move, count)
         bed.y[:count] += random.uniform(-move, move, count)
         bed.x[random.integers(count)] += 20.0 * move
-        fast, slow = bed.sums(), bed.sums(plain_cut_sum)
+        fast, slow = bed.sums(), bed.sums(pure_python_cut_off_sum)
         scale = np.abs(slow).max()
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-12 * scale + 1e-150)
 
@@ -92,7 +93,7 @@ def test_wide_radius_is_the_direct_sum() -> None:
     bed = Bed(scattered(200, 2), 1e3, differing=False)
     found = bed.sums()[:400].reshape(2, 200)
     fx, fy = np.zeros_like(bed.x), np.zeros_like(bed.x)
-    entry(direct.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy), None, None, None)
+    entry(direct_sum.direct_sum)(GrainArrays(bed.x, bed.y, fx, fy), None, None, None)
     np.testing.assert_allclose(found, np.stack([fx, fy])[:, :200], rtol=1e-11, atol=1e-13)
 
 

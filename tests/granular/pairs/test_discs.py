@@ -9,19 +9,33 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.pairs import close_discs, direct
-from granular.pairs.close_discs import CloseDiscs, close_discs_workspace
-from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.disc_tables import CLOSEST, STIFFNESS, TOUCH, Discs, continued_law, make_discs
-from granular.pairs.discs import Disc, contact_distance, disc_energy_and_force, disc_shift, pair_shift
+from granular.pairs import close_disc_corrections
+from granular.pairs import direct_sum as direct
+from granular.pairs.close_disc_corrections import CloseDiscList, close_disc_list_workspace
+from granular.pairs.direct_sum import pad_coordinates, pad_values
+from granular.pairs.disc_law import (
+    Disc,
+    contact_distance,
+    disc_energy_and_force,
+    pair_squared_distance_shift,
+    squared_distance_shift,
+)
+from granular.pairs.disc_law_tables import (
+    CLOSEST,
+    STIFFNESS,
+    TOUCH,
+    DiscLaw,
+    disc_law_continued_below_contact,
+    make_disc_law,
+)
 from granular.pairs.grain_arrays import GrainArrays
 from granular.shared.errors import InputError
 
 MU0 = 4e-7 * np.pi
 COIN, SMALL, THIN, TALL = Disc(0.5, 0.5), Disc(0.35, 0.4), Disc(0.5, 0.2), Disc(0.5, 1.0)
 
-add_close_discs = entry(close_discs.add_close_discs)
-head_on_disc_stiffness = entry(close_discs.head_on_disc_stiffness)
+add_close_disc_corrections = entry(close_disc_corrections.add_close_disc_corrections)
+head_on_disc_frequency_squared = entry(close_disc_corrections.head_on_disc_frequency_squared)
 direct_sum = entry(direct.direct_sum)
 
 
@@ -93,8 +107,8 @@ def test_far_away_discs_are_dipoles_with_a_second_multipole(pair: tuple[Disc, Di
     r = np.array([60.0, 120.0])
     excess = disc_energy_and_force(r, *pair, level=level)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
-    assert slope == pytest.approx(1.5 * pair_shift(*pair, level=level), rel=3e-3, abs=1e-4)
-    assert 3.0 * disc_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
+    assert slope == pytest.approx(1.5 * pair_squared_distance_shift(*pair, level=level), rel=3e-3, abs=1e-4)
+    assert 3.0 * squared_distance_shift(COIN) == pytest.approx(2.25 * (0.25 - 0.25 / 3.0))
 
 
 def test_force_is_the_slope_of_the_energy() -> None:
@@ -114,11 +128,11 @@ class Bed:
         self.count = len(positions)
         species = np.arange(self.count) % len(discs)
         volumes = np.array([disc.radius**2 * disc.height for disc in discs])
-        self.x, self.y = padded_coordinates(positions)
+        self.x, self.y = pad_coordinates(positions)
         self.q = (volumes / volumes[0])[species]
-        self.moments = padded_values(self.q) if len(discs) > 1 else None
-        self.discs: Discs = make_discs(discs, species, self.x.size)
-        self.close: CloseDiscs = close_discs_workspace(self.x.size, self.discs.reach, periods)
+        self.moments = pad_values(self.q) if len(discs) > 1 else None
+        self.discs: DiscLaw = make_disc_law(discs, species, self.x.size)
+        self.close: CloseDiscList = close_disc_list_workspace(self.x.size, self.discs.reach, periods)
         self.nearest = None if periods is None else np.array([*periods, 0.5 * min(periods)])
 
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
@@ -136,8 +150,8 @@ class Bed:
             shift=self.discs.shift,
         )
         direct_sum(arrays, None, None, self.nearest)
-        crowded = add_close_discs(self.discs, self.close, self.count, arrays)
-        stiffness = 6.0 * self.discs.series[STIFFNESS] * out[2] * padded_values(self.q)
+        crowded = add_close_disc_corrections(self.discs, self.close, self.count, arrays)
+        stiffness = 6.0 * self.discs.series[STIFFNESS] * out[2] * pad_values(self.q)
         return out[:2, : self.count].T, 0.25 * extremes[0], stiffness[: self.count], crowded
 
 
@@ -203,13 +217,15 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
 def test_discs_that_meet_head_on_are_as_stiff_as_where_they_turn(ratio: float) -> None:
     """Two of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
-    discs, step = make_discs([COIN], np.zeros(2, dtype=np.int64), 8), 1e-4
-    energy, force = continued_law(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
+    discs, step = make_disc_law([COIN], np.zeros(2, dtype=np.int64), 8), 1e-4
+    energy, force = disc_law_continued_below_contact(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
     mass, moment = 0.7, 0.8
     speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
-    assert known <= head_on_disc_stiffness(discs, speed, mass, moment) * 1.01 <= 1.25 * known
-    assert discs.collision[TOUCH, 0] == pytest.approx(0.25 * continued_law(np.ones(1), (COIN, COIN))[0][0])
+    assert known <= head_on_disc_frequency_squared(discs, speed, mass, moment) * 1.01 <= 1.25 * known
+    assert discs.collision[TOUCH, 0] == pytest.approx(
+        0.25 * disc_law_continued_below_contact(np.ones(1), (COIN, COIN))[0][0]
+    )
 
 
 @pytest.mark.parametrize("periods", [None, (14.0, 11.0), (5.5, 40.0)])
@@ -235,4 +251,4 @@ def test_list_holds_the_close_pairs_while_grains_move(periods: tuple[float, floa
 
 def test_discs_that_are_too_tall_are_refused() -> None:
     with pytest.raises(InputError, match="times as high as wide"):
-        make_discs([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)
+        make_disc_law([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64), 8)

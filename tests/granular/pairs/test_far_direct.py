@@ -7,15 +7,15 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.pairs import far_direct
-from granular.pairs.dipole import far_inverse_cube, far_inverse_fifth
-from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_direct import direct_workspace
+from granular.pairs import direct_far_field
+from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
+from granular.pairs.direct_far_field import direct_far_field_workspace
+from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.section import SPLIT_RADIUS as RADIUS
+from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.stripes import stripes_workspace
 
-find_far_direct = entry(far_direct.find_far_direct)
+compute_direct_far_field = entry(direct_far_field.compute_direct_far_field)
 COUNT, WIDTH = 150, 30.0
 
 
@@ -32,22 +32,16 @@ WEIGHTS = np.random.default_rng(5).uniform(0.3, 0.8, COUNT)
 def found(differing: bool) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Forces, energy and loads of the far part, and the moments."""
     moments = np.random.default_rng(4).choice([0.36, 1.0], COUNT)
-    x, y = padded_coordinates(places())
+    x, y = pad_coordinates(places())
     fx, fy, load, energy = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x), np.zeros(1)
-    find_far_direct(
-        direct_workspace(x.size, loaded=True),
+    compute_direct_far_field(
+        direct_far_field_workspace(x.size, loaded=True),
         stripes_workspace(x.size, moments=differing, loaded=True),
         RADIUS,
         None,
         COUNT,
         GrainArrays(
-            x,
-            y,
-            fx,
-            fy,
-            padded_values(moments) if differing else None,
-            load=load,
-            weight=padded_values(WEIGHTS),
+            x, y, fx, fy, pad_values(moments) if differing else None, load=load, weight=pad_values(WEIGHTS)
         ),
         energy,
     )
@@ -60,8 +54,8 @@ def test_it_is_the_sum_of_the_far_law_over_all_pairs(differing: bool) -> None:
     forces, energy, load, q = found(differing)
     apart = places()[:, None] - places()[None]
     square, products = (apart**2).sum(axis=2), q[:, None] * q[None]
-    wanted = 0.75 * ((products * far_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
-    cubes = far_inverse_cube(square, RADIUS)
+    wanted = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    cubes = far_part_of_inverse_cube(square, RADIUS)
     np.fill_diagonal(cubes, 0.0)
     # Taken as a difference: what is left is rounded as the whole forces of close pairs are.
     np.testing.assert_allclose(forces, wanted, atol=1e-13)

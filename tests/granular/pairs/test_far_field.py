@@ -12,44 +12,46 @@ from hypothesis import strategies as st
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
 from granular.engine.far import add_far_field, refresh_far_field
-from granular.pairs import far_field, mesh, mesh_grains
-from granular.pairs.dipole import far_inverse_cube, far_inverse_fifth
-from granular.pairs.direct import padded_coordinates, padded_values
-from granular.pairs.far_field import FarField, FarForces, far_forces_workspace
+from granular.pairs import grain_mesh_transfer, mesh_far_field, multilevel_mesh
+from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
+from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
-from granular.pairs.section import SPLIT_RADIUS as RADIUS
-from granular.pairs.section import TOLERANCE
+from granular.pairs.mesh_far_field import FarFieldSettings, FarFieldState, far_field_state
+from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
+from granular.pairs.pair_sum_settings import TOLERANCE
 from granular.scene.beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
-spread = entry(mesh_grains.spread_grains)
+spread = entry(grain_mesh_transfer.spread_grains)
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
-find_far_forces = entry(far_field.find_far_forces)
+compute_mesh_far_field = entry(mesh_far_field.compute_mesh_far_field)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
 def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
     """d(r^-3)/dr = -3 r r^-5, for the far parts as for the law."""
     r, h = ratio * radius, 1e-4 * radius
-    slope = (far_inverse_cube((r + h) ** 2, radius) - far_inverse_cube((r - h) ** 2, radius)) / (2.0 * h)
-    np.testing.assert_allclose(slope, -3.0 * r * far_inverse_fifth(r**2, radius), rtol=1e-5)
+    slope = (
+        far_part_of_inverse_cube((r + h) ** 2, radius) - far_part_of_inverse_cube((r - h) ** 2, radius)
+    ) / (2.0 * h)
+    np.testing.assert_allclose(slope, -3.0 * r * far_part_of_inverse_fifth(r**2, radius), rtol=1e-5)
 
 
 def test_far_part_is_the_law_outside_and_smooth_at_the_radius() -> None:
     r = np.array([RADIUS, 8.0, 100.0])
-    np.testing.assert_allclose(far_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
-    np.testing.assert_allclose(far_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
+    np.testing.assert_allclose(far_part_of_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
+    np.testing.assert_allclose(far_part_of_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
     # Three derivatives agree: the fourth differences across the radius fall with the fourth power.
     jumps = []
     for h in (0.2, 0.1):
-        near = np.diff(far_inverse_cube((RADIUS + h * np.arange(-4, 1)) ** 2, RADIUS), 4)[0]
-        far = np.diff(far_inverse_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
+        near = np.diff(far_part_of_inverse_cube((RADIUS + h * np.arange(-4, 1)) ** 2, RADIUS), 4)[0]
+        far = np.diff(far_part_of_inverse_cube((RADIUS + h * np.arange(0, 5)) ** 2, RADIUS), 4)[0]
         jumps.append(abs(near - far))
     assert jumps[0] / jumps[1] == pytest.approx(16.0, rel=0.2)
 
 
-def far_arrays(far: FarForces, x: object, y: object, *own: object) -> GrainArrays:
+def far_arrays(far: FarFieldState, x: object, y: object, *own: object) -> GrainArrays:
     """Arrays of a bed whose forces and loads go to the far field."""
     moments, weight = own or (None, None)
     return GrainArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
@@ -71,25 +73,25 @@ class Bed:
         random = np.random.default_rng(seed)
         self.places = np.array(places) + 0.1 * apart * random.standard_normal((len(places), 2))
         self.count = len(places)
-        self.x, self.y = padded_coordinates(self.places)
+        self.x, self.y = pad_coordinates(self.places)
         moments = random.choice([0.36, 1.0], self.count)
-        self.padded_moments = padded_values(moments) if differing else None
-        self.weight = padded_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
+        self.padded_moments = pad_values(moments) if differing else None
+        self.weight = pad_values(0.3 + 0.5 * moments if differing else np.full(self.count, 0.7))
 
-    def workspace(self) -> FarForces:
-        field = FarField(RADIUS, (self.width + 6.0, self.height + 6.0), None)
-        return far_forces_workspace(field, self.x.size, loaded=True)
+    def workspace(self) -> FarFieldState:
+        field = FarFieldSettings(RADIUS, (self.width + 6.0, self.height + 6.0), None)
+        return far_field_state(field, self.x.size, loaded=True)
 
-    def far(self) -> FarForces:
+    def far(self) -> FarFieldState:
         far = self.workspace()
         moments, weight = self.padded_moments, self.weight
         assert self.found(far, moments, weight) == 0
         return far
 
-    def found(self, far: FarForces, moments: object = None, weight: object = None) -> int:
+    def found(self, far: FarFieldState, moments: object = None, weight: object = None) -> int:
         order = np.random.default_rng(2).permutation(self.count)
         arrays = far_arrays(far, self.x, self.y, moments, weight)
-        return find_far_forces(far.mesh, far, self.threaded, self.count, arrays, order)
+        return compute_mesh_far_field(far.mesh, far, self.threaded, self.count, arrays, order)
 
     @property
     def moments(self) -> np.ndarray:
@@ -110,12 +112,12 @@ def test_mesh_is_the_sum_over_all_pairs(count: int, differing: bool) -> None:
     far, q, n = bed.far(), bed.moments, bed.count
     apart, square = bed.differences()
     products = q[:, None] * q[None]
-    forces = 0.75 * ((products * far_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
+    forces = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(axis=1)
     np.fill_diagonal(square, np.inf)
     unit = np.sqrt(np.mean((0.75 * products * square**-2.0).sum(axis=1) ** 2))
     error = np.hypot(far.fx[:n] - forces[:, 0], far.fy[:n] - forces[:, 1])
     assert error.max() < TOLERANCE * unit
-    cubes = far_inverse_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
+    cubes = far_part_of_inverse_cube(np.where(np.isinf(square), 0.0, square), RADIUS)
     np.fill_diagonal(cubes, 0.0)
     assert far.energy[0] == pytest.approx(0.125 * (products * cubes).sum(), rel=1e-3)
     load = cubes @ bed.weight[:n]
@@ -143,8 +145,8 @@ def test_force_is_the_exact_gradient_of_the_mesh_s_energy(differing: bool) -> No
 def test_no_more_levels_than_cover_the_bed(extent: float) -> None:
     """Spacings double from level to level; the last one's table reaches over all of the bed."""
     spacing = 0.75
-    reach = mesh.mesh_tables(RADIUS, spacing, 1).bands[0].along.shape[1] - 1
-    levels = mesh.mesh_level_count(extent, RADIUS, spacing)
+    reach = multilevel_mesh.mesh_tables(RADIUS, spacing, 1).bands[0].along.shape[1] - 1
+    levels = multilevel_mesh.mesh_level_count(extent, RADIUS, spacing)
     assert spacing * reach * 2.0 ** (levels - 1) >= extent
     assert levels == 1 or spacing * reach * 2.0 ** (levels - 2) < extent
 
@@ -186,13 +188,13 @@ def test_no_room_and_no_number() -> None:
     bed.y[3] = np.nan
     assert bed.found(bed.workspace()) == 0
     arrays = far_arrays(workspace, bed.x, bed.y)
-    assert find_far_forces(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
+    assert compute_mesh_far_field(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
 def test_one_grain_feels_nothing_but_the_mesh_s_error() -> None:
-    x, y = padded_coordinates(np.array([[3.3, 4.4]]))
-    far = far_forces_workspace(FarField(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
-    assert find_far_forces(far.mesh, far, None, 1, far_arrays(far, x, y), np.arange(1)) == 0
+    x, y = pad_coordinates(np.array([[3.3, 4.4]]))
+    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, loaded=False)
+    assert compute_mesh_far_field(far.mesh, far, None, 1, far_arrays(far, x, y), np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
     assert np.hypot(far.fx[0], far.fy[0]) < 1e-3 * neighbour
 
@@ -201,7 +203,7 @@ def test_room_is_linear_in_the_cell() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
-        workspace = far_forces_workspace(FarField(RADIUS, (side, side), None), count, loaded=True)
+        workspace = far_field_state(FarFieldSettings(RADIUS, (side, side), None), count, loaded=True)
         assert workspace.mesh is not None
         arrays = [*workspace.mesh, *workspace]
         sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)

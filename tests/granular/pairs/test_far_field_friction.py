@@ -15,7 +15,7 @@ from granular.engine.far import add_far_field, compute_far_field, refresh_far_fi
 from granular.engine.step_size import Step
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
-from granular.pairs.far_field import AHEAD, STILL, TIME
+from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
 from granular.run.run_state import ARRANGE
 from granular.run.snapshot import restore_snapshot, take_snapshot

@@ -16,12 +16,12 @@ AT = 2 * STRIDE + 3
 
 @entry
 def put(values: np.ndarray, u: float, v: float, amount: float) -> None:
-    spline_stencil.put_spline(values, AT, STRIDE, u, v, amount)
+    spline_stencil.add_spline_weights(values, AT, STRIDE, u, v, amount)
 
 
 @entry
 def sums(values: np.ndarray, u: float, v: float) -> tuple[float, float, float]:
-    return spline_stencil.spline_sums(values, AT, STRIDE, u, v)
+    return spline_stencil.interpolate_with_splines(values, AT, STRIDE, u, v)
 
 
 def splines(way: float, slope: int = 0) -> np.ndarray:

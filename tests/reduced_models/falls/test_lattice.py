@@ -10,7 +10,7 @@ import pytest
 
 from granular import Scene, damper, simulate
 from granular.effects.dipole import grain_discs
-from granular.pairs.discs import disc_energy_and_force
+from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.parts import Grains
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular.compiled import Array, compiled
-from granular.pairs.convolution import BESIDE, TERMS
-from granular.pairs.dipole import far_inverse_cube
-from granular.pairs.direct import PARTED_FROM
+from granular.pairs.dipole_law import far_part_of_inverse_cube
+from granular.pairs.direct_sum import PARTED_FROM
+from granular.pairs.mesh_convolution import BESIDE, TERMS
 from granular.pairs.simd import WIDTH, pad_to_vectors
 
 Samples = NDArray[np.float64]
@@ -50,10 +50,10 @@ _MARGIN = 48
 """Points that are thrown away about a table: 0.27^48 of what is periodic about it reaches in."""
 
 
-class Table(NamedTuple):
+class SeparableTable(NamedTuple):
     """Kernel between points of the mesh, by their distances along both axes [1/D^3].
 
-    At the finest level; see `granular.pairs.convolution`.
+    At the finest level; see `granular.pairs.mesh_convolution`.
 
     Attributes
     ----------
@@ -64,21 +64,21 @@ class Table(NamedTuple):
     across: Samples
 
 
-class Tables(NamedTuple):
+class MeshTables(NamedTuple):
     """Tables of the bands, one for each level, and of the rest."""
 
-    bands: list[Table]
-    rest: Table
+    bands: list[SeparableTable]
+    rest: SeparableTable
 
-    def concatenated_bands(self) -> Table:
+    def stack_band_tables(self) -> SeparableTable:
         """Bands' tables in arrays float64 (levels, groups, reach, TERMS)."""
         most = max(len(band.along) for band in self.bands)
-        return Table(
-            *(np.array([_pad_factor_table(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
+        return SeparableTable(
+            *(np.array([_pad_groups(t, most) for t in ts]) for ts in zip(*self.bands, strict=True))
         )
 
 
-def _pad_factor_table(table: Samples, groups: int) -> Samples:
+def _pad_groups(table: Samples, groups: int) -> Samples:
     return np.pad(table, ((0, groups - len(table)), (0, 0), (0, 0)))
 
 
@@ -101,14 +101,14 @@ def _divide_by_splines(samples: Samples) -> Samples:
     return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * fraction).real))
 
 
-def _extract_middle(samples: Samples, reach: int) -> Samples:
+def _middle_of_divided_table(samples: Samples, reach: int) -> Samples:
     """Distances up to ``reach``, on both sides, of an interpolating table."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
     return _divide_by_splines(samples)[chosen, chosen]
 
 
-def _factor_table(table: Samples) -> Table:
+def _factor_into_products(table: Samples) -> SeparableTable:
     """Table, symmetric about its middle and about its diagonals, as a sum of products."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
@@ -129,11 +129,11 @@ def _factor_table(table: Samples) -> Table:
         across[term // TERMS, :, term % TERMS] = weights[term] * even[:, term]
     along[:, 0] *= 0.5
     across[:, 0] *= 0.5
-    return Table(along, across)
+    return SeparableTable(along, across)
 
 
 @functools.cache
-def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) -> Tables:
+def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) -> MeshTables:
     """Tables of the bands and of the rest, for a split radius and a finest spacing [D].
 
     ``fifth`` is the factor of r^-5 in the far part.
@@ -143,20 +143,23 @@ def mesh_tables(radius: float, spacing: float, levels: int, fifth: float = 0.0) 
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
     square = n[:, None] ** 2 + n[None, :] ** 2
     bands = [
-        far_inverse_cube(square, radius, factor) - far_inverse_cube(square, 2.0 * radius, factor)
-        for factor in level_factors(fifth, levels)
+        far_part_of_inverse_cube(square, radius, factor)
+        - far_part_of_inverse_cube(square, 2.0 * radius, factor)
+        for factor in inverse_fifth_factor_by_level(fifth, levels)
     ]
-    rest = far_inverse_cube(square, radius, 0.25 ** (levels - 1) * fifth)
-    made = [_factor_table(_extract_middle(band, reach)) for band in bands]
-    return Tables(repeated(made, levels), _factor_table(_extract_middle(rest, most)))
+    rest = far_part_of_inverse_cube(square, radius, 0.25 ** (levels - 1) * fifth)
+    made = [_factor_into_products(_middle_of_divided_table(band, reach)) for band in bands]
+    return MeshTables(
+        repeat_for_levels(made, levels), _factor_into_products(_middle_of_divided_table(rest, most))
+    )
 
 
-def level_factors(fifth: float, levels: int) -> list[float]:
+def inverse_fifth_factor_by_level(fifth: float, levels: int) -> list[float]:
     """Factor of r^-5 at each level, in units of its spacing; one of dipoles, as all are alike."""
     return [0.25**level * fifth for level in range(levels if fifth else 1)]
 
 
-def repeated(bands: list[Table], levels: int) -> list[Table]:
+def repeat_for_levels(bands: list[SeparableTable], levels: int) -> list[SeparableTable]:
     """Tables of all levels, where there is one for them."""
     return bands if len(bands) == levels else bands * levels
 
@@ -171,7 +174,7 @@ _EDGE = 3
 """Points that a spline, and the coarser mesh below it, need beyond the grains."""
 
 
-class Mesh(NamedTuple):
+class MultilevelMesh(NamedTuple):
     """The levels of a mesh, one after another in the same arrays.
 
     Attributes
@@ -180,7 +183,7 @@ class Mesh(NamedTuple):
         Spacing of the finest level [D].
     band_along, band_across : float64 (levels, groups, reach, TERMS)
     rest_along, rest_across : float64 (groups, reach, TERMS)
-        See `granular.pairs.mesh`. One by one, since Numba's threads take no nested tuples.
+        See `granular.pairs.multilevel_mesh`. One by one, since Numba's threads take no nested tuples.
     source, potential : float64 (p,)
         Each level's lines, with zeros on both sides of every one; behind all of them a line of
         zeros, which stands for those outside of a window.
@@ -220,13 +223,13 @@ class Mesh(NamedTuple):
     around: np.ndarray | None
 
 
-def mesh_workspace(
+def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, fifth: float = 0.0
-) -> Mesh:
+) -> MultilevelMesh:
     """Workspace for that many grains in a cell of that size [D]; ``fifth`` as of `mesh_tables`."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, fifth)
-    bands = tables.concatenated_bands()
+    bands = tables.stack_band_tables()
     reach = tables.rest.along.shape[1]
     margin = pad_to_vectors(reach)
     begins, strides, most = [0], [], 0
@@ -238,7 +241,7 @@ def mesh_workspace(
         begins.append(begins[-1] + strides[-1] * up)
         most = max(most, up)
     parts = PARTS if grains >= PARTED_FROM else 1
-    return Mesh(
+    return MultilevelMesh(
         spacing=spacing,
         band_along=bands.along,
         band_across=bands.across,
@@ -258,7 +261,7 @@ def mesh_workspace(
 
 
 @compiled
-def choose_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
+def fit_windows_to_grains(mesh: MultilevelMesh, x: Array, y: Array, grains: int) -> bool:
     """Lay each level's window about the grains; False where the mesh is too small."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
@@ -273,19 +276,19 @@ def choose_windows(mesh: Mesh, x: Array, y: Array, grains: int) -> bool:
     window[ACROSS] = math.floor(right * fineness) + 3 - window[LEFT]
     window[LOW] = math.floor(low * fineness) - 1
     window[UP] = math.floor(high * fineness) + 3 - window[LOW]
-    fits = _fits_window(mesh, 0)
+    fits = _window_fits_arrays(mesh, 0)
     for level in range(1, len(mesh.windows)):
         fine, coarse = mesh.windows[level - 1], mesh.windows[level]
         for first, many in ((LEFT, ACROSS), (LOW, UP)):
             coarse[first] = fine[first] // 2 - 1
             coarse[many] = (fine[first] + fine[many]) // 2 + 2 - coarse[first]
-        fits = fits and _fits_window(mesh, level)
+        fits = fits and _window_fits_arrays(mesh, level)
     last = mesh.windows[len(mesh.windows) - 1]
     return fits and max(last[ACROSS], last[UP]) <= mesh.rest_along.shape[1]
 
 
 @compiled
-def _fits_window(mesh: Mesh, level: int) -> bool:
+def _window_fits_arrays(mesh: MultilevelMesh, level: int) -> bool:
     window, stride = mesh.windows[level], mesh.strides[level]
     workspace = mesh.begins[level + 1] - mesh.begins[level]
     return window[ACROSS] <= stride - 2 * mesh.margin and window[UP] * stride <= workspace

@@ -11,18 +11,23 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import STRENGTH
-from granular.pairs.direct_sweep import WIDTH, pad_to_vectors, sweep_block, sweep_rows
+from granular.pairs.dipole_law import STRENGTH
+from granular.pairs.direct_vector_loops import (
+    WIDTH,
+    pad_to_vectors,
+    sum_pairs_within_block,
+    sum_rows_with_partners,
+)
 from granular.pairs.grain_arrays import (
     GrainArrays,
-    clear_array,
+    array_if_wanted,
+    clear_array_if_given,
     clear_sums,
-    force_scale,
-    if_given,
-    scale_array,
-    sum_scale,
+    scale_array_if_given,
+    unscaled_force_factor,
+    unscaled_sum_factor,
 )
-from granular.pairs.plain_sums import plain_direct_sum
+from granular.pairs.pure_python_sums import pure_python_direct_sum
 
 PADDING = 1e70
 """Place of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
@@ -31,7 +36,7 @@ PARTED_FROM = 1024
 PARTS = 8
 
 
-def padded_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pad_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 2) as two padded arrays."""
     count, size = len(positions), pad_to_vectors(len(positions))
     x, y = PADDING * np.arange(1.0, size + 1.0), np.zeros(size)
@@ -39,14 +44,14 @@ def padded_coordinates(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def padded_values(values: np.ndarray) -> np.ndarray:
+def pad_values(values: np.ndarray) -> np.ndarray:
     """One value a grain, padded with zeros."""
     out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out
 
 
-def part_buffers(size: int) -> np.ndarray | None:
+def partial_sum_buffers(size: int) -> np.ndarray | None:
     """Buffers of the parts' own sums; None for so few grains that they are summed in one part."""
     return np.zeros((PARTS, 5, size)) if size >= PARTED_FROM else None
 
@@ -55,12 +60,12 @@ def part_buffers(size: int) -> np.ndarray | None:
 def _sum_pairs_of_part(arrays: GrainArrays, nearest: Array | None, part: int, parts: int) -> None:
     size = arrays.x.size
     for first in range(part * WIDTH, size, parts * WIDTH):
-        sweep_block(arrays, first, nearest)
-        sweep_rows(arrays, first, first + WIDTH, size, nearest)
+        sum_pairs_within_block(arrays, first, nearest)
+        sum_rows_with_partners(arrays, first, first + WIDTH, size, nearest)
 
 
 @compiled
-def _sweep_part(arrays: GrainArrays, nearest: Array | None, buffer: Array, part: int) -> None:
+def _sum_part_into_buffer(arrays: GrainArrays, nearest: Array | None, buffer: Array, part: int) -> None:
     buffer[:4] = 0.0
     buffer[4, :2] = 0.0
     sums = GrainArrays(
@@ -69,9 +74,9 @@ def _sweep_part(arrays: GrainArrays, nearest: Array | None, buffer: Array, part:
         buffer[0],
         buffer[1],
         arrays.moments,
-        if_given(arrays.stiffness, buffer[2]),
-        if_given(arrays.extremes, buffer[4]),
-        if_given(arrays.load, buffer[3]),
+        array_if_wanted(arrays.stiffness, buffer[2]),
+        array_if_wanted(arrays.extremes, buffer[4]),
+        array_if_wanted(arrays.load, buffer[3]),
         arrays.weight,
         arrays.series,
         arrays.shift,
@@ -80,19 +85,19 @@ def _sweep_part(arrays: GrainArrays, nearest: Array | None, buffer: Array, part:
 
 
 @compiled
-def _sweep_parts(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
+def _sum_parts_into_buffers(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
     for part in range(PARTS):
-        _sweep_part(arrays, nearest, buffers[part], part)
+        _sum_part_into_buffer(arrays, nearest, buffers[part], part)
 
 
 @compiled(parallel=True)
-def _sweep_parts_threaded(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
+def _sum_parts_into_buffers_threaded(arrays: GrainArrays, nearest: Array | None, buffers: Array) -> None:
     for part in numba.prange(PARTS):
-        _sweep_part(arrays, nearest, buffers[part], part)
+        _sum_part_into_buffer(arrays, nearest, buffers[part], part)
 
 
 @compiled
-def _add_parts(buffers: Array, row: int, out: Array | None) -> None:
+def _add_buffers(buffers: Array, row: int, out: Array | None) -> None:
     if out is not None:
         for i in range(out.size):
             total = buffers[0, row, i]
@@ -102,7 +107,7 @@ def _add_parts(buffers: Array, row: int, out: Array | None) -> None:
 
 
 @compiled
-def _combine_extremes(buffers: Array, extremes: Array | None) -> None:
+def _combine_energy_and_closest(buffers: Array, extremes: Array | None) -> None:
     if extremes is not None:
         for part in range(PARTS):
             extremes[0] += buffers[part, 4, 0]
@@ -110,7 +115,7 @@ def _combine_extremes(buffers: Array, extremes: Array | None) -> None:
 
 
 @compiled
-def _direct_sum(
+def _compiled_direct_sum(
     arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     if buffers is None:
@@ -118,31 +123,31 @@ def _direct_sum(
         _sum_pairs_of_part(arrays, nearest, 0, 1)
     else:
         if threaded is None:
-            _sweep_parts(arrays, nearest, buffers)
+            _sum_parts_into_buffers(arrays, nearest, buffers)
         else:
-            _sweep_parts_threaded(arrays, nearest, buffers)
-        _add_parts(buffers, 0, arrays.fx)
-        _add_parts(buffers, 1, arrays.fy)
-        _add_parts(buffers, 2, arrays.stiffness)
-        _add_parts(buffers, 3, arrays.load)
-        clear_array(arrays.extremes)
-        _combine_extremes(buffers, arrays.extremes)
-    scale, strength = sum_scale(arrays.series), STRENGTH * force_scale(arrays.series)
-    scale_array(arrays.fx, strength)
-    scale_array(arrays.fy, strength)
-    scale_array(arrays.stiffness, scale)
-    scale_array(arrays.load, scale)
-    scale_array(arrays.extremes, scale)
+            _sum_parts_into_buffers_threaded(arrays, nearest, buffers)
+        _add_buffers(buffers, 0, arrays.fx)
+        _add_buffers(buffers, 1, arrays.fy)
+        _add_buffers(buffers, 2, arrays.stiffness)
+        _add_buffers(buffers, 3, arrays.load)
+        clear_array_if_given(arrays.extremes)
+        _combine_energy_and_closest(buffers, arrays.extremes)
+    scale, strength = unscaled_sum_factor(arrays.series), STRENGTH * unscaled_force_factor(arrays.series)
+    scale_array_if_given(arrays.fx, strength)
+    scale_array_if_given(arrays.fy, strength)
+    scale_array_if_given(arrays.stiffness, scale)
+    scale_array_if_given(arrays.load, scale)
+    scale_array_if_given(arrays.extremes, scale)
 
 
-direct_sum = plain_direct_sum if numba.config.DISABLE_JIT else _direct_sum
+direct_sum = pure_python_direct_sum if numba.config.DISABLE_JIT else _compiled_direct_sum
 """Pair forces of all grains, and what else is asked for in the same pass.
 
 Parameters
 ----------
 arrays : GrainArrays
 buffers : float64 (PARTS, 5, m) or None
-    From `part_buffers`.
+    From `partial_sum_buffers`.
 threaded : bool or None
     None runs the parts one after another, anything else on Numba's threads.
 nearest : float64 (3,) or None

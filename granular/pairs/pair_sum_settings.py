@@ -28,7 +28,7 @@ _ORDER = 3.36
 tolerances are met with something to spare, for energies, too."""
 
 
-class Pairs(Section):
+class PairSumSettings(Section):
     """The summation of pairs.
 
     Attributes

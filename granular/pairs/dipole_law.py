@@ -37,7 +37,7 @@ def pair_energy(r: float) -> float:
 
 
 @entry
-def head_on_stiffness(speed: float, mass: float, moment: float) -> float:
+def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
     """Square of the angular frequency [1/tau^2] at the closest approach of two alike grains.
 
     Both come at ``speed`` [D/tau]; mass m and moment q are over those of the first species. From
@@ -69,14 +69,18 @@ def _far_part_of_inverse_power(
     return np.where(u < 1.0, inside, np.maximum(u, 1.0) ** power)
 
 
-def far_inverse_cube(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
+def far_part_of_inverse_cube(
+    square: NDArray[np.float64], radius: float, fifth: float = 0.0
+) -> NDArray[np.float64]:
     """Far part of r^-3 + ``fifth`` r^-5 at squared distances."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
     return result + _far_part_of_inverse_power(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
 
 
-def far_inverse_fifth(square: NDArray[np.float64], radius: float, fifth: float = 0.0) -> NDArray[np.float64]:
+def far_part_of_inverse_fifth(
+    square: NDArray[np.float64], radius: float, fifth: float = 0.0
+) -> NDArray[np.float64]:
     """Far part of r^-5 + (5/3) ``fifth`` r^-7 at squared distances."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5

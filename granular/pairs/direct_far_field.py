@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off import cut_sum
-from granular.pairs.dipole import ENERGY
-from granular.pairs.direct import direct_sum, part_buffers
-from granular.pairs.grain_arrays import GrainArrays, set_forces_to_nan, with_extremes
-from granular.pairs.stripe_lists import positions_are_finite
+from granular.pairs.cut_off_sum import cut_off_sum
+from granular.pairs.dipole_law import ENERGY
+from granular.pairs.direct_sum import direct_sum, partial_sum_buffers
+from granular.pairs.grain_arrays import GrainArrays, replace_energy_and_closest, set_forces_to_nan
+from granular.pairs.stripe_partner_lists import positions_are_finite
 from granular.pairs.stripes import Stripes
 
 
-class DirectWorkspace(NamedTuple):
+class DirectFarFieldWorkspace(NamedTuple):
     """Workspace for the two sums.
 
     Attributes
@@ -27,9 +27,9 @@ class DirectWorkspace(NamedTuple):
     near : float64 (2, m)
         Forces of the near part.
     extremes : float64 (2, 2)
-        Extremes of all pairs, and of the near ones; see `granular.pairs.direct.direct_sum`.
+        Extremes of all pairs, and of the near ones; see `granular.pairs.direct_sum.direct_sum`.
     buffers : float64 (parts, 5, m) or None
-        See `granular.pairs.direct.part_buffers`.
+        See `granular.pairs.direct_sum.partial_sum_buffers`.
     load : float64 (m,) or None
         Near part of the sums behind the normal force of friction.
     """
@@ -40,26 +40,26 @@ class DirectWorkspace(NamedTuple):
     load: np.ndarray | None
 
 
-def direct_workspace(size: int, *, loaded: bool) -> DirectWorkspace:
+def direct_far_field_workspace(size: int, *, loaded: bool) -> DirectFarFieldWorkspace:
     """Workspace for that many grains (padded)."""
-    return DirectWorkspace(
+    return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
         extremes=np.zeros((2, 2)),
-        buffers=part_buffers(size),
+        buffers=partial_sum_buffers(size),
         load=np.zeros(size) if loaded else None,
     )
 
 
 @compiled(inline=True)
-def _subtract(values: Array | None, other: Array | None, grains: int) -> None:
+def _subtract_if_wanted(values: Array | None, other: Array | None, grains: int) -> None:
     if values is not None and other is not None:
         for i in range(grains):
             values[i] -= other[i]
 
 
 @compiled
-def find_far_direct(
-    workspace: DirectWorkspace,
+def compute_direct_far_field(
+    workspace: DirectFarFieldWorkspace,
     stripes: Stripes,
     radius: float,
     threaded: bool | None,
@@ -71,7 +71,7 @@ def find_far_direct(
 
     Parameters
     ----------
-    workspace : DirectWorkspace
+    workspace : DirectFarFieldWorkspace
     stripes : Stripes
         Stripes of the near part.
     radius : float
@@ -86,7 +86,7 @@ def find_far_direct(
         set_forces_to_nan(arrays, grains)
         return
     forces, every, near = workspace.near, workspace.extremes[0], workspace.extremes[1]
-    direct_sum(with_extremes(arrays, every), workspace.buffers, threaded, None)
+    direct_sum(replace_energy_and_closest(arrays, every), workspace.buffers, threaded, None)
     close = GrainArrays(
         arrays.x,
         arrays.y,
@@ -100,8 +100,8 @@ def find_far_direct(
         arrays.series,
         arrays.shift,
     )
-    cut_sum(stripes, radius, True, threaded, grains, close)
-    _subtract(arrays.fx, forces[0], grains)
-    _subtract(arrays.fy, forces[1], grains)
-    _subtract(arrays.load, workspace.load, grains)
+    cut_off_sum(stripes, radius, True, threaded, grains, close)
+    _subtract_if_wanted(arrays.fx, forces[0], grains)
+    _subtract_if_wanted(arrays.fy, forces[1], grains)
+    _subtract_if_wanted(arrays.load, workspace.load, grains)
     energy[0] = ENERGY * (every[0] - near[0])

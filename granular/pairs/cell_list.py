@@ -12,7 +12,7 @@ PLACES_A_GRAIN = 16
 """Entries for close pairs, per grain: overlapping discs of any sizes have about three each."""
 
 
-class Cells(NamedTuple):
+class CellList(NamedTuple):
     """Grains in the cells of a grid, and the partners of one grain: always long enough.
 
     Attributes
@@ -42,19 +42,19 @@ class ClosePairs(NamedTuple):
     first, second : int (p,)
     filled : int64 (1,)
         Number of pairs; -1 where the arrays are too short, or a position is no number.
-    cells : Cells
+    cells : CellList
     """
 
     first: np.ndarray
     second: np.ndarray
     filled: np.ndarray
-    cells: Cells
+    cells: CellList
 
 
-def cells_workspace(count: int) -> Cells:
+def cell_list_workspace(count: int) -> CellList:
     """Arrays for that many grains; up to four cells a grain."""
     size = max(count, 1)
-    return Cells(
+    return CellList(
         partners=np.zeros(size, dtype=np.int64),
         cell=np.zeros(size, dtype=np.int64),
         order=np.zeros(size, dtype=np.int64),
@@ -70,12 +70,12 @@ def close_pairs_workspace(count: int, capacity: int, kind: type = np.int64) -> C
         first=np.zeros(capacity, dtype=kind),
         second=np.zeros(capacity, dtype=kind),
         filled=np.zeros(1, dtype=np.int64),
-        cells=cells_workspace(count),
+        cells=cell_list_workspace(count),
     )
 
 
 @compiled
-def _cover_by_cells(
+def _grid_that_covers(
     x: Array, y: Array, count: int, reach: float, most: int
 ) -> tuple[float, float, float, int, int]:
     """Origin, size and numbers of cells that cover the grains, with at most ``most`` cells."""
@@ -95,11 +95,11 @@ def _cover_by_cells(
 
 
 @compiled
-def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) -> bool:
+def sort_into_cells(cells: CellList, x: Array, y: Array, count: int, reach: float) -> bool:
     """Sort grains into cells at least ``reach`` [D] wide; False where a position is no number."""
     if count == 0:
         return True
-    left, low, size, columns, rows = _cover_by_cells(x, y, count, reach, cells.begins.size - 2)
+    left, low, size, columns, rows = _grid_that_covers(x, y, count, reach, cells.begins.size - 2)
     cells.shape[0], cells.shape[1] = columns, rows
     cells.begins[: columns * rows + 1] = 0
     for i in range(count):
@@ -123,7 +123,7 @@ def sort_into_cells(cells: Cells, x: Array, y: Array, count: int, reach: float) 
 
 @compiled
 def _find_partners_in_cell(
-    cells: Cells, x: Array, y: Array, i: int, cell: int, reach: float, result: int
+    cells: CellList, x: Array, y: Array, i: int, cell: int, reach: float, result: int
 ) -> int:
     for index in range(cells.begins[cell], cells.begins[cell + 1]):
         j = cells.order[index]
@@ -137,7 +137,7 @@ def _find_partners_in_cell(
 
 
 @compiled
-def find_partners(cells: Cells, x: Array, y: Array, i: int, reach: float) -> int:
+def find_partners_of_grain(cells: CellList, x: Array, y: Array, i: int, reach: float) -> int:
     """Fill ``cells.partners`` with those of a grain; how many.
 
     Each pair is met once, with one of its two grains; the positions fix the order.
@@ -166,7 +166,7 @@ def find_close_pairs(
         pairs.filled[0] = -1
         return
     for i in range(count):
-        for k in range(find_partners(pairs.cells, x, y, i, reach)):
+        for k in range(find_partners_of_grain(pairs.cells, x, y, i, reach)):
             j = pairs.cells.partners[k]
             if radius is not None:
                 dx, dy, near = x[i] - x[j], y[i] - y[j], radius[i] + radius[j]

@@ -12,14 +12,19 @@ import numba
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import CUBE, ENERGY, FIFTH_ENERGY
-from granular.pairs.far_direct import DirectWorkspace, direct_workspace
+from granular.pairs.dipole_law import CUBE, ENERGY, FIFTH_ENERGY
+from granular.pairs.direct_far_field import DirectFarFieldWorkspace, direct_far_field_workspace
 from granular.pairs.grain_arrays import GrainArrays, set_forces_to_nan, value_or_one
-from granular.pairs.mesh import PARTS, Mesh, choose_windows, mesh_workspace
-from granular.pairs.mesh_grains import interpolate_potential, spread_grains
+from granular.pairs.grain_mesh_transfer import interpolate_potential, spread_grains
 from granular.pairs.mesh_potential import compute_mesh_potential
+from granular.pairs.multilevel_mesh import (
+    PARTS,
+    MultilevelMesh,
+    fit_windows_to_grains,
+    multilevel_mesh_workspace,
+)
 from granular.pairs.periodic_mesh import periodic_mesh_workspace
-from granular.pairs.stripe_lists import positions_are_finite
+from granular.pairs.stripe_partner_lists import positions_are_finite
 
 SPACINGS = 4.5
 """Of the finest mesh, in the split radius. With 4.5 the mesh takes about as long as the near part
@@ -49,7 +54,7 @@ MOST_POINTS = 1e8
 """Of the finest mesh: all of them take two gigabytes."""
 
 
-class FarField(NamedTuple):
+class FarFieldSettings(NamedTuple):
     """The far field of a scene.
 
     Attributes
@@ -79,13 +84,13 @@ class FarField(NamedTuple):
     fifth: float = 0.0
 
 
-class FarForces(NamedTuple):
+class FarFieldState(NamedTuple):
     """Forces and energy of the last evaluation, and the arrays that compute them.
 
     Attributes
     ----------
-    mesh : Mesh or None
-    direct : DirectWorkspace or None
+    mesh : MultilevelMesh or None
+    direct : DirectFarFieldWorkspace or None
         Instead of the mesh where all pairs are summed.
     radius : float
     own : float
@@ -112,8 +117,8 @@ class FarForces(NamedTuple):
         Twice the energy of each part of the grains.
     """
 
-    mesh: Mesh | None
-    direct: DirectWorkspace | None
+    mesh: MultilevelMesh | None
+    direct: DirectFarFieldWorkspace | None
     radius: float
     own: float
     fx: np.ndarray
@@ -129,16 +134,16 @@ class FarForces(NamedTuple):
     totals: np.ndarray
 
 
-def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForces:
+def far_field_state(field: FarFieldSettings, size: int, *, loaded: bool) -> FarFieldState:
     """Workspace for that many grains (padded)."""
     mesh, spacing = None, field.radius / SPACINGS
     if field.size is not None and field.periodic:
         mesh = periodic_mesh_workspace(*field.size, field.radius, spacing, field.fifth)
     elif field.size is not None:
-        mesh = mesh_workspace(*field.size, field.radius, spacing, size, field.fifth)
-    return FarForces(
+        mesh = multilevel_mesh_workspace(*field.size, field.radius, spacing, size, field.fifth)
+    return FarFieldState(
         mesh=mesh,
-        direct=direct_workspace(size, loaded=loaded) if mesh is None else None,
+        direct=direct_far_field_workspace(size, loaded=loaded) if mesh is None else None,
         radius=field.radius,
         own=CUBE[0] / (field.radius * field.radius * field.radius)
         + FIFTH_ENERGY[0] * field.fifth / field.radius**5,
@@ -156,8 +161,8 @@ def far_forces_workspace(field: FarField, size: int, *, loaded: bool) -> FarForc
     )
 
 
-class FarSums(NamedTuple):
-    """Grains for a far field, and the arrays for its results; see `find_far_forces`.
+class MeshFarFieldArrays(NamedTuple):
+    """Grains for a far field, and the arrays for its results; see `compute_mesh_far_field`.
 
     Attributes
     ----------
@@ -179,13 +184,13 @@ class FarSums(NamedTuple):
 
 
 @compiled(inline=True)
-def _store_load(load: Array | None, i: int, value: float) -> None:
+def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
     if load is not None:
         load[i] = value
 
 
 @compiled
-def _gather_part(mesh: Mesh, asked: FarSums, part: int) -> None:
+def _interpolate_forces_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays, part: int) -> None:
     """Return the forces of a part of the grains, and loads of grains that are all alike."""
     grains, total = asked.grains, 0.0
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
@@ -195,40 +200,40 @@ def _gather_part(mesh: Mesh, asked: FarSums, part: int) -> None:
         asked.fx[i] = -ENERGY * q * by_x
         asked.fy[i] = -ENERGY * q * by_y
         total += q * (value - asked.own * q)
-        _store_load(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
+        _store_load_if_wanted(asked.load, i, value_or_one(asked.weight, i) * (value - asked.own))
     asked.totals[part] = total
 
 
 @compiled
-def _gather_load_part(mesh: Mesh, asked: FarSums, part: int) -> None:
+def _interpolate_loads_of_part(mesh: MultilevelMesh, asked: MeshFarFieldArrays, part: int) -> None:
     """Return the loads of grains that differ, from a mesh of their weights."""
     grains = asked.grains
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = asked.order[k]
         value, _, _ = interpolate_potential(mesh, asked.x[i], asked.y[i])
-        _store_load(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
+        _store_load_if_wanted(asked.load, i, value - asked.own * value_or_one(asked.weight, i))
 
 
 @compiled(parallel=True)
-def _gather_threaded(mesh: Mesh, asked: FarSums) -> None:
+def _interpolate_forces_threaded(mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
     for part in numba.prange(PARTS):
-        _gather_part(mesh, asked, part)
+        _interpolate_forces_of_part(mesh, asked, part)
 
 
 @compiled(parallel=True)
-def _gather_load_threaded(mesh: Mesh, asked: FarSums) -> None:
+def _interpolate_loads_threaded(mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
     for part in numba.prange(PARTS):
-        _gather_load_part(mesh, asked, part)
+        _interpolate_loads_of_part(mesh, asked, part)
 
 
 @compiled
-def _gather_forces(threaded: bool | None, mesh: Mesh, asked: FarSums) -> float:
+def _interpolate_forces(threaded: bool | None, mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> float:
     """Fill forces and loads; the energy."""
     if threaded is None:
         for part in range(PARTS):
-            _gather_part(mesh, asked, part)
+            _interpolate_forces_of_part(mesh, asked, part)
     else:
-        _gather_threaded(mesh, asked)
+        _interpolate_forces_threaded(mesh, asked)
     total = 0.0
     for part in range(PARTS):
         total += asked.totals[part]
@@ -236,42 +241,51 @@ def _gather_forces(threaded: bool | None, mesh: Mesh, asked: FarSums) -> float:
 
 
 @compiled
-def _gather_load(threaded: bool | None, mesh: Mesh, asked: FarSums) -> None:
+def _interpolate_loads(threaded: bool | None, mesh: MultilevelMesh, asked: MeshFarFieldArrays) -> None:
     if threaded is None:
         for part in range(PARTS):
-            _gather_load_part(mesh, asked, part)
+            _interpolate_loads_of_part(mesh, asked, part)
     else:
-        _gather_load_threaded(mesh, asked)
+        _interpolate_loads_threaded(mesh, asked)
 
 
 @compiled(inline=True)
 def _choose_windows_unless_periodic(
-    around: Array | None, mesh: Mesh, x: Array, y: Array, grains: int
+    around: Array | None, mesh: MultilevelMesh, x: Array, y: Array, grains: int
 ) -> bool:
-    return True if around is not None else choose_windows(mesh, x, y, grains)
+    return True if around is not None else fit_windows_to_grains(mesh, x, y, grains)
 
 
 @compiled(inline=True)
-def _compute_load(
-    weight: Array | None, moments: Array | None, mesh: Mesh, threaded: bool | None, sums: FarSums
+def _compute_load_of_unlike_grains(
+    weight: Array | None,
+    moments: Array | None,
+    mesh: MultilevelMesh,
+    threaded: bool | None,
+    sums: MeshFarFieldArrays,
 ) -> None:
     """Compute the load of grains that differ; of others it comes with the forces."""
     if weight is not None and moments is not None:
         spread_grains(mesh, threaded, sums.x, sums.y, weight, sums.order, sums.grains)
         compute_mesh_potential(mesh, threaded)
-        _gather_load(threaded, mesh, sums)
+        _interpolate_loads(threaded, mesh, sums)
 
 
 @compiled
-def find_far_forces(
-    mesh: Mesh, far: FarForces, threaded: bool | None, grains: int, arrays: GrainArrays, order: Array
+def compute_mesh_far_field(
+    mesh: MultilevelMesh,
+    far: FarFieldState,
+    threaded: bool | None,
+    grains: int,
+    arrays: GrainArrays,
+    order: Array,
 ) -> int:
     """Compute force, energy and, where grains rub, load of the far part; 1 on too small a mesh.
 
     Parameters
     ----------
-    mesh : Mesh
-    far : FarForces
+    mesh : MultilevelMesh
+    far : FarFieldState
     threaded : bool or None
         None runs the parts one after another, anything else on Numba's threads.
     grains : int
@@ -290,7 +304,7 @@ def find_far_forces(
     if not _choose_windows_unless_periodic(mesh.around, mesh, x, y, grains):
         far.energy[0] = np.nan
         return 1
-    sums = FarSums(
+    sums = MeshFarFieldArrays(
         grains,
         x,
         y,
@@ -305,9 +319,9 @@ def find_far_forces(
     )
     spread_grains(mesh, threaded, x, y, arrays.moments, order, grains)
     compute_mesh_potential(mesh, threaded)
-    far.energy[0] = _gather_forces(threaded, mesh, sums)
+    far.energy[0] = _interpolate_forces(threaded, mesh, sums)
     store_positions(far.met, x, y, grains)
-    _compute_load(arrays.weight, arrays.moments, mesh, threaded, sums)
+    _compute_load_of_unlike_grains(arrays.weight, arrays.moments, mesh, threaded, sums)
     return 0
 
 

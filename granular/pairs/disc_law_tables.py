@@ -9,7 +9,7 @@ the dipoles' law at another distance with one more term. With s = rho^-5 it is a
     s + (8/3) c s^2 = (8/3) c ((s + g)^2 - g^2),   g = 3/(16 c),
 
 so that it costs no more than dipoles. With b the far field is exact up to the second multipole, and c is
-what brings this law closest to that of `granular.pairs.discs` beyond a distance. Nearer pairs have the
+what brings this law closest to that of `granular.pairs.disc_law` beyond a distance. Nearer pairs have the
 difference added, from a table of F/r in r^2 for each pair of species: cubic pieces, and the singular part
 at contact. Its energy is the integral of the same pieces. Below contact the force goes on with its value
 and slope.
@@ -23,15 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.pairs.dipole import STRENGTH
-from granular.pairs.discs import (
+from granular.pairs.dipole_law import STRENGTH
+from granular.pairs.disc_law import (
     Disc,
     Samples,
     contact_distance,
-    contact_singularity,
+    contact_force_singularity,
     disc_energy_and_force,
-    disc_shift,
-    pair_shift,
+    pair_squared_distance_shift,
+    squared_distance_shift,
 )
 from granular.pairs.simd import DISC_SCALE
 from granular.shared.errors import InputError
@@ -71,7 +71,7 @@ over a length of r^2, and factor, of the singular part; r^2 at which a run stops
 pieces hold the singular part, and at which the table ends; b."""
 
 
-class CloseTables(NamedTuple):
+class CloseDiscTables(NamedTuple):
     """Tables of the close pairs, for each pair of species.
 
     Attributes
@@ -95,7 +95,7 @@ the squared moment; squared speeds, rising, and the greatest squared angular fre
 both times the mass over the squared moment. The greatest over the species, and of energies the least."""
 
 
-class Discs(NamedTuple):
+class DiscLaw(NamedTuple):
     """The grains as discs; see the head of this file.
 
     Attributes
@@ -110,7 +110,7 @@ class Discs(NamedTuple):
         Number of species.
     reach : float
         Distance at which the longest table ends [D].
-    close : CloseTables
+    close : CloseDiscTables
     collision : float64 (3, n)
         See `TOUCH` and the others.
     """
@@ -120,11 +120,11 @@ class Discs(NamedTuple):
     species: np.ndarray | None
     kinds: int
     reach: float
-    close: CloseTables
+    close: CloseDiscTables
     collision: np.ndarray
 
 
-class _Pair(NamedTuple):
+class _ExactDiscPair(NamedTuple):
     """Two discs, and their exact law at distances from contact on; over that of dipoles."""
 
     discs: tuple[Disc, Disc]
@@ -134,10 +134,10 @@ class _Pair(NamedTuple):
 
     @property
     def shift(self) -> float:
-        return pair_shift(*self.discs)
+        return pair_squared_distance_shift(*self.discs)
 
     def errors(self, begin: float, c: float) -> Samples:
-        """Errors of the law of `Discs` from a distance on, over what is allowed."""
+        """Errors of the law of `DiscLaw` from a distance on, over what is allowed."""
         energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
@@ -154,7 +154,7 @@ def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
 
 
-def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
+def make_disc_law(discs: Sequence[Disc], species: np.ndarray, size: int) -> DiscLaw:
     """Law and tables of some species of discs, in units of the first one's diameter.
 
     Parameters
@@ -165,7 +165,11 @@ def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
     size : int
         Padded number of grains.
     """
-    made, alike, own = _make_discs_of_species(tuple(discs)), len(discs) == 1, [disc_shift(d) for d in discs]
+    made, alike, own = (
+        _make_disc_law_of_species(tuple(discs)),
+        len(discs) == 1,
+        [squared_distance_shift(d) for d in discs],
+    )
     series = made.series.copy()
     series[FAR] = 3.0 * float(np.mean([own[k] for k in species])) if len(species) else 0.0
     shift, index = np.zeros(size), np.zeros(size, dtype=np.int64)
@@ -174,25 +178,25 @@ def make_discs(discs: Sequence[Disc], species: np.ndarray, size: int) -> Discs:
 
 
 @functools.cache
-def _make_discs_of_species(discs: tuple[Disc, ...]) -> Discs:
+def _make_disc_law_of_species(discs: tuple[Disc, ...]) -> DiscLaw:
     """Law and tables, without what differs from grain to grain."""
     kinds = range(len(discs))
     pairs = {(i, j): _make_exact_pair(discs[i], discs[j]) for i in kinds for j in kinds if i <= j}
-    c, centre = _completed_square(_fit_energy_coefficient(list(pairs.values())))
+    c, centre = _complete_the_square(_fit_energy_coefficient(list(pairs.values())))
     begins = {key: _law_validity_distance(pair, c) for key, pair in pairs.items()}
-    made = {key: _close_pair_table(pair.discs, begins[key], c) for key, pair in pairs.items()}
+    made = {key: _close_disc_table(pair.discs, begins[key], c) for key, pair in pairs.items()}
     tables = [made[min(i, j), max(i, j)] for i in kinds for j in kinds]
     # One piece of zeros behind each table: what is listed beyond it need not be left out.
     most = max(len(pieces) for _, pieces, _ in tables) + 1
-    common = 2.0 * disc_shift(discs[0]) if len(discs) == 1 else 0.0
+    common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
     slope = max(_greatest_stiffness(pair, begins[key], c) for key, pair in pairs.items())
-    return Discs(
+    return DiscLaw(
         series=np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope]),
         shift=None,
         species=None,
         kinds=len(discs),
         reach=_WINDOW * max(begins.values()),
-        close=CloseTables(
+        close=CloseDiscTables(
             np.array([numbers for numbers, _, _ in tables]),
             np.array([np.pad(p, ((0, most - len(p)), (0, 0))) for _, p, _ in tables]),
             np.array([np.pad(e, (0, most + 1 - len(e))) for _, _, e in tables]),
@@ -201,12 +205,12 @@ def _make_discs_of_species(discs: tuple[Disc, ...]) -> Discs:
     )
 
 
-def _collision_stiffness_table(pairs: Sequence[_Pair]) -> Samples:
-    """Entries of `Discs.collision`, from pairs of alike discs; down to where a run stops."""
+def _collision_stiffness_table(pairs: Sequence[_ExactDiscPair]) -> Samples:
+    """Entries of `DiscLaw.collision`, from pairs of alike discs; down to where a run stops."""
     rows = []
     for pair in pairs:
         r = np.append(pair.r[::-1], pair.r[0] * np.linspace(1.0, CLOSEST, 20)[1:])
-        energy, force = continued_law(r, pair.discs)
+        energy, force = disc_law_continued_below_contact(r, pair.discs)
         slopes = np.maximum.accumulate(np.abs(np.gradient(force, r)))
         rows.append((0.25 * energy, 0.5 * slopes))
     squares = np.unique(np.concatenate([energy for energy, _ in rows]))
@@ -215,13 +219,13 @@ def _collision_stiffness_table(pairs: Sequence[_Pair]) -> Samples:
     return np.array([np.full(len(squares), touch), squares, np.max(envelopes, axis=0)])
 
 
-def _make_exact_pair(first: Disc, second: Disc) -> _Pair:
+def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
     contact = contact_distance(first, second)
     r = np.geomspace(contact, _BEYOND * contact, 400)
-    return _Pair((first, second), r, *disc_energy_and_force(r, first, second))
+    return _ExactDiscPair((first, second), r, *disc_energy_and_force(r, first, second))
 
 
-def _fit_energy_coefficient(pairs: Sequence[_Pair]) -> float:
+def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     """Return the c that makes the law good enough from the least distance on."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
@@ -242,7 +246,7 @@ def _fit_energy_coefficient(pairs: Sequence[_Pair]) -> float:
     )
 
 
-def _completed_square(c: float) -> tuple[float, float]:
+def _complete_the_square(c: float) -> tuple[float, float]:
     """Return c, changed in its last digits, and g / `DISC_SCALE`, whose square is exact for that.
 
     Then nothing is left at a distance where s is zero, as it is for padding.
@@ -251,13 +255,13 @@ def _completed_square(c: float) -> tuple[float, float]:
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
-def _law_validity_distance(pair: _Pair, c: float) -> float:
+def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
     """Distance from which on the law with that c is good enough."""
     wrong = np.abs(pair.errors(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(wrong).max(initial=0) + 1])
 
 
-def _greatest_stiffness(pair: _Pair, begin: float, c: float) -> float:
+def _greatest_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
     """Greatest stiffness beyond a distance, over that of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
@@ -271,22 +275,22 @@ def _smooth_cut_off_factor(u: Samples, begin: float, end: float) -> Samples:
     return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t * t))
 
 
-def _close_pair_table(
+def _close_disc_table(
     discs: tuple[Disc, Disc], begin: float, c: float
 ) -> tuple[list[float], Samples, Samples]:
-    """Entries of `CloseTables` for two discs."""
+    """Entries of `CloseDiscTables` for two discs."""
     contact = contact_distance(*discs)
     touch, end = contact**2, (_WINDOW * begin) ** 2
     many = int(np.ceil((end - touch) / (_PIECE * touch)))
     width = (end - touch) / many
     below = int(np.ceil((1.0 - 0.95 * CLOSEST**2) * touch / width))
     nodes: Samples = touch + width / 3.0 * np.arange(-3.0 * below, 3.0 * many + 1.0)
-    factor, z = contact_singularity(*discs)
+    factor, z = contact_force_singularity(*discs)
     # x = r - contact is (r^2 - contact^2) / (2 contact) and what is smoother.
     factor, z = STRENGTH / 3.0 * factor / (contact * (2.0 * contact) ** 1.5), 2.0 * contact * z
-    rest = _force_ratio_difference(nodes, discs, c) * _smooth_cut_off_factor(nodes, begin**2, end)
+    rest = _force_over_distance_difference(nodes, discs, c) * _smooth_cut_off_factor(nodes, begin**2, end)
     smooth = touch + _SINGULAR_PIECES * width
-    singular = factor * _complex_power(nodes - touch, z, 1.5)
+    singular = factor * _real_part_of_power(nodes - touch, z, 1.5)
     turned = np.linalg.inv(np.vander(np.arange(4) / 3.0, 4, increasing=True))
     indices = np.arange(below + many)[None] * 3 + np.arange(4)[:, None]
     pieces = (
@@ -294,7 +298,9 @@ def _close_pair_table(
     ).T
     losses = 0.5 * width * (pieces @ (1.0 / np.arange(1.0, 5.0)))
     energies = np.append(np.cumsum(losses[::-1])[::-1], 0.0)
-    energies[: below + _SINGULAR_PIECES] += 0.2 * factor * _complex_power(np.array([smooth - touch]), z, 2.5)
+    energies[: below + _SINGULAR_PIECES] += (
+        0.2 * factor * _real_part_of_power(np.array([smooth - touch]), z, 2.5)
+    )
     numbers = [
         nodes[0],
         1.0 / width,
@@ -304,44 +310,46 @@ def _close_pair_table(
         (CLOSEST * contact) ** 2,
         smooth,
         end,
-        pair_shift(*discs),
+        pair_squared_distance_shift(*discs),
     ]
     return [float(number) for number in numbers], pieces, energies
 
 
-def _complex_power(x: Samples, z: float, exponent: float) -> Samples:
+def _real_part_of_power(x: Samples, z: float, exponent: float) -> Samples:
     return np.asarray(((x + 1j * z) ** exponent).real * ((x > 0.0) | (z > 0.0)))
 
 
-def _force_ratio_difference(u: Samples, discs: tuple[Disc, Disc], c: float) -> Samples:
+def _force_over_distance_difference(u: Samples, discs: tuple[Disc, Disc], c: float) -> Samples:
     """F/r of the discs less that of the law of all pairs [F*/D]."""
     r = np.sqrt(u)
-    _, force = continued_law(r, discs)
-    return np.asarray(STRENGTH / 3.0 * (force - _all_pairs_law(r, pair_shift(*discs), c)[1]) / r)
+    _, force = disc_law_continued_below_contact(r, discs)
+    return np.asarray(
+        STRENGTH / 3.0 * (force - _all_pairs_law(r, pair_squared_distance_shift(*discs), c)[1]) / r
+    )
 
 
-def stiffness_over_dipoles(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
+def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
     """Stiffness of two discs over that of dipoles, by which the time step of a deck is chosen."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _BEYOND, 300)
-    slopes = np.gradient(continued_law(grid, discs)[1], grid)
+    slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
-def continued_law(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
+def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
     """`disc_energy_and_force`, which below contact goes on with the value and slope of the force."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
-    below, slope = np.minimum(r - contact, 0.0), contact_slope(*discs)
+    below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
     return energy - below * (force + 0.5 * slope * below), force + slope * below
 
 
-def contact_slope(first: Disc, second: Disc) -> float:
+def force_slope_at_contact(first: Disc, second: Disc) -> float:
     """dF/dr at contact, in the units of `disc_energy_and_force`."""
     contact = contact_distance(first, second)
-    factor, z = contact_singularity(first, second)
+    factor, z = contact_force_singularity(first, second)
     step = 1e-4 * contact
     x: Samples = step * np.arange(3.0)
     force = disc_energy_and_force(contact + x, first, second)[1]
-    smooth = force - factor * _complex_power(x, z, 1.5)
+    smooth = force - factor * _real_part_of_power(x, z, 1.5)
     slope = (-1.5 * smooth[0] + 2.0 * smooth[1] - 0.5 * smooth[2]) / step
-    return float(slope + 1.5 * factor * _complex_power(np.array([0.0]), z, 0.5)[0])
+    return float(slope + 1.5 * factor * _real_part_of_power(np.array([0.0]), z, 0.5)[0])

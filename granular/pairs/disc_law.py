@@ -12,12 +12,12 @@ those of one displacement v in all directions make a ring. It is the same as the
 2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without its oscillations.
 
 Far away it is the dipoles' energy times 1 + (3/2) b / r^2 + ..., and b is the sum of what each disc
-brings, `disc_shift`. As (1 - b/r^2)^(-3/2) begins in the same manner, dipoles at the distance
+brings, `squared_distance_shift`. As (1 - b/r^2)^(-3/2) begins in the same manner, dipoles at the distance
 rho = sqrt(r^2 - b) are much closer to discs than dipoles at r: that, with one term more, is what is
-summed over all pairs, and a table over the close ones makes up for the rest (`disc_tables`).
+summed over all pairs, and a table over the close ones makes up for the rest (`disc_law_tables`).
 
 Where both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
-else as the real part of (x + iz)^(3/2): `contact_singularity`.
+else as the real part of (x + iz)^(3/2): `contact_force_singularity`.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ class Disc(NamedTuple):
     height: float
 
 
-def disc_shift(disc: Disc) -> float:
+def squared_distance_shift(disc: Disc) -> float:
     """Part of a disc in b = r^2 - rho^2, for discs whose mid-planes are level."""
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
-def pair_shift(first: Disc, second: Disc, *, level: bool = True) -> float:
+def pair_squared_distance_shift(first: Disc, second: Disc, *, level: bool = True) -> float:
     """Return b of a pair, with the mid-planes level or both discs on one plate."""
     apart = 0.0 if level else first.height - second.height
-    return disc_shift(first) + disc_shift(second) - 0.75 * apart**2
+    return squared_distance_shift(first) + squared_distance_shift(second) - 0.75 * apart**2
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
@@ -86,20 +86,22 @@ def disc_energy_and_force(
         Energy over mu0 m1 m2 / (4 pi), and force over the same.
     """
     energy, force = np.zeros((2, len(r)))
-    for z, sign in _face_heights_and_signs(first, second, level=level):
-        of_faces, slope = _faces_energy(np.asarray(r, dtype=np.float64), z, first, second)
+    for z, sign in _face_pair_heights_and_signs(first, second, level=level):
+        of_faces, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
         energy += sign * of_faces
         force -= sign * slope
     return energy / _disc_volumes(first, second), force / _disc_volumes(first, second)
 
 
-def contact_singularity(first: Disc, second: Disc, *, level: bool = True) -> tuple[float, float]:
+def contact_force_singularity(first: Disc, second: Disc, *, level: bool = True) -> tuple[float, float]:
     """Factor and height z of the force's singular part, factor Re (x + iz)^(3/2).
 
     In the units of `disc_energy_and_force`. The nearest faces alone: others are smooth at contact.
     """
-    z = min(height for height, _ in _face_heights_and_signs(first, second, level=level))
-    many = sum(sign for height, sign in _face_heights_and_signs(first, second, level=level) if height == z)
+    z = min(height for height, _ in _face_pair_heights_and_signs(first, second, level=level))
+    many = sum(
+        sign for height, sign in _face_pair_heights_and_signs(first, second, level=level) if height == z
+    )
     reduced = first.radius * second.radius / (first.radius + second.radius)
     factor = many * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
     return float(factor / _disc_volumes(first, second)), z
@@ -109,7 +111,7 @@ def _disc_volumes(first: Disc, second: Disc) -> float:
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
-def _face_heights_and_signs(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
+def _face_pair_heights_and_signs(first: Disc, second: Disc, *, level: bool) -> list[tuple[float, float]]:
     """Heights of the faces above each other, and the signs of their energies."""
     apart, total = abs(first.height - second.height), first.height + second.height
     if level:
@@ -117,7 +119,7 @@ def _face_heights_and_signs(first: Disc, second: Disc, *, level: bool) -> list[t
     return [(0.0, 1.0), (apart, 1.0), (first.height, -1.0), (second.height, -1.0)]
 
 
-def _quadrature_nodes() -> tuple[Samples, Samples, Samples]:
+def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
     """Nodes on (0, 1), what lies between them and 1, and their weights."""
     k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
     u = 0.5 * np.pi * np.sinh(k)
@@ -134,25 +136,25 @@ def _overlap_area(v: Samples, above: Samples, below: Samples, radii: tuple[float
     return np.asarray(wide + narrow - 0.5 * s)
 
 
-def _faces_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
+def _face_pair_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
     """U of the head of this file, and its derivative by r."""
     radii = (first.radius, second.radius)
     low, high = abs(radii[0] - radii[1]), sum(radii)
-    left, right, weight = _quadrature_nodes()
+    left, right, weight = _tanh_sinh_nodes()
     width = high - low
     v, below = low + width * left, width * right
     area = _overlap_area(v, width * left, below, radii)
     # Displacements r - v from what is left up to contact: v itself is rounded.
-    energy, slope = _ring_potential(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
+    energy, slope = _ring_potential_and_slope(r, v, (r - high)[:, None] + below, z, area * v * width * weight)
     if low > 0.0:
         v = low * left
         inner = np.pi * min(radii) ** 2 * v * low * weight
-        more, slopes = _ring_potential(r, v, r[:, None] - v, z, inner)
+        more, slopes = _ring_potential_and_slope(r, v, r[:, None] - v, z, inner)
         energy, slope = energy + more, slope + slopes
     return energy, slope
 
 
-def _ring_potential(
+def _ring_potential_and_slope(
     r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
 ) -> tuple[Samples, Samples]:
     """Potential of rings of radii v at a distance r of their axis, and its derivative."""

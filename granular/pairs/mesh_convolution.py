@@ -34,7 +34,7 @@ def _convolve_along_lines(
 ) -> list[list[ir.Value]]:
     """Sum both sides of points along their lines; for each point, one sum for each term."""
     b = code.builder
-    sums = [_new_sums(code, TERMS) for _ in indices]
+    sums = [_allocate_zero_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
@@ -65,14 +65,14 @@ def _copy_periodic_lines(code: Code, rows: ir.Value, lines: ir.Value, reach: ir.
             code.store(value, rows, b.add(b.mul(here, block), position))
 
 
-def _new_sums(code: Code, many: int) -> list[Any]:
+def _allocate_zero_sums(code: Code, many: int) -> list[Any]:
     sums = [code.variable(constant(0.0)) for _ in range(many)]
     for sum_pointer in sums:
         code.builder.store(constant(0.0), sum_pointer)
     return sums
 
 
-def _add_tile(
+def _add_distances_to_line_sums(
     code: Code,
     rows: ir.Value,
     begin: ir.Value,
@@ -114,12 +114,12 @@ def _convolve_across_lines(
     result = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
     with cgutils.for_range_slice(b, zero, many, unity, INDEX) as (term, _):
         begin = b.add(b.mul(line, block), b.mul(term, ir.Constant(INDEX, WIDTH)))
-        fractions, sums, done = b.gep(table, [term]), _new_sums(code, _LINES), zero
+        fractions, sums, done = b.gep(table, [term]), _allocate_zero_sums(code, _LINES), zero
         for distances in _DISTANCES:
             step = ir.Constant(INDEX, distances)
             end = b.sub(reach, b.urem(b.sub(reach, done), step))
             with cgutils.for_range_slice(b, done, end, step, INDEX) as (apart, _):
-                _add_tile(code, rows, begin, fractions, apart, distances, sums)
+                _add_distances_to_line_sums(code, rows, begin, fractions, apart, distances, sums)
             done = end
         for position, total in zip(result, sums, strict=True):
             b.store(b.load(total), b.gep(position, [term]))
@@ -134,7 +134,7 @@ def _convolve_across_lines(
 
 
 @intrinsic
-def _convolve_columns(
+def _emit_column_convolution(
     typing: Any,
     source: Any,
     out: Any,
@@ -202,7 +202,7 @@ def _convolve_columns(
 
 
 @compiled
-def _convolve(
+def _compiled_convolve(
     source: Array,
     out: Array,
     along: Array,
@@ -218,12 +218,12 @@ def _convolve(
     rows[: reach * block] = 0.0
     rows[(reach + lines) * block : (2 * reach + lines) * block] = 0.0
     for group in range(len(along)):
-        _convolve_columns(
+        _emit_column_convolution(
             source, out, along[group], across[group], rows, at, stride, lines, group == 0, scale, around
         )
 
 
-def _plain_convolve(
+def _pure_python_convolve(
     source: Array,
     out: Array,
     along: Array,
@@ -249,7 +249,7 @@ def _plain_convolve(
             out[indices[chosen]] += scale * fraction * source[others + here]
 
 
-convolve = _plain_convolve if config.DISABLE_JIT else _convolve
+convolve_eight_columns = _pure_python_convolve if config.DISABLE_JIT else _compiled_convolve
 """Overwrite eight columns of some lines by what the sources about them make there.
 
 Parameters

@@ -2,7 +2,7 @@
 
 The law is the dipole pair: with s = r^-5 the force on i is (3/4) q_i q_j s (r_i - r_j), and
 r^-3 = r^2 s gives the energy and the friction load in the same pass. All sums lack the
-factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_tables`)
+factor `granular.pairs.simd.SCALE`, and the forces also 3/4. Of discs (`granular.pairs.disc_law_tables`)
 s = rho^-5, without `DISC_SCALE`; it enters the energy as rho^2 (s + c s^2), and the force as
 (s + g)^2 - g^2, whose sums lack a factor of their own.
 """
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from llvmlite import ir
 
-from granular.pairs.disc_tables import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
+from granular.pairs.disc_law_tables import CENTRE, COMMON, FAR, FORCE_SCALE, TERM
 from granular.pairs.simd import (
     DISC_SCALE,
     INDEX,
@@ -29,7 +29,7 @@ _AWAY = 1e100
 """Square of a displacement [D^2] that no two grains are apart."""
 
 
-class Sums(NamedTuple):
+class PairSums(NamedTuple):
     """Contributions of pairs to the sums of a grain; None for a sum that is not computed."""
 
     fx: Any
@@ -38,7 +38,7 @@ class Sums(NamedTuple):
     load: Any
 
 
-class Series(NamedTuple):
+class DiscLawVectors(NamedTuple):
     """The law of all pairs of discs, in every lane: b of alike discs, g, -g^2, and c of the energy."""
 
     common: Any
@@ -47,16 +47,16 @@ class Series(NamedTuple):
     energy: Any
 
 
-def _load_series(code: Code, pointer: Any) -> Series | None:
+def _load_disc_law(code: Code, pointer: Any) -> DiscLawVectors | None:
     if pointer is None:
         return None
     b, entries = code.builder, (COMMON, CENTRE, TERM)
     common, centre, term = (code.splat(code.scalar(pointer, ir.Constant(INDEX, k))) for k in entries)
     rest = b.fneg(b.fmul(centre, centre))
-    return Series(common, centre, rest, b.fmul(constant(DISC_SCALE), term))
+    return DiscLawVectors(common, centre, rest, b.fmul(constant(DISC_SCALE), term))
 
 
-class Arrays:
+class GrainArrayPointers:
     """Pointers of one call's `GrainArrays`. An absent array is None, and no code is made for it.
 
     Of arrays with two dimensions, the row that is given.
@@ -68,15 +68,15 @@ class Arrays:
             for index, kind in enumerate(kinds)
         ]
         self.x, self.y = pointers[:2]
-        self.sums = Sums(pointers[2], pointers[3], pointers[5], pointers[7])
+        self.sums = PairSums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.extremes, self.weight = pointers[4], pointers[6], pointers[8]
-        self.series, self.shift = _load_series(code, pointers[9]), pointers[10]
+        self.series, self.shift = _load_disc_law(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
         self.far = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FAR))
-        self.force_scale = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FORCE_SCALE))
+        self.unscaled_force_factor = pointers[9] and code.scalar(pointers[9], ir.Constant(INDEX, FORCE_SCALE))
 
 
-class Grains(NamedTuple):
+class GrainVectors(NamedTuple):
     """A vector of grains: eight of them, or one in every lane."""
 
     x: Any
@@ -86,28 +86,30 @@ class Grains(NamedTuple):
     shift: Any
 
 
-def present_arrays(values: Sums) -> list[Any]:
+def computed_sums(values: PairSums) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-def load_eight_grains(code: Code, arrays: Arrays, j: ir.Value) -> Grains:
+def load_eight_grains(code: Code, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return Grains(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
+    return GrainVectors(*(None if pointer is None else code.load(pointer, j) for pointer in pointers))
 
 
-def broadcast_grain(code: Code, arrays: Arrays, i: ir.Value) -> Grains:
+def broadcast_grain(code: Code, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
     pointers = (arrays.x, arrays.y, arrays.moments, arrays.weight, arrays.shift)
-    return Grains(*(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers))
+    return GrainVectors(
+        *(None if pointer is None else code.splat(code.scalar(pointer, i)) for pointer in pointers)
+    )
 
 
-class SmoothSplit(NamedTuple):
+class FarPartCoefficients(NamedTuple):
     """Coefficients in r^2 of the far parts of r^-5 and r^-3, over the scale, in every lane."""
 
     fifth: list[Any]
     cube: list[Any]
 
 
-class Cut(NamedTuple):
+class CutOffVectors(NamedTuple):
     """Cut-off of the pairs, in every lane: its square, and r^-3 there over the scale.
 
     With ``smooth`` the law ends there smoothly: its far part is taken off. Of discs, ``rest`` holds
@@ -116,19 +118,19 @@ class Cut(NamedTuple):
 
     square: Any
     cube: Any
-    smooth: SmoothSplit | None = None
+    smooth: FarPartCoefficients | None = None
     rest: list[Any] | None = None
 
 
-def make_cut(
-    code: Code, square: ir.Value, rest: ir.Value, smooth: SmoothSplit | None, far: ir.Value | None
-) -> Cut:
+def make_cut_off_vectors(
+    code: Code, square: ir.Value, rest: ir.Value, smooth: FarPartCoefficients | None, far: ir.Value | None
+) -> CutOffVectors:
     """Return the cut-off from its square and r^-3 there over the scale.
 
     ``far`` is the factor of r^-5 in the far part of discs; None for dipoles.
     """
     b = code.builder
-    cut = Cut(code.splat(square), code.splat(rest), smooth)
+    cut = CutOffVectors(code.splat(square), code.splat(rest), smooth)
     if far is None:
         return cut
     # (r^2 - b)^(-3/2) = r^-3 (1 + (3/2) b/r^2 + (15/8) b^2/r^4 + ...), less the far part.
@@ -140,7 +142,7 @@ def make_cut(
     return cut._replace(rest=[code.splat(factor) for factor in factors])
 
 
-class PeriodicImages(NamedTuple):
+class PeriodicCellVectors(NamedTuple):
     """A periodic cell, in every lane: its sides, and one over them."""
 
     width: Any
@@ -148,7 +150,7 @@ class PeriodicImages(NamedTuple):
     per_width: Any
     per_height: Any
 
-    def nearest(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
+    def nearest_image_displacement(self, code: Code, dx: ir.Value, dy: ir.Value) -> tuple[ir.Value, ir.Value]:
         """Displacement to the nearest image."""
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
@@ -159,7 +161,7 @@ class PeriodicImages(NamedTuple):
         return b.select(padding, dx, result[0]), result[1]
 
 
-class Extremes:
+class EnergyAndClosestPair:
     """The energy of a sweep, and its closest pair."""
 
     def __init__(self, code: Code, pointer: ir.Value) -> None:
@@ -167,13 +169,13 @@ class Extremes:
         self.energy = pointer and code.variable(constant(0.0))
         self.closest = pointer and code.variable(constant(0.0))
 
-    def meet(self, s: ir.Value, energy: ir.Value) -> None:
+    def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             code.add_in_place(self.energy, energy)
             b.store(code.greater(s, b.load(self.closest)), self.closest)
 
-    def finish(self) -> None:
+    def store_results(self) -> None:
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -184,20 +186,20 @@ class Extremes:
             code.put_scalar(closest, self.pointer, second)
 
 
-def _polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
+def _evaluate_polynomial(code: Code, coefficients: list[Any], r2: ir.Value) -> ir.Value:
     value = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         value = code.fused_multiply_add(value, r2, coefficient)
     return value
 
 
-def _pair_energy_lanes(
+def _pair_energies(
     code: Code,
     r2: ir.Value,
     s: ir.Value,
     strength: ir.Value,
     pair: ir.Value | None,
-    cut: Cut | None,
+    cut: CutOffVectors | None,
     cube: ir.Value | None,
     shift: ir.Value | None,
 ) -> ir.Value:
@@ -206,7 +208,7 @@ def _pair_energy_lanes(
     if cube is not None:
         if shift is not None and cut is not None and cut.rest is not None:
             inside = b.fcmp_unordered("!=", s, constant(0.0))
-            rest = _polynomial(code, cut.rest, shift)
+            rest = _evaluate_polynomial(code, cut.rest, shift)
             cube = b.select(inside, b.fsub(cube, rest), constant(0.0))
         return cube if pair is None else b.fmul(cube, pair)
     energy = b.fmul(r2, strength)
@@ -222,8 +224,8 @@ def _masked_inverse_fifth_power(
     argument: ir.Value,
     r2: ir.Value,
     lanes: list[bool] | None,
-    cut: Cut | None,
-    series: Series | None,
+    cut: CutOffVectors | None,
+    series: DiscLawVectors | None,
 ) -> ir.Value:
     """Return ``argument``^(-5/2), and 0 where a pair does not count."""
     b, zero = code.builder, constant(0.0)
@@ -237,15 +239,15 @@ def _masked_inverse_fifth_power(
 
 def pair_contributions(
     code: Code,
-    first: Grains,
-    second: Grains,
-    wanted: Sums,
-    extremes: Extremes,
+    first: GrainVectors,
+    second: GrainVectors,
+    wanted: PairSums,
+    extremes: EnergyAndClosestPair,
     lanes: list[bool] | None = None,
-    cut: Cut | None = None,
-    images: PeriodicImages | None = None,
-    series: Series | None = None,
-) -> tuple[Sums, Sums]:
+    cut: CutOffVectors | None = None,
+    images: PeriodicCellVectors | None = None,
+    series: DiscLawVectors | None = None,
+) -> tuple[PairSums, PairSums]:
     """Contributions of the pairs to the sums of the first grains, and to those of the second ones.
 
     Only in the lanes that are given, or in all.
@@ -254,7 +256,7 @@ def pair_contributions(
     zero = constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
     if images is not None:
-        dx, dy = images.nearest(code, dx, dy)
+        dx, dy = images.nearest_image_displacement(code, dx, dy)
     r2 = code.fused_multiply_add(dx, dx, b.fmul(dy, dy))
     # Of dipoles, all of these are the same; of discs, s stands for rho^-5.
     argument, shift = r2, None
@@ -273,17 +275,17 @@ def pair_contributions(
     if cut is not None and cut.smooth is not None:
         # Not zero, and so inside, also where two grains are at one place and s is no number.
         inside = b.fcmp_unordered("!=", s, zero)
-        fifth = _polynomial(code, cut.smooth.fifth, r2)
+        fifth = _evaluate_polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
     if extremes.pointer is not None or wanted.load is not None:
-        cube = _near_inverse_cube(code, r2, argument, energy, shift, cut)
+        cube = _inverse_cube_in_energy(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if extremes.pointer is not None:
         closest = s if series is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
-        extremes.meet(closest, _pair_energy_lanes(code, r2, s, strength, pair, cut, cube, shift))
+        extremes.include_pairs(closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift))
     # Products and sums apart: action and reaction are equal to the last bit, and processors with
     # units for sums of their own are faster.
     fx, fy = b.fmul(strength, dx), b.fmul(strength, dy)
@@ -297,11 +299,16 @@ def pair_contributions(
         if cube is None:
             cube = b.fmul(r2, s)
         own[3], other[3] = b.fmul(cube, second.weight), b.fmul(cube, first.weight)
-    return Sums(*own), Sums(*other)
+    return PairSums(*own), PairSums(*other)
 
 
-def _near_inverse_cube(
-    code: Code, r2: ir.Value, argument: ir.Value, energy: ir.Value, shift: ir.Value | None, cut: Cut | None
+def _inverse_cube_in_energy(
+    code: Code,
+    r2: ir.Value,
+    argument: ir.Value,
+    energy: ir.Value,
+    shift: ir.Value | None,
+    cut: CutOffVectors | None,
 ) -> ir.Value | None:
     """Return what stands for r^-3 in energies, of discs or where a far part is taken off."""
     b, zero = code.builder, constant(0.0)
@@ -310,9 +317,9 @@ def _near_inverse_cube(
         return None
     cube = b.fmul(argument, energy)
     if smooth is not None:
-        cube = b.fsub(cube, _polynomial(code, smooth.cube, r2))
+        cube = b.fsub(cube, _evaluate_polynomial(code, smooth.cube, r2))
     return cube if cut is None else b.select(b.fcmp_unordered("!=", energy, zero), cube, zero)
 
 
-def add_lanes(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
+def add_vectors(code: Code, totals: list[Any], values: list[Any]) -> list[Any]:
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]

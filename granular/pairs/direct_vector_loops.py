@@ -1,7 +1,7 @@
 """The sweeps of the direct sum: rows of grains against eight partners at a time.
 
 Numba does not vectorise a loop that also subtracts from the partner (``fx[j] -= ...``), so the
-inner loops are emitted here; see `granular.pairs.interact` for what they sum.
+inner loops are emitted here; see `granular.pairs.pair_contributions` for what they sum.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.interact import (
-    Arrays,
-    Cut,
-    Extremes,
-    Grains,
-    PeriodicImages,
-    add_lanes,
+from granular.pairs.pair_contributions import (
+    CutOffVectors,
+    EnergyAndClosestPair,
+    GrainArrayPointers,
+    GrainVectors,
+    PeriodicCellVectors,
+    add_vectors,
     broadcast_grain,
+    computed_sums,
     load_eight_grains,
-    make_cut,
+    make_cut_off_vectors,
     pair_contributions,
-    present_arrays,
 )
 from granular.pairs.simd import INDEX, WIDTH, Code, constant, has_avx512, pad_to_vectors
 
-__all__ = ["WIDTH", "lane_sum", "pad_to_vectors", "sweep_block", "sweep_rows"]
+__all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
 
 
 def _rows_at_once(context: Any) -> int:
@@ -40,11 +40,13 @@ def _rows_at_once(context: Any) -> int:
 class _PeriodicCutOff(NamedTuple):
     """Cut-off and images of the pairs in a periodic cell; None and None where all pairs count."""
 
-    cut: Cut | None
-    images: PeriodicImages | None
+    cut: CutOffVectors | None
+    images: PeriodicCellVectors | None
 
 
-def _make_periodic_cut_off(code: Code, arrays: Arrays, kind: Any, nearest: Any) -> _PeriodicCutOff:
+def _make_periodic_cut_off(
+    code: Code, arrays: GrainArrayPointers, kind: Any, nearest: Any
+) -> _PeriodicCutOff:
     """Make it from width, height and radius [D]."""
     if isinstance(kind, types.NoneType):
         return _PeriodicCutOff(None, None)
@@ -54,13 +56,13 @@ def _make_periodic_cut_off(code: Code, arrays: Arrays, kind: Any, nearest: Any) 
     square = b.fmul(radius, radius)
     rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
-    cut = make_cut(code, square, rest, None, arrays.far)
-    return _PeriodicCutOff(cut, PeriodicImages(*(code.splat(side) for side in sides)))
+    cut = make_cut_off_vectors(code, square, rest, None, arrays.far)
+    return _PeriodicCutOff(cut, PeriodicCellVectors(*(code.splat(side) for side in sides)))
 
 
-def _sum_rows_with_partners(
+def _emit_rows_with_partners(
     code: Code,
-    arrays: Arrays,
+    arrays: GrainArrayPointers,
     ends: _PeriodicCutOff,
     first: ir.Value,
     rows: int,
@@ -71,9 +73,9 @@ def _sum_rows_with_partners(
     b = code.builder
     indices = [b.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
     grains = [broadcast_grain(code, arrays, position) for position in indices]
-    pointers = present_arrays(arrays.sums)
+    pointers = computed_sums(arrays.sums)
     totals = [[code.variable(constant(0.0)) for _ in pointers] for _ in range(rows)]
-    extremes = Extremes(code, arrays.extremes)
+    extremes = EnergyAndClosestPair(code, arrays.extremes)
     with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         partners = load_eight_grains(code, arrays, j)
         reactions = [code.load(pointer, j) for pointer in pointers]
@@ -81,78 +83,80 @@ def _sum_rows_with_partners(
             own, other = pair_contributions(
                 code, grain, partners, arrays.sums, extremes, None, *ends, arrays.series
             )
-            for total, value in zip(sums, present_arrays(own), strict=True):
+            for total, value in zip(sums, computed_sums(own), strict=True):
                 code.add_in_place(total, value)
-            reactions = add_lanes(code, reactions, present_arrays(other))
+            reactions = add_vectors(code, reactions, computed_sums(other))
         for pointer, reaction in zip(pointers, reactions, strict=True):
             code.store(reaction, pointer, j)
     for which, pointer in enumerate(pointers):
         vectors = [b.load(sums[which]) for sums in totals]
         code.add_vector(code.totals(vectors), pointer, first)
-    extremes.finish()
+    extremes.store_results()
 
 
-def _sum_pairs_within_block(code: Code, arrays: Arrays, ends: _PeriodicCutOff, first: ir.Value) -> None:
+def _emit_pairs_within_block(
+    code: Code, arrays: GrainArrayPointers, ends: _PeriodicCutOff, first: ir.Value
+) -> None:
     """Pairs of eight grains: each lane with the ones 1, 2, 3 and 4 behind it, round the end."""
     grains = load_eight_grains(code, arrays, first)
-    pointers = present_arrays(arrays.sums)
+    pointers = computed_sums(arrays.sums)
     totals = [code.load(pointer, first) for pointer in pointers]
-    extremes = Extremes(code, arrays.extremes)
+    extremes = EnergyAndClosestPair(code, arrays.extremes)
     for by in range(1, WIDTH // 2 + 1):
-        partners = Grains(*(None if grain is None else code.turned(grain, by) for grain in grains))
+        partners = GrainVectors(*(None if grain is None else code.turned(grain, by) for grain in grains))
         # Half way round, each pair would be met from both ends.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
         own, other = pair_contributions(
             code, grains, partners, arrays.sums, extremes, lanes, *ends, arrays.series
         )
-        totals = add_lanes(code, totals, present_arrays(own))
-        back = [code.turned(value, WIDTH - by) for value in present_arrays(other)]
-        totals = add_lanes(code, totals, back)
+        totals = add_vectors(code, totals, computed_sums(own))
+        back = [code.turned(value, WIDTH - by) for value in computed_sums(other)]
+        totals = add_vectors(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
         code.store(total, pointer, first)
-    extremes.finish()
+    extremes.store_results()
 
 
 @intrinsic
-def sweep_rows(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, nearest: Any) -> Any:
+def sum_rows_with_partners(typing: Any, arrays: Any, first: Any, start: Any, stop: Any, nearest: Any) -> Any:
     """Sum the pairs of the eight grains from ``first`` on with the partners start .. stop - 1.
 
-    ``nearest`` as in `granular.pairs.direct.direct_sum`.
+    ``nearest`` as in `granular.pairs.direct_sum.direct_sum`.
     """
     signature = types.void(arrays, types.intp, types.intp, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        arrays = Arrays(code, signature.args[0], values[0])
+        arrays = GrainArrayPointers(code, signature.args[0], values[0])
         first, start, stop, nearest = values[1:]
         ends = _make_periodic_cut_off(code, arrays, signature.args[4], nearest)
         rows = _rows_at_once(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
         with cgutils.for_range_slice(builder, first, last, step, INDEX) as (row, _):
-            _sum_rows_with_partners(code, arrays, ends, row, rows, start, stop)
+            _emit_rows_with_partners(code, arrays, ends, row, rows, start, stop)
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def sweep_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
+def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, nearest: Any) -> Any:
     """Sum the pairs of the eight grains from ``first`` on among themselves."""
     signature = types.void(arrays, types.intp, nearest)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
-        arrays = Arrays(code, signature.args[0], values[0])
+        arrays = GrainArrayPointers(code, signature.args[0], values[0])
         ends = _make_periodic_cut_off(code, arrays, signature.args[2], values[2])
-        _sum_pairs_within_block(code, arrays, ends, values[1])
+        _emit_pairs_within_block(code, arrays, ends, values[1])
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def sum_lanes(typing: Any, values: Any, stop: Any) -> Any:
+def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
     """Sum of the first ``stop`` values (a multiple of the width), lane by lane, then as a tree."""
     signature = types.float64(values, types.intp)
 
@@ -169,13 +173,13 @@ def sum_lanes(typing: Any, values: Any, stop: Any) -> Any:
 
 
 @compiled
-def _sum_of_lanes(values: Array) -> float:
-    return sum_lanes(values, values.size)
+def _compiled_array_sum(values: Array) -> float:
+    return emit_sum_of_array(values, values.size)
 
 
-def _plain_sum(values: Array) -> float:
+def _numpy_array_sum(values: Array) -> float:
     return float(values.sum())
 
 
-lane_sum = _plain_sum if config.DISABLE_JIT else _sum_of_lanes
+reproducible_sum = _numpy_array_sum if config.DISABLE_JIT else _compiled_array_sum
 """Sum of a padded array, in an order that depends on nothing but its length."""

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.pairs.dipole import STRENGTH, head_on_stiffness
-from granular.pairs.disc_tables import (
+from granular.pairs.dipole_law import STRENGTH, head_on_frequency_squared
+from granular.pairs.disc_law_tables import (
     CONTACT,
     END,
     HEIGHT,
@@ -28,10 +28,10 @@ from granular.pairs.disc_tables import (
     STIFFNESS,
     STIFFNESSES,
     TERM,
-    CloseTables,
-    Discs,
+    CloseDiscTables,
+    DiscLaw,
 )
-from granular.pairs.grain_arrays import GrainArrays, add_at, value_or_one
+from granular.pairs.grain_arrays import GrainArrays, add_to_entry_if_given, value_or_one
 
 SKIN = 0.15
 """Added to the reach of the list [D]: it is made anew once a grain has moved by half of it."""
@@ -40,7 +40,7 @@ _PARTNERS = 24
 """Room for pairs, per grain, at a reach of 2 D; a longer one needs more, as its square."""
 
 
-class CloseDiscs(NamedTuple):
+class CloseDiscList(NamedTuple):
     """The list of close pairs, and what makes it.
 
     Attributes
@@ -71,11 +71,11 @@ class CloseDiscs(NamedTuple):
     periods: np.ndarray | None
 
 
-def close_discs_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscs:
+def close_disc_list_workspace(size: int, reach: float, periods: tuple[float, float] | None) -> CloseDiscList:
     """Workspace for that many grains (padded) and that reach of the tables [D]."""
     capacity = size * math.ceil(_PARTNERS * max(1.0, (reach / 2.0) ** 2))
     capacity = min(capacity, max(1, size * (size - 1) // 2))
-    return CloseDiscs(
+    return CloseDiscList(
         first=np.zeros(capacity, dtype=np.uint32),
         second=np.zeros(capacity, dtype=np.uint32),
         filled=np.zeros(1, dtype=np.int64),
@@ -114,7 +114,7 @@ def _coordinate_extent(periods: Array | None, axis: int, values: Array, grains: 
 
 
 @compiled(inline=True)
-def _neighbour_cell_line(periods: Array | None, line: int, lines: int) -> int:
+def _neighbour_line_of_cells(periods: Array | None, line: int, lines: int) -> int:
     """Line of cells beside another one; -1 outside of a closed cell."""
     if periods is not None:
         return line % lines
@@ -122,7 +122,7 @@ def _neighbour_cell_line(periods: Array | None, line: int, lines: int) -> int:
 
 
 @compiled
-def _sort_into_cells(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> tuple[int, int]:
+def _sort_into_cells(close: CloseDiscList, x: Array, y: Array, grains: int, reach: float) -> tuple[int, int]:
     """Sort grains into cells no smaller than the reach; return the columns and rows."""
     periods, firsts = close.periods, close.firsts
     left, width = _coordinate_extent(periods, 0, x, grains)
@@ -151,7 +151,7 @@ def _sort_into_cells(close: CloseDiscs, x: Array, y: Array, grains: int, reach: 
 
 
 @compiled
-def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
+def _list_close_pairs(close: CloseDiscList, x: Array, y: Array, grains: int, reach: float) -> bool:
     """Fill the list; False where it has no room."""
     columns, rows = _sort_into_cells(close, x, y, grains, reach)
     periods, second, last = close.periods, close.second, 0
@@ -160,8 +160,8 @@ def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: fl
         column, row = close.cell[i] % columns, close.cell[i] // columns
         for up in range(-1 if rows > 1 else 0, 2 if rows > 1 else 1):
             for by in range(-1 if columns > 1 else 0, 2 if columns > 1 else 1):
-                line = _neighbour_cell_line(periods, row + up, rows)
-                across = _neighbour_cell_line(periods, column + by, columns)
+                line = _neighbour_line_of_cells(periods, row + up, rows)
+                across = _neighbour_line_of_cells(periods, column + by, columns)
                 if line < 0 or across < 0:
                     continue
                 cell = line * columns + across
@@ -185,7 +185,7 @@ def _list_partners(close: CloseDiscs, x: Array, y: Array, grains: int, reach: fl
 
 
 @compiled
-def _refresh_pair_list(close: CloseDiscs, x: Array, y: Array, grains: int, reach: float) -> bool:
+def _refresh_pair_list(close: CloseDiscList, x: Array, y: Array, grains: int, reach: float) -> bool:
     """Make the list hold every pair within the reach; False where it cannot."""
     moved, most = 0, 0.25 * SKIN * SKIN
     for i in range(grains):
@@ -198,23 +198,23 @@ def _refresh_pair_list(close: CloseDiscs, x: Array, y: Array, grains: int, reach
         odd += 0.0 * x[i] + 0.0 * y[i] != 0.0
         close.built[0, i], close.built[1, i] = x[i], y[i]
     close.grains[0] = -1 if odd else grains
-    return odd == 0 and _list_partners(close, x, y, grains, reach + SKIN)
+    return odd == 0 and _list_close_pairs(close, x, y, grains, reach + SKIN)
 
 
 @compiled(inline=True)
-def _species_pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
+def _table_row_of_pair(species: Array | None, kinds: int, i: int, j: int) -> int:
     return 0 if species is None else species[i] * kinds + species[j]
 
 
 @compiled(inline=True)
-def _force_table_entries(tables: CloseTables, row: int) -> tuple[float, float, float]:
+def _force_table_entries(tables: CloseDiscTables, row: int) -> tuple[float, float, float]:
     """Entries of a pair of species that the forces take."""
     return tables.pairs[row, START], tables.pairs[row, PER_PIECE], tables.pairs[row, SMOOTH]
 
 
 @compiled(inline=True)
 def _force_table_entries_of_pair(
-    species: Array | None, tables: CloseTables, row: int, alike: tuple[float, float, float]
+    species: Array | None, tables: CloseDiscTables, row: int, alike: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Those of a pair: where all grains are alike they stay in registers."""
     return alike if species is None else _force_table_entries(tables, row)
@@ -222,7 +222,7 @@ def _force_table_entries_of_pair(
 
 @compiled(inline=True)
 def _find_spline_piece(
-    tables: CloseTables, start: float, per_piece: float, u: float
+    tables: CloseDiscTables, start: float, per_piece: float, u: float
 ) -> tuple[np.uint64, float]:
     """Piece of a table at r^2 = u, and the fraction of it that is passed.
 
@@ -234,19 +234,19 @@ def _find_spline_piece(
 
 
 @compiled(inline=True)
-def _find_spline_piece_of_row(tables: CloseTables, row: int, u: float) -> tuple[np.uint64, float]:
+def _find_spline_piece_of_row(tables: CloseDiscTables, row: int, u: float) -> tuple[np.uint64, float]:
     return _find_spline_piece(tables, tables.pairs[row, START], tables.pairs[row, PER_PIECE], u)
 
 
 @compiled(inline=True)
-def _spline_force_ratio(tables: CloseTables, row: int, k: np.uint64, t: float) -> float:
+def _spline_force_ratio(tables: CloseDiscTables, row: int, k: np.uint64, t: float) -> float:
     """F/r that a piece adds, over the moments."""
     p = tables.pieces
     return p[row, k, 0] + t * p[row, k, 1] + t * t * (p[row, k, 2] + t * p[row, k, 3])
 
 
 @compiled(inline=True)
-def _spline_energy(tables: CloseTables, row: int, u: float) -> float:
+def _spline_energy(tables: CloseDiscTables, row: int, u: float) -> float:
     """Energy that they add."""
     k, t = _find_spline_piece_of_row(tables, row, u)
     p = tables.pieces
@@ -256,7 +256,7 @@ def _spline_energy(tables: CloseTables, row: int, u: float) -> float:
 
 
 @compiled(inline=True)
-def _spline_force_slope(tables: CloseTables, row: int, u: float) -> float:
+def _spline_force_slope(tables: CloseDiscTables, row: int, u: float) -> float:
     """d(F/r)/d(r^2) that they add."""
     k, t = _find_spline_piece_of_row(tables, row, u)
     p = tables.pieces
@@ -265,7 +265,7 @@ def _spline_force_slope(tables: CloseTables, row: int, u: float) -> float:
 
 
 @compiled
-def _singular_contact_part(tables: CloseTables, row: int, u: float) -> tuple[float, float, float]:
+def _singular_contact_part(tables: CloseDiscTables, row: int, u: float) -> tuple[float, float, float]:
     """F/r, energy and d(F/r)/d(r^2) of the singular part; the root is that of x + iz."""
     factor = tables.pairs[row, SINGULAR]
     x, z = u - tables.pairs[row, CONTACT], tables.pairs[row, HEIGHT]
@@ -276,7 +276,7 @@ def _singular_contact_part(tables: CloseTables, row: int, u: float) -> tuple[flo
 
 
 @compiled
-def _stiffness_beyond_bound(discs: Discs, row: int, u: float) -> float:
+def _stiffness_above_bound(discs: DiscLaw, row: int, u: float) -> float:
     """Stiffness of a close pair less the bound that stands for it, over the moments."""
     tables, force = discs.close, 8.0 / 3.0 * discs.series[TERM]
     rho2 = u - tables.pairs[row, SHIFT]
@@ -293,20 +293,20 @@ def _stiffness_beyond_bound(discs: Discs, row: int, u: float) -> float:
 
 
 @compiled
-def _tabulated_energy(tables: CloseTables, row: int, u: float) -> float:
+def _tabulated_energy(tables: CloseDiscTables, row: int, u: float) -> float:
     """Energy that a table adds, over the moments."""
     singular = _singular_contact_part(tables, row, u)[1] if u < tables.pairs[row, SMOOTH] else 0.0
     return _spline_energy(tables, row, u) + singular
 
 
 @compiled
-def head_on_disc_stiffness(discs: Discs, speed: float, mass: float, moment: float) -> float:
-    """`granular.pairs.dipole.head_on_stiffness` of discs; the stiffest species counts."""
+def head_on_disc_frequency_squared(discs: DiscLaw, speed: float, mass: float, moment: float) -> float:
+    """`granular.pairs.dipole_law.head_on_frequency_squared` of discs; the stiffest species counts."""
     strength = moment * (moment / mass)
     squares = discs.collision[SQUARES]
     square = speed * speed / strength
     if square < squares[0]:
-        return head_on_stiffness(speed, mass, moment)
+        return head_on_frequency_squared(speed, mass, moment)
     last = min(np.searchsorted(squares, square), squares.size - 1)
     return strength * discs.collision[STIFFNESSES, last]
 
@@ -319,7 +319,9 @@ def _pair_displacement(periods: Array | None, x: Array, y: Array, i: int, j: int
     )
 
 
-def closest_over_contact(discs: Discs, close: CloseDiscs, x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
+def closest_distance_over_contact(
+    discs: DiscLaw, close: CloseDiscList, x: np.ndarray, y: np.ndarray
+) -> tuple[float, int]:
     """Least distance of two discs over that at which they touch, and the first of them."""
     i, j = close.first[: close.filled[0]], close.second[: close.filled[0]]
     if not len(i):
@@ -342,7 +344,7 @@ def _add_pair_force(arrays: GrainArrays, i: int, j: int, dx: float, dy: float, r
 
 
 @compiled
-def _add_spline_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
+def _add_spline_forces(discs: DiscLaw, close: CloseDiscList, arrays: GrainArrays) -> int:
     """Add the forces of the pieces; return how many pairs have a singular part as well."""
     x, y, tables, touching = arrays.x, arrays.y, discs.close, 0
     alike = _force_table_entries(tables, 0)
@@ -350,7 +352,7 @@ def _add_spline_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> 
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
         dx, dy = _pair_displacement(close.periods, x, y, i, j)
-        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
+        u, row = dx * dx + dy * dy, _table_row_of_pair(discs.species, discs.kinds, i, j)
         start, per_piece, smooth = _force_table_entries_of_pair(discs.species, tables, row, alike)
         touching += u < smooth
         piece, t = _find_spline_piece(tables, start, per_piece, u)
@@ -361,13 +363,13 @@ def _add_spline_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> 
 
 # By itself: most beds have no such pair, and its roots take longer than all else.
 @compiled
-def _add_singular_contact_forces(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> int:
+def _add_singular_contact_forces(discs: DiscLaw, close: CloseDiscList, arrays: GrainArrays) -> int:
     """Add the forces of the singular parts; return how many pairs are too near."""
     tables, crowded = discs.close, 0
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
         dx, dy = _pair_displacement(close.periods, arrays.x, arrays.y, i, j)
-        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
+        u, row = dx * dx + dy * dy, _table_row_of_pair(discs.species, discs.kinds, i, j)
         if u < tables.pairs[row, SMOOTH]:
             crowded += u < tables.pairs[row, LEAST]
             both = value_or_one(arrays.moments, i) * value_or_one(arrays.moments, j)
@@ -376,37 +378,37 @@ def _add_singular_contact_forces(discs: Discs, close: CloseDiscs, arrays: GrainA
 
 
 @compiled
-def _add_requested_sums(discs: Discs, close: CloseDiscs, arrays: GrainArrays) -> None:
+def _add_energy_load_stiffness(discs: DiscLaw, close: CloseDiscList, arrays: GrainArrays) -> None:
     """Add what is asked for besides forces."""
     tables = discs.close
     for p in range(close.filled[0]):
         i, j = close.first[p], close.second[p]
         dx, dy = _pair_displacement(close.periods, arrays.x, arrays.y, i, j)
-        u, row = dx * dx + dy * dy, _species_pair_row(discs.species, discs.kinds, i, j)
+        u, row = dx * dx + dy * dy, _table_row_of_pair(discs.species, discs.kinds, i, j)
         if u < tables.pairs[row, END]:
             first, second = value_or_one(arrays.moments, i), value_or_one(arrays.moments, j)
             # As 1/r^3 in the sums, and the stiffness as 1/r^5.
             cube = 3.0 / STRENGTH * _tabulated_energy(tables, row, u)
-            fifth = _stiffness_beyond_bound(discs, row, u) / (3.0 * discs.series[STIFFNESS])
-            add_at(arrays.extremes, 0, first * second * cube)
-            add_at(arrays.load, i, value_or_one(arrays.weight, j) * cube)
-            add_at(arrays.load, j, value_or_one(arrays.weight, i) * cube)
-            add_at(arrays.stiffness, i, second * fifth)
-            add_at(arrays.stiffness, j, first * fifth)
+            fifth = _stiffness_above_bound(discs, row, u) / (3.0 * discs.series[STIFFNESS])
+            add_to_entry_if_given(arrays.extremes, 0, first * second * cube)
+            add_to_entry_if_given(arrays.load, i, value_or_one(arrays.weight, j) * cube)
+            add_to_entry_if_given(arrays.load, j, value_or_one(arrays.weight, i) * cube)
+            add_to_entry_if_given(arrays.stiffness, i, second * fifth)
+            add_to_entry_if_given(arrays.stiffness, j, first * fifth)
 
 
 @compiled(inline=True)
-def _add_sums_if_requested(
-    wanted: Array | None, discs: Discs, close: CloseDiscs, arrays: GrainArrays
+def _add_energy_load_stiffness_if_wanted(
+    wanted: Array | None, discs: DiscLaw, close: CloseDiscList, arrays: GrainArrays
 ) -> bool:
     if wanted is None:
         return False
-    _add_requested_sums(discs, close, arrays)
+    _add_energy_load_stiffness(discs, close, arrays)
     return True
 
 
 @compiled
-def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: GrainArrays) -> int:
+def add_close_disc_corrections(discs: DiscLaw, close: CloseDiscList, grains: int, arrays: GrainArrays) -> int:
     """Add to all sums what close pairs have beyond the law of all pairs.
 
     Returns
@@ -421,6 +423,6 @@ def add_close_discs(discs: Discs, close: CloseDiscs, grains: int, arrays: GrainA
     touching, crowded = _add_spline_forces(discs, close, arrays), 0
     if touching > 0:
         crowded = _add_singular_contact_forces(discs, close, arrays)
-    if not _add_sums_if_requested(arrays.extremes, discs, close, arrays):
-        _add_sums_if_requested(arrays.load, discs, close, arrays)
+    if not _add_energy_load_stiffness_if_wanted(arrays.extremes, discs, close, arrays):
+        _add_energy_load_stiffness_if_wanted(arrays.load, discs, close, arrays)
     return crowded

@@ -1,4 +1,4 @@
-"""The direct sum once more, as plain as the law is written: the slow twin of `pairs.direct`.
+"""The direct sum once more, as plain as the law is written: the slow twin of `direct_sum`.
 
 Takes the same arguments; runs without compilation when ``NUMBA_DISABLE_JIT=1``.
 """
@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array
-from granular.pairs.dipole import (
+from granular.pairs.dipole_law import (
     ENERGY,
     STRENGTH,
-    far_inverse_cube,
-    far_inverse_fifth,
+    far_part_of_inverse_cube,
+    far_part_of_inverse_fifth,
     pair_energy,
     pair_force,
 )
-from granular.pairs.disc_tables import COMMON, FAR, TERM
+from granular.pairs.disc_law_tables import COMMON, FAR, TERM
 from granular.pairs.grain_arrays import GrainArrays
 
 PADDING = 1e60
@@ -57,11 +57,11 @@ def _energy_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> fl
     return rest * (1.0 + b * (1.5 + 1.875 * b))
 
 
-def plain_direct_sum(
+def pure_python_direct_sum(
     arrays: GrainArrays, buffers: Array | None, threaded: bool | None, nearest: Array | None
 ) -> None:
     """Pair forces and sums of all grains, one pair at a time."""
-    _clear_plain_sums(arrays)
+    _clear_all_sums(arrays)
     # The distance to padding grains overflows, as it should, and that of grains at one place is 0.
     old = np.seterr(over="ignore", divide="ignore", invalid="ignore")
     for i in range(arrays.x.size):
@@ -77,11 +77,11 @@ def plain_direct_sum(
                     continue
                 rest = _energy_at_cut_off(arrays, i, j, nearest[2])
             law = _pair_law_values(arrays, i, j, r)
-            _add_pair(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
+            _add_pair_to_sums(arrays, (i, j), (dx, dy), law.fifth, law.slope, law.cube, rest)
     np.seterr(**old)
 
 
-def plain_cut_sum(
+def pure_python_cut_off_sum(
     stripes: object,
     radius: float,
     smooth: bool | None,
@@ -94,7 +94,7 @@ def plain_cut_sum(
     With ``smooth``, of the near part of the law alone. Of ``stripes`` it takes the sides of a
     periodic cell, where each grain meets the nearest image of every other one.
     """
-    _clear_plain_sums(arrays)
+    _clear_all_sums(arrays)
     periods = getattr(stripes, "periods", None)
     fifth = 0.0 if arrays.series is None else float(arrays.series[FAR])
     for i in range(grains):
@@ -108,19 +108,19 @@ def plain_cut_sum(
                 law, square = _pair_law_values(arrays, i, j, r), np.array(r * r)
                 slope, cube, rest = law.slope, law.cube, _energy_at_cut_off(arrays, i, j, radius)
                 if smooth is not None:
-                    slope -= float(far_inverse_fifth(square, radius, fifth))
-                    cube -= float(far_inverse_cube(square, radius, fifth))
-                    rest -= float(far_inverse_cube(np.array(radius**2), radius, fifth))
-                _add_pair(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
+                    slope -= float(far_part_of_inverse_fifth(square, radius, fifth))
+                    cube -= float(far_part_of_inverse_cube(square, radius, fifth))
+                    rest -= float(far_part_of_inverse_cube(np.array(radius**2), radius, fifth))
+                _add_pair_to_sums(arrays, (i, j), (dx, dy), law.fifth, slope, cube, rest)
 
 
-def _clear_plain_sums(arrays: GrainArrays) -> None:
+def _clear_all_sums(arrays: GrainArrays) -> None:
     for out in (arrays.fx, arrays.fy, arrays.stiffness, arrays.extremes, arrays.load):
         if out is not None:
             out[:] = 0.0
 
 
-def _add_pair(
+def _add_pair_to_sums(
     arrays: GrainArrays,
     pair: tuple[int, int],
     apart: tuple[float, float],

@@ -9,19 +9,19 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from granular.pairs.dipole import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH
-from granular.pairs.interact import (
-    Arrays,
-    Cut,
-    Extremes,
-    Grains,
-    SmoothSplit,
-    add_lanes,
+from granular.pairs.dipole_law import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH
+from granular.pairs.pair_contributions import (
+    CutOffVectors,
+    EnergyAndClosestPair,
+    FarPartCoefficients,
+    GrainArrayPointers,
+    GrainVectors,
+    add_vectors,
     broadcast_grain,
+    computed_sums,
     load_eight_grains,
-    make_cut,
+    make_cut_off_vectors,
     pair_contributions,
-    present_arrays,
 )
 from granular.pairs.simd import INDEX, WIDTH, Code, constant
 
@@ -36,22 +36,22 @@ IMAGES = 3
 right and on the left."""
 
 
-class _Sweep(NamedTuple):
+class _RowSums(NamedTuple):
     """Two rows, and their sums so far."""
 
-    arrays: Arrays
-    grains: list[Grains]
+    arrays: GrainArrayPointers
+    grains: list[GrainVectors]
     totals: list[list[Any]]
-    extremes: Extremes
-    cut: Cut
+    extremes: EnergyAndClosestPair
+    cut: CutOffVectors
 
 
-def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) -> None:
+def _add_eight_partners(code: Code, sweep: _RowSums, j: ir.Value, *, own: bool) -> None:
     """Rows against the partners from j on.
 
     ``own``: j is the second row itself. It is a partner of the first one alone.
     """
-    pointers = present_arrays(sweep.arrays.sums)
+    pointers = computed_sums(sweep.arrays.sums)
     partners = load_eight_grains(code, sweep.arrays, j)
     reactions = [code.load(pointer, j) for pointer in pointers]
     for row, (grain, sums) in enumerate(zip(sweep.grains, sweep.totals, strict=True)):
@@ -67,14 +67,14 @@ def _add_eight_partners(code: Code, sweep: _Sweep, j: ir.Value, *, own: bool) ->
             None,
             sweep.arrays.series,
         )
-        for total, value in zip(sums, present_arrays(pairs[0]), strict=True):
+        for total, value in zip(sums, computed_sums(pairs[0]), strict=True):
             code.add_in_place(total, value)
-        reactions = add_lanes(code, reactions, present_arrays(pairs[1]))
+        reactions = add_vectors(code, reactions, computed_sums(pairs[1]))
     for pointer, reaction in zip(pointers, reactions, strict=True):
         code.store(reaction, pointer, j)
 
 
-def _shift_rows_by_image(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value) -> _Sweep:
+def _shift_rows_by_image(code: Code, sweep: _RowSums, shifts: Any, index: ir.Value) -> _RowSums:
     """Rows as the images of a run's partners see them."""
     if shifts is None:
         return sweep
@@ -85,7 +85,7 @@ def _shift_rows_by_image(code: Code, sweep: _Sweep, shifts: Any, index: ir.Value
     return sweep._replace(grains=grains)
 
 
-def _sweep_group(code: Code, all_rows: _Sweep, first: ir.Value, runs: ir.Value, shifts: Any) -> None:
+def _sum_two_rows(code: Code, all_rows: _RowSums, first: ir.Value, runs: ir.Value, shifts: Any) -> None:
     b, sweep = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     _add_eight_partners(code, sweep, second, own=True)
@@ -99,13 +99,13 @@ def _sweep_group(code: Code, all_rows: _Sweep, first: ir.Value, runs: ir.Value, 
         sweep = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             _add_eight_partners(code, sweep, j, own=False)
-    for which, pointer in enumerate(present_arrays(all_rows.arrays.sums)):
+    for which, pointer in enumerate(computed_sums(all_rows.arrays.sums)):
         vectors = [b.load(sums[which]) for sums in all_rows.totals]
         code.add_vector(code.totals(vectors), pointer, first)
-    all_rows.extremes.finish()
+    all_rows.extremes.store_results()
 
 
-def _scale_coefficients(
+def _rescaled_coefficients(
     code: Code, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
     """Coefficients in r^2 from those in (r/r_c)^2, in each lane: times ``power`` over ``scale``."""
@@ -116,7 +116,9 @@ def _scale_coefficients(
     return out
 
 
-def _make_cut(code: Code, arrays: Arrays, radius: ir.Value, *, smooth: bool) -> Cut:
+def _make_smooth_cut_off(
+    code: Code, arrays: GrainArrayPointers, radius: ir.Value, *, smooth: bool
+) -> CutOffVectors:
     b, far, scale = code.builder, arrays.far, arrays.scale
     square = b.fmul(radius, radius)
     cube = b.fdiv(ir.Constant(radius.type, 1.0), b.fmul(square, radius))
@@ -124,22 +126,22 @@ def _make_cut(code: Code, arrays: Arrays, radius: ir.Value, *, smooth: bool) -> 
     part = None
     if smooth:
         fifth, of_force = b.fdiv(cube, square), scale
-        energies = _scale_coefficients(code, CUBE, cube, square, scale)
+        energies = _rescaled_coefficients(code, CUBE, cube, square, scale)
         if far is not None:
-            more = _scale_coefficients(code, FIFTH_ENERGY, b.fmul(far, fifth), square, scale)
-            energies = add_lanes(code, energies, more)
-            fifth, of_force = b.fdiv(fifth, arrays.force_scale), 1.0
-        forces = _scale_coefficients(code, FIFTH, fifth, square, of_force)
+            more = _rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(far, fifth), square, scale)
+            energies = add_vectors(code, energies, more)
+            fifth, of_force = b.fdiv(fifth, arrays.unscaled_force_factor), 1.0
+        forces = _rescaled_coefficients(code, FIFTH, fifth, square, of_force)
         if far is not None:
             seventh = b.fdiv(b.fmul(far, fifth), square)
-            more = _scale_coefficients(code, SEVENTH, seventh, square, of_force)
-            forces = add_lanes(code, forces, more)
-        part = SmoothSplit(forces, energies)
-    return make_cut(code, square, rest, part, far)
+            more = _rescaled_coefficients(code, SEVENTH, seventh, square, of_force)
+            forces = add_vectors(code, forces, more)
+        part = FarPartCoefficients(forces, energies)
+    return make_cut_off_vectors(code, square, rest, part, far)
 
 
 @intrinsic
-def sweep_runs(
+def sum_row_ranges(
     typing: Any,
     arrays: Any,
     runs: Any,
@@ -158,30 +160,30 @@ def sweep_runs(
     in a periodic cell it has `IMAGES` times as many, and ``shifts``, float64 of that shape, or
     None, the shift of the images of each run's partners. Up to seven entries behind a
     run are met, too. ``smooth`` is None where pairs just end at the radius, anything else where the
-    far part of their law (`granular.pairs.dipole`) is taken off.
+    far part of their law (`granular.pairs.dipole_law`) is taken off.
     """
     signature = types.void(arrays, runs, types.intp, types.intp, types.intp, types.float64, smooth, shifts)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = Code(context, builder)
         part, first, stop, radius = values[2:6]
-        arrays = Arrays(code, signature.args[0], values[0], part)
+        arrays = GrainArrayPointers(code, signature.args[0], values[0], part)
         listed = code.data(signature.args[1], values[1])
         ends = not isinstance(signature.args[6], types.NoneType)
-        cut = _make_cut(code, arrays, radius, smooth=ends)
+        cut = _make_smooth_cut_off(code, arrays, radius, smooth=ends)
         away = code.data(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
             indices = [builder.add(row, ir.Constant(INDEX, item)) for item in range(ROWS)]
-            count = len(present_arrays(arrays.sums))
-            sweep = _Sweep(
+            count = len(computed_sums(arrays.sums))
+            sweep = _RowSums(
                 arrays,
                 [broadcast_grain(code, arrays, position) for position in indices],
                 [[code.variable(constant(0.0)) for _ in range(count)] for _ in indices],
-                Extremes(code, arrays.extremes),
+                EnergyAndClosestPair(code, arrays.extremes),
                 cut,
             )
-            _sweep_group(code, sweep, row, listed, away)
+            _sum_two_rows(code, sweep, row, listed, away)
         return context.get_dummy_value()
 
     return signature, generate

@@ -17,19 +17,19 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_sweep import sweep_runs
-from granular.pairs.dipole import STRENGTH
+from granular.pairs.cut_off_vector_loops import sum_row_ranges
+from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.grain_arrays import (
     GrainArrays,
-    force_scale,
-    if_given,
+    array_if_wanted,
+    replace_energy_and_closest,
     set_forces_to_nan,
-    sum_scale,
-    with_extremes,
+    unscaled_force_factor,
+    unscaled_sum_factor,
 )
-from granular.pairs.plain_sums import plain_cut_sum
+from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.simd import INDEX, WIDTH, Code, constant
-from granular.pairs.stripe_lists import refresh_lists
+from granular.pairs.stripe_partner_lists import refresh_partner_lists
 from granular.pairs.stripes import Stripes
 
 
@@ -41,7 +41,7 @@ def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> An
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code, (array, row, first, end) = Code(context, builder), values
         pointer = code.data(signature.args[0], array, row)
-        with cgutils.for_range_slice(builder, first, end, _vector_width(), INDEX) as (position, _):
+        with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
             code.store(constant(0.0), pointer, position)
         return context.get_dummy_value()
 
@@ -49,7 +49,7 @@ def clear_row_sums(typing: Any, sums: Any, row: Any, first: Any, end: Any) -> An
 
 
 @intrinsic
-def add_row_pairs(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
+def add_row_to_row(typing: Any, sums: Any, row: Any, other: Any, first: Any, end: Any) -> Any:
     """Add to the entries first .. end - 1 of a row those of another; as in `clear_row_sums`."""
     signature = types.void(sums, types.intp, types.intp, types.intp, types.intp)
 
@@ -57,7 +57,7 @@ def add_row_pairs(typing: Any, sums: Any, row: Any, other: Any, first: Any, end:
         code, (array, row, other, first, end) = Code(context, builder), values
         total = code.data(signature.args[0], array, row)
         more = code.data(signature.args[0], array, other)
-        with cgutils.for_range_slice(builder, first, end, _vector_width(), INDEX) as (position, _):
+        with cgutils.for_range_slice(builder, first, end, _vector_width_constant(), INDEX) as (position, _):
             value = builder.fadd(code.load(total, position), code.load(more, position))
             code.store(value, total, position)
         return context.get_dummy_value()
@@ -65,12 +65,12 @@ def add_row_pairs(typing: Any, sums: Any, row: Any, other: Any, first: Any, end:
     return signature, generate
 
 
-def _vector_width() -> ir.Constant:
+def _vector_width_constant() -> ir.Constant:
     return ir.Constant(INDEX, WIDTH)
 
 
 @compiled
-def _place_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
+def _load_positions_of_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
     """Put the grains of a part where they are now, and clear its sums."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = asked.x[stripes.order[k]]
@@ -94,17 +94,19 @@ def _wrap_into_cell(homes: Array | None, stripes: Stripes, part: int) -> None:
 @compiled(inline=True)
 def _clear_sums_of_part(asked: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
     if asked is not None:
-        _clear_part(sums, stripes, part)
+        _clear_row_of_part(sums, stripes, part)
 
 
 @compiled(inline=True)
-def _clear_part(sums: Array | None, stripes: Stripes, part: int) -> None:
+def _clear_row_of_part(sums: Array | None, stripes: Stripes, part: int) -> None:
     if sums is not None:
         clear_row_sums(sums, part, stripes.lows[part], stripes.ends[part])
 
 
 @compiled
-def _sweep_part(stripes: Stripes, asked: GrainArrays, part: int, radius: float, smooth: bool | None) -> None:
+def _sum_pairs_of_part(
+    stripes: Stripes, asked: GrainArrays, part: int, radius: float, smooth: bool | None
+) -> None:
     """Meet the partners of a part's rows."""
     sums = GrainArrays(
         stripes.x,
@@ -112,15 +114,15 @@ def _sweep_part(stripes: Stripes, asked: GrainArrays, part: int, radius: float, 
         stripes.fx,
         stripes.fy,
         stripes.moments,
-        if_given(asked.stiffness, stripes.stiffness),
+        array_if_wanted(asked.stiffness, stripes.stiffness),
         asked.extremes,
-        if_given(asked.load, stripes.load),
+        array_if_wanted(asked.load, stripes.load),
         stripes.weight,
         asked.series,
         stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
-    sweep_runs(sums, stripes.runs, part, first, stop, radius, smooth, stripes.shifts)
+    sum_row_ranges(sums, stripes.runs, part, first, stop, radius, smooth, stripes.shifts)
 
 
 @compiled(inline=True)
@@ -130,20 +132,20 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
         if other != part:
-            add_row_pairs(sums, part, other, first, end)
+            add_row_to_row(sums, part, other, first, end)
 
 
 @compiled(inline=True)
-def _copy_sums_to_grains(
+def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
     """Give the grains of a part their sums, where they are asked for."""
     if out is not None:
-        _copy_sum_to_grains(out, sums, scale, stripes, part)
+        _copy_sums_if_wanted(out, sums, scale, stripes, part)
 
 
 @compiled
-def _copy_sum_to_grains(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
+def _copy_sums_if_wanted(out: Array, sums: Array | None, scale: float, stripes: Stripes, part: int) -> None:
     if sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
@@ -151,23 +153,23 @@ def _copy_sum_to_grains(out: Array, sums: Array | None, scale: float, stripes: S
 
 
 @compiled
-def _collect_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
-    scale, strength = sum_scale(asked.series), STRENGTH * force_scale(asked.series)
-    _copy_sums_to_grains(asked.fx, stripes.fx, strength, stripes, part)
-    _copy_sums_to_grains(asked.fy, stripes.fy, strength, stripes, part)
-    _copy_sums_to_grains(asked.stiffness, stripes.stiffness, scale, stripes, part)
-    _copy_sums_to_grains(asked.load, stripes.load, scale, stripes, part)
+def _copy_all_sums_of_part(stripes: Stripes, asked: GrainArrays, part: int) -> None:
+    scale, strength = unscaled_sum_factor(asked.series), STRENGTH * unscaled_force_factor(asked.series)
+    _copy_sums_if_wanted(asked.fx, stripes.fx, strength, stripes, part)
+    _copy_sums_if_wanted(asked.fy, stripes.fy, strength, stripes, part)
+    _copy_sums_if_wanted(asked.stiffness, stripes.stiffness, scale, stripes, part)
+    _copy_sums_if_wanted(asked.load, stripes.load, scale, stripes, part)
 
 
 @compiled
-def _sum_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
+def _sum_all_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
     parts = stripes.ends.size
     for part in range(parts):
-        _place_part(stripes, asked, part)
+        _load_positions_of_part(stripes, asked, part)
     for part in range(parts):
-        _sweep_part(stripes, asked, part, radius, smooth)
+        _sum_pairs_of_part(stripes, asked, part, radius, smooth)
     for part in range(parts):
-        _collect_part(stripes, asked, part)
+        _copy_all_sums_of_part(stripes, asked, part)
 
 
 # A kernel each: Numba runs two loops as one where it sees nothing that the second takes from the
@@ -175,37 +177,37 @@ def _sum_parts(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool
 
 
 @compiled(parallel=True)
-def _place_threaded(stripes: Stripes, asked: GrainArrays) -> None:
+def _load_positions_threaded(stripes: Stripes, asked: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
-        _place_part(stripes, asked, part)
+        _load_positions_of_part(stripes, asked, part)
 
 
 @compiled(parallel=True)
-def _sweep_threaded(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
+def _sum_pairs_threaded(stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
-        _sweep_part(stripes, asked, part, radius, smooth)
+        _sum_pairs_of_part(stripes, asked, part, radius, smooth)
 
 
 @compiled(parallel=True)
-def _collect_threaded(stripes: Stripes, asked: GrainArrays) -> None:
+def _copy_sums_threaded(stripes: Stripes, asked: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
-        _collect_part(stripes, asked, part)
+        _copy_all_sums_of_part(stripes, asked, part)
 
 
 @compiled
-def _sum_all(
+def _sum_parts_or_threaded(
     threaded: bool | None, stripes: Stripes, asked: GrainArrays, radius: float, smooth: bool | None
 ) -> None:
     if threaded is None:
-        _sum_parts(stripes, asked, radius, smooth)
+        _sum_all_parts(stripes, asked, radius, smooth)
     else:
-        _place_threaded(stripes, asked)
-        _sweep_threaded(stripes, asked, radius, smooth)
-        _collect_threaded(stripes, asked)
+        _load_positions_threaded(stripes, asked)
+        _sum_pairs_threaded(stripes, asked, radius, smooth)
+        _copy_sums_threaded(stripes, asked)
 
 
 @compiled(inline=True)
-def _sum_extremes(
+def _sum_with_energy_and_closest(
     extremes: Array | None,
     threaded: bool | None,
     stripes: Stripes,
@@ -215,20 +217,20 @@ def _sum_extremes(
 ) -> None:
     """Sum the pairs; extremes, where they are asked for, by a row for each part."""
     if extremes is None:
-        _sum_all(threaded, stripes, arrays, radius, smooth)
+        _sum_parts_or_threaded(threaded, stripes, arrays, radius, smooth)
     else:
         parts = np.zeros((stripes.ends.size, 2))
-        measured = with_extremes(arrays, parts)
-        _sum_all(threaded, stripes, measured, radius, smooth)
+        measured = replace_energy_and_closest(arrays, parts)
+        _sum_parts_or_threaded(threaded, stripes, measured, radius, smooth)
         extremes[:] = 0.0
-        scale = sum_scale(arrays.series)
+        scale = unscaled_sum_factor(arrays.series)
         for part in range(len(parts)):
             extremes[0] += scale * parts[part, 0]
             extremes[1] = max(extremes[1], scale * parts[part, 1])
 
 
 @compiled
-def _cut_sum(
+def _compiled_cut_off_sum(
     stripes: Stripes,
     radius: float,
     smooth: bool | None,
@@ -236,13 +238,13 @@ def _cut_sum(
     grains: int,
     arrays: GrainArrays,
 ) -> None:
-    if refresh_lists(stripes, arrays, grains, radius):
-        _sum_extremes(arrays.extremes, threaded, stripes, arrays, radius, smooth)
+    if refresh_partner_lists(stripes, arrays, grains, radius):
+        _sum_with_energy_and_closest(arrays.extremes, threaded, stripes, arrays, radius, smooth)
     else:
         set_forces_to_nan(arrays, grains)
 
 
-cut_sum = plain_cut_sum if numba.config.DISABLE_JIT else _cut_sum
+cut_off_sum = pure_python_cut_off_sum if numba.config.DISABLE_JIT else _compiled_cut_off_sum
 """Pair forces within a radius, and what else is asked for in the same pass.
 
 Parameters

@@ -7,9 +7,9 @@ import math
 import numba
 
 from granular.compiled import Array, compiled
-from granular.pairs.mesh import LEFT, LOW, PARTS, UP, Mesh
-from granular.pairs.periodic_mesh import interpolate_periodic, spread_periodic
-from granular.pairs.spline_stencil import put_spline, spline_sums
+from granular.pairs.multilevel_mesh import LEFT, LOW, PARTS, UP, MultilevelMesh
+from granular.pairs.periodic_mesh import interpolate_on_periodic_mesh, spread_on_periodic_mesh
+from granular.pairs.spline_stencil import add_spline_weights, interpolate_with_splines
 
 _STRANDS = 4
 """Grains that are spread in turn come from so many places: a sum waits for the one before it where
@@ -17,7 +17,9 @@ both are of the same points."""
 
 
 @compiled
-def _reach_lines(mesh: Mesh, y: Array, order: Array, first: int, end: int, part: int) -> None:
+def _clear_reached_lines(
+    mesh: MultilevelMesh, y: Array, order: Array, first: int, end: int, part: int
+) -> None:
     """Clear the lines that a part of the grains reaches, and remember which."""
     fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
     for k in range(first, end):
@@ -32,12 +34,12 @@ def _reach_lines(mesh: Mesh, y: Array, order: Array, first: int, end: int, part:
 
 
 @compiled
-def _spread_part(
-    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
+def _spread_grains_of_part(
+    mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int, part: int
 ) -> None:
     parts = len(mesh.fractions)
     first, end = part * grains // parts, (part + 1) * grains // parts
-    _reach_lines(mesh, y, order, first, end, part)
+    _clear_reached_lines(mesh, y, order, first, end, part)
     window, fraction, stride = mesh.windows[0], mesh.fractions[part], mesh.strides[0]
     fineness = 1.0 / mesh.spacing
     corner = mesh.margin - 1 - window[LEFT] - (1 + window[LOW]) * stride
@@ -50,11 +52,11 @@ def _spread_part(
             column, line = math.floor(u), math.floor(v)
             at = corner + int(line) * stride + int(column)
             amount = 1.0 if amounts is None else amounts[i]
-            put_spline(fraction, at, stride, u - column, v - line, amount)
+            add_spline_weights(fraction, at, stride, u - column, v - line, amount)
 
 
 @compiled
-def _join_part(mesh: Mesh, part: int) -> None:
+def _add_spread_parts(mesh: MultilevelMesh, part: int) -> None:
     """Add up what all parts of the grains put on a part of the finest level's lines."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
@@ -69,21 +71,27 @@ def _join_part(mesh: Mesh, part: int) -> None:
 
 @compiled(parallel=True)
 def _spread_threaded(
-    mesh: Mesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+    mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
 ) -> None:
     for part in numba.prange(len(mesh.fractions)):
-        _spread_part(mesh, x, y, amounts, order, grains, part)
+        _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
 
 
 @compiled(parallel=True)
-def _join_threaded(mesh: Mesh) -> None:
+def _add_spread_parts_threaded(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
-        _join_part(mesh, part)
+        _add_spread_parts(mesh, part)
 
 
 @compiled
 def spread_grains(
-    mesh: Mesh, threaded: bool | None, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
+    mesh: MultilevelMesh,
+    threaded: bool | None,
+    x: Array,
+    y: Array,
+    amounts: Array | None,
+    order: Array,
+    grains: int,
 ) -> None:
     """Put amounts (ones where there are none) on the finest level.
 
@@ -96,7 +104,7 @@ def spread_grains(
 @compiled(inline=True)
 def _spread_on_window(
     around: Array | None,
-    mesh: Mesh,
+    mesh: MultilevelMesh,
     threaded: bool | None,
     x: Array,
     y: Array,
@@ -105,33 +113,33 @@ def _spread_on_window(
     grains: int,
 ) -> None:
     if around is not None:
-        spread_periodic(mesh, around, x, y, amounts, order, grains)
+        spread_on_periodic_mesh(mesh, around, x, y, amounts, order, grains)
     elif threaded is None:
         for part in range(len(mesh.fractions)):
-            _spread_part(mesh, x, y, amounts, order, grains, part)
+            _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
         for part in range(PARTS):
-            _join_part(mesh, part)
+            _add_spread_parts(mesh, part)
     else:
         _spread_threaded(mesh, x, y, amounts, order, grains)
-        _join_threaded(mesh)
+        _add_spread_parts_threaded(mesh)
 
 
 @compiled(inline=True)
-def interpolate_potential(mesh: Mesh, x: float, y: float) -> tuple[float, float, float]:
+def interpolate_potential(mesh: MultilevelMesh, x: float, y: float) -> tuple[float, float, float]:
     """Potential at a point, and its derivatives."""
     return _interpolate_on_window(mesh.around, mesh, x, y)
 
 
 @compiled(inline=True)
 def _interpolate_on_window(
-    around: Array | None, mesh: Mesh, x: float, y: float
+    around: Array | None, mesh: MultilevelMesh, x: float, y: float
 ) -> tuple[float, float, float]:
     if around is not None:
-        return interpolate_periodic(mesh, around, x, y)
+        return interpolate_on_periodic_mesh(mesh, around, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
     u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)
     row = int(line) - 1 - window[LOW]
     at = mesh.margin - 1 - window[LEFT] + int(column) + row * stride
-    value, by_u, by_v = spline_sums(mesh.potential, at, stride, u - column, v - line)
+    value, by_u, by_v = interpolate_with_splines(mesh.potential, at, stride, u - column, v - line)
     return value, by_u * fineness, by_v * fineness

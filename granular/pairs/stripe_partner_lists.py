@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.pairs.cut_off_sweep import IMAGES, ROWS, RUNS
+from granular.pairs.cut_off_vector_loops import IMAGES, ROWS, RUNS
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.simd import WIDTH
 from granular.pairs.stripes import (
@@ -44,16 +44,16 @@ _MOST_REACH = 0.4
 
 
 @compiled
-def _list_runs(stripes: Stripes, number: int, reach: float) -> None:
+def _list_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
     """List the runs of every two rows."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RUNS):
-            _list_runs_of(stripes, k, min(k + up, number), number, up, far)
+            _list_ranges_of_stripe(stripes, k, min(k + up, number), number, up, far)
 
 
 @compiled
-def _list_runs_of(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
+def _list_ranges_of_stripe(stripes: Stripes, k: int, there: int, number: int, up: int, far: float) -> None:
     """List the partners of a stripe's rows in itself or in one above, which may be none."""
     x, y, runs = stripes.x, stripes.y, stripes.runs
     begin = stripes.begins[there]
@@ -137,20 +137,20 @@ def _sort_values_into_stripes(
 
 
 @compiled(inline=True)
-def _list_runs_of_bed(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
+def _sort_and_list_ranges(shifts: Array | None, stripes: Stripes, grains: int, reach: float) -> int:
     """Sort the grains and list their runs; the number of stripes."""
     if shifts is None:
         number = sort_into_stripes(stripes, grains, reach)
-        _list_runs(stripes, number, reach)
+        _list_partner_ranges(stripes, number, reach)
     else:
         number = sort_into_periodic_stripes(stripes, grains, reach)
-        list_periodic_runs(stripes, number, reach)
+        list_periodic_partner_ranges(stripes, number, reach)
     return number
 
 
 @compiled
 def _list_partners(stripes: Stripes, grains: int, arrays: GrainArrays, radius: float) -> None:
-    number = _list_runs_of_bed(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
+    number = _sort_and_list_ranges(stripes.shifts, stripes, grains, radius + stripes.memory[SKIN])
     _sort_values_into_stripes(arrays.moments, stripes.moments, stripes, grains)
     _sort_values_into_stripes(arrays.weight, stripes.weight, stripes, grains)
     _sort_values_into_stripes(arrays.shift, stripes.shift, stripes, grains)
@@ -198,7 +198,7 @@ def positions_are_finite(x: Array, y: Array, grains: int) -> bool:
 
 
 @compiled
-def refresh_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
+def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
     """Make the lists hold every pair within the radius; False where a position is no number."""
     x, y = arrays.x, arrays.y
     if _lists_are_outdated(stripes, x, y, grains):
@@ -223,18 +223,18 @@ _HERE, _RIGHT, _LEFT = range(IMAGES)
 
 
 @compiled
-def list_periodic_runs(stripes: Stripes, number: int, reach: float) -> None:
+def list_periodic_partner_ranges(stripes: Stripes, number: int, reach: float) -> None:
     """List the runs of every two rows, and their shifts."""
     far = reach * (1.0 + 1e-12)
     for k in range(number):
         for up in range(RUNS):
             there, turns = (k + up) % number, (k + up) // number
             for image in range(IMAGES):
-                _list_images_of(stripes, k, there, turns, up, image, far)
+                _list_ranges_of_image(stripes, k, there, turns, up, image, far)
 
 
 @compiled
-def _list_images_of(
+def _list_ranges_of_image(
     stripes: Stripes, k: int, there: int, turns: int, up: int, image: int, far: float
 ) -> None:
     """List one image of the partners of a stripe's rows, in itself or in one above."""
