@@ -11,6 +11,7 @@ import numpy as np
 
 from granular.effects import wall_experimental, wall_infinite
 from granular.export.lammps_stages import RemainingStage
+from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc
 from granular.pairs.disc_law_tables import disc_law_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
@@ -83,7 +84,7 @@ def pair_force_table(
 ) -> ForceTable:
     """Tabulate the repulsion of two grains over their distance.
 
-    Dipoles repel as 1/r^4; discs by the law of `granular.pairs.disc_law_tables.disc_law_continued_below_contact`.
+    Dipoles repel as 1/r^4; discs by the law of `disc_law_continued_below_contact`.
 
     Parameters
     ----------
