@@ -30,6 +30,7 @@ from reduced_models.discovery.structures import Search, propose_structures
 from reduced_models.discovery.symbolic import has_operon
 from reduced_models.discovery.terms import AnyTerm, physical_library
 from reduced_models.discovery.weak_form import (
+    SmoothedMotion,
     WeakForm,
     choose_height_map,
     estimate_motion,
@@ -253,17 +254,27 @@ def _choose_library(
 ) -> Proposal:
     """Terms to choose from, and the weak form of the records in the z that they mean."""
     height_map = _height_map(records, library, terms, wanted)
+
+    def motions(height_map: HeightMap) -> list[SmoothedMotion]:
+        return [estimate_motion(record, height_map, derivative, column) for record in records]
+
     if force:
         if _is_single_library(library, AUTO):
             known = (*physical_library(degree, column is not None), *known)
-        motions = [estimate_motion(record, height_map, derivative, column) for record in records]
-        proposal = Proposal("", known, height_map, force_weak_form(records, motions), "")
+        weak = force_weak_form(records, motions(height_map))
+        proposal = Proposal("", known, height_map, weak, "")
     elif _is_single_library(library, AUTO):
-        proposal = propose_library(records, derivative, column, height_map if terms else wanted, degree)
+        proposal = propose_library(
+            lambda height_map: weak_form(*motions(height_map)),
+            height_map,
+            column,
+            degree,
+            map_is_given=bool(terms) or wanted != "auto",
+            angle=records[0].angle,
+        )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
-        motions = [estimate_motion(record, height_map, derivative, column) for record in records]
-        proposal = Proposal("", known, height_map, weak_form(*motions), "")
+        proposal = Proposal("", known, height_map, weak_form(*motions(height_map)), "")
     _check_finite(proposal.weak, proposal.terms)
     return proposal
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.discovery.selection import (
@@ -26,15 +25,8 @@ from reduced_models.discovery.terms import (
     split_terms,
     structure_text,
 )
-from reduced_models.discovery.weak_form import (
-    SmoothedMotion,
-    WeakForm,
-    choose_height_map,
-    estimate_motion,
-    weak_form,
-)
+from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.height_map import HeightMap
-from reduced_models.records.derivatives import DerivativeMethod
 
 PHYSICAL = "physical"
 """The library without another name: see `reduced_models.discovery.terms.physical_library`."""
@@ -261,20 +253,41 @@ class Proposal(NamedTuple):
 
 
 def propose_library(
-    records: Sequence[PistonRecord],
-    derivative: DerivativeMethod,
+    weak_form_of: Callable[[HeightMap], WeakForm],
+    usual_map: HeightMap,
     column: str | None,
-    wanted: HeightMap | str = AUTO,
-    degree: int = _DEGREES[0],
+    degree: int,
+    *,
+    map_is_given: bool,
+    angle: bool,
 ) -> Proposal:
-    """Library whose best sum of terms says most of the records for its price.
+    """Library whose best sum of terms has the least information criterion along some motions.
 
     Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
     about it, or where the map is given; negative powers where the height stays above zero.
+
+    Parameters
+    ----------
+    weak_form_of : callable
+        Gives the weak form of the motions in the z of a height map.
+    usual_map : HeightMap
+        Map of the physical library.
+    column : str or None
+        Name of the input, where there is one.
+    degree : int
+        Least degree of the physical library.
+    map_is_given : bool
+        True where a user gave the map, or terms that mean something by z.
+    angle : bool
+        True for records of an angle.
+
+    Returns
+    -------
+    Proposal
+        Library with its terms, map and weak form.
     """
-    usual_map = choose_height_map(records, wanted)
-    plain = usual_map == HeightMap() or isinstance(wanted, HeightMap)
-    weak = weak_form(*(estimate_motion(record, usual_map, derivative, column) for record in records))
+    plain = usual_map == HeightMap() or map_is_given
+    weak = weak_form_of(usual_map)
     usual = _physical_proposal(weak, column, degree)
     proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
@@ -282,12 +295,10 @@ def propose_library(
         if name == PHYSICAL or (name == "driven" and column is None):
             continue
         if name in _OF_THE_HEIGHT and not plain:
-            if name == "contact" or (name == "trigonometric" and not records[0].angle):
+            if name == "contact" or (name == "trigonometric" and not angle):
                 continue
             height_map_here = HeightMap()
-            weak_form_here = weak_form(
-                *(estimate_motion(record, height_map_here, derivative, column) for record in records)
-            )
+            weak_form_here = weak_form_of(height_map_here)
         if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
             continue
         terms = library_terms(name, (), 3, column)

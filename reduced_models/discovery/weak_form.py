@@ -229,7 +229,7 @@ def estimate_motion(
     record: PistonRecord, height_map: HeightMap, derivative: DerivativeMethod, drive: str | None = None
 ) -> SmoothedMotion:
     """Motion of a record in z, with estimates of its derivatives and noise."""
-    guess = first_guesses(record)
+    guess = first_guesses(record.time, record.height)
     smooth = derivatives(record, derivative)
     size = abs(height_map.scale)
     swing = float(record.height.std())
@@ -252,7 +252,8 @@ def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) 
         return wanted
     if wanted != "auto":
         raise InputError(f"map = {quote(wanted)}; give 'auto' or a HeightMap")
-    guess = max((first_guesses(record) for record in records), key=lambda record: record.amplitude)
+    guesses = (first_guesses(record.time, record.height) for record in records)
+    guess = max(guesses, key=lambda guess: guess.amplitude)
     # Powers of a height that hardly changes could not be told apart.
     if abs(guess.rest) <= guess.amplitude:
         return HeightMap()

@@ -119,8 +119,9 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
     check_parameter_names(models[0].law, own)
     if any(entry.sensor is not None for entry in models):
         raise InputError("posterior takes models that were fitted to heights; this was a sensor's")
+    guesses = [first_guesses(record.time, record.height) for record in records]
     # All in the units of the first model: vectors of different units would not add up.
-    unknowns, _ = theta_of_model(models[0], first_guesses(records[0]))
+    unknowns, _ = theta_of_model(models[0], guesses[0])
     thetas = [theta_of_model(entry, None, unknowns)[1] for entry in models]
     entries = joint_entries(unknowns, len(records), own)
     theta = joint_vector(thetas, entries)
@@ -129,10 +130,10 @@ def _gridded_records(model: Any, record: Any, own: Sequence[str]) -> tuple[Joint
         record_on_grid(
             unknowns,
             record,
-            grid_over(record, names, first_guesses(record).period, _STEPS * unknowns.law.resolution),
+            grid_over(record, names, guess.period, _STEPS * unknowns.law.resolution),
             models[0].input_interpolation,
         )
-        for record in records
+        for record, guess in zip(records, guesses, strict=True)
     )
     held = np.zeros(len(theta), dtype=bool)
     for here in entries:

@@ -17,7 +17,8 @@ from reduced_models.least_squares.residuals import Loss, LossName
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses, noise_level
 from reduced_models.records.inputs import Interpolation
 from reduced_models.records.sensor import Sensor
-from reduced_models.records.swings import samples_in_motion, spread_test_swings
+from reduced_models.records.sensor_limits import samples_in_motion
+from reduced_models.records.swings import spread_test_swings
 
 Pairs = Mapping[str, tuple[float, float]]
 Intervals = Literal["linear", "bootstrap", "profile"]
@@ -191,8 +192,10 @@ def training_data(
     look = motion.first(count)
     if loss != "linear":
         look = clip_outliers(look)
-    guess = first_guesses(look)
-    swings = spread_test_swings(total, test_fraction, moving) if test_fraction > 0.0 else ()
+    guess = first_guesses(look.time, look.height)
+    swings: tuple[slice, ...] = ()
+    if test_fraction > 0.0:
+        swings = spread_test_swings(total.time, total.height, test_fraction, moving)
     if not swings and len(total) - count >= 2:
         swings = (slice(count, max(moving, count + 2)),)
     return TrainingData(total, training, swings, look, guess, given, level, fixed or {})

@@ -208,7 +208,7 @@ def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
     A record that is too short for it, or too noisy, is said nothing of as well.
     """
     try:
-        guess = first_guesses(record)
+        guess = first_guesses(record.time, record.height)
         height_map = choose_height_map([record], "auto")
         weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -337,7 +336,8 @@ def first_fall(run: Trajectory) -> PistonRecord | None:
         return None
     try:
         record = run.piston(first.name)
-        period = 2.0 * math.pi / first_guesses(run.piston()).frequency
+        total = run.piston()
+        period = first_guesses(total.time, total.height).period
     except RecordError:
         return None
     start = float(record.time[0])

@@ -270,7 +270,10 @@ def _fit_laws(
         seconds=dict(clock.seconds),
         mass=mass,
         left_out=left_out,
-        residuals={model.law.name: residual_tests(model, record) for model in models},
+        residuals={
+            model.law.name: residual_tests(model, record.time, record.height, model.follow(record).height)
+            for model in models
+        },
         advice=suggest_next_steps(comparison, models, record, run, discovery),
     )
 

@@ -1,4 +1,4 @@
-"""Blocks of the report of an identification: the figures, the laws compared, each law, falls."""
+"""Blocks of the report of an identification: the figures, what is left over, and each law."""
 
 from __future__ import annotations
 
@@ -7,13 +7,9 @@ import datetime
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from granular.shared.html import Page, format_number
 from granular.shared.messages import format_factor
-from granular.shared.plotting import GREY, READABLE, figure, line_style, plain_label
 from granular.shared.version import versions
-from reduced_models.falls.scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.engineering import (
     DAMPING_RATIO,
@@ -24,14 +20,12 @@ from reduced_models.identification.engineering import (
     format_interval,
     small_swing_sentence,
 )
-from reduced_models.identification.pictures import downsample
+from reduced_models.identification.pictures import add_comparison
 from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 
 __all__ = ["comparison_page"]
-
-_MOST_LINES = 3  # of laws over a fall; more hide each other
 
 
 def comparison_page(table: Comparison) -> Page:
@@ -145,27 +139,6 @@ def _explanation(figures: Sequence[Quantity], model: ReducedModel, mass: float |
     )
 
 
-def add_comparison(page: Page, table: Comparison) -> None:
-    """Add the table of laws and their test errors."""
-    page.section("The laws compared")
-    header, cells = table.header, table.cells()
-    if not any(row.blow_ups for row in table.rows):
-        header, cells = header[:-1], [row[:-1] for row in cells]
-    page.table(header, cells)
-    page.text(
-        "Errors are root mean squares of record minus simulation over what the law has not seen, "
-        f"in rms swings; the baseline, standing still, has {100 * table.at_rest:.3g} %, and the "
-        f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
-        "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
-        "The test error is the root mean square over all that a law has not seen: "
-        "swings of the record that a first fit does not see (test swings), and records of their own "
-        "(record 1; 'higher lift' on the terminal)."
-    )
-    with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
-        table.plot(axes)
-        page.figure(drawing, "Test errors of the laws.")
-
-
 def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
     """Add what each law leaves over, and whether that is noise."""
     if not tests:
@@ -275,38 +248,3 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         interval = "open" if high - low > OPEN * abs(value) else format_interval(low, high, digits)
         rows.append((parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
     return rows
-
-
-def add_falls(page: Page, falls: DropScores) -> None:
-    """Add the law of the fall, what it says of falls that it has not seen, and the other laws."""
-    page.section("The whole fall")
-    if falls.best.model is not None:
-        add_equations(page, falls.best.model)
-    page.table(falls.header, falls.cells())
-    page.text(
-        "Each law was fitted to the scene's own fall, and predicts the others from the height at "
-        "which the piston is released, without anything else of them. Errors are root mean squares "
-        "over the height of the drop. How far a bed from another random start falls otherwise is "
-        "what no law can tell."
-    )
-    far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
-    time = far.time - far.time[0]
-    with figure(height=4.4, size=READABLE) as (drawing, axes):
-        axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
-        sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
-        for k, row in enumerate(sound[:_MOST_LINES]):
-            assert row.model is not None
-            motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
-            axes.plot(
-                *downsample(time, 1e3 * motion.height),
-                linewidth=1.2,
-                label=plain_label(row.name),
-                **line_style(k),
-            )
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("height [mm]")
-        axes.legend(loc="upper right")
-        page.figure(drawing, "A fall from farther up, and what the best laws predict of it.")
-    with figure(height=4.4, size=READABLE) as (drawing, axes):
-        falls.plot(axes)
-        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")

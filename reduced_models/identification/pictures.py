@@ -1,4 +1,4 @@
-"""Pictures of the report: the record with its laws, phase portrait, another lift, and the run."""
+"""Sections of the report with pictures: the record with its laws, the laws compared, falls, the run."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from granular.observables.plots import draw_bed
 from granular.run.record import PistonRecord
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_style, plain_label
+from reduced_models.falls.scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from granular.run.trajectory import StageResult, Trajectory
 
 _MOST_POINTS = 3000  # of a line; more cannot be seen
-_MOST_LINES = 4  # of laws over a lift; more hide each other
+_MOST_LIFT_LINES, _MOST_FALL_LINES = 4, 3  # of laws over a lift, a fall; more hide each other
 _ENERGIES = {
     "kinetic_energy": "grains, kinetic",
     "pair_energy": "pairs",
@@ -179,10 +180,66 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
         page,
         "The other lift, and what the best laws predict of it.",
         lift,
-        [(name, score.motion.height, line_style(k)) for k, (score, name) in enumerate(ranked[:_MOST_LINES])],
+        [
+            (name, score.motion.height, line_style(k))
+            for k, (score, name) in enumerate(ranked[:_MOST_LIFT_LINES])
+        ],
         label="simulated",
         difference=_axis(lift)._replace(name="missed"),
     )
+
+
+def add_comparison(page: Page, table: Comparison) -> None:
+    """Add the table of laws and their test errors."""
+    page.section("The laws compared")
+    header, cells = table.header, table.cells()
+    if not any(row.blow_ups for row in table.rows):
+        header, cells = header[:-1], [row[:-1] for row in cells]
+    page.table(header, cells)
+    page.text(
+        "Errors are root mean squares of record minus simulation over what the law has not seen, "
+        f"in rms swings; the baseline, standing still, has {100 * table.at_rest:.3g} %, and the "
+        f"noise is {100 * table.noise:.2g} %. AIC and BIC, the misfit of the fits to whole records with a "
+        "price for each parameter (Akaike's and the Bayesian information criterion), count from the least. "
+        "The test error is the root mean square over all that a law has not seen: "
+        "swings of the record that a first fit does not see (test swings), and records of their own "
+        "(record 1; 'higher lift' on the terminal)."
+    )
+    with figure(height=table.drawing_height, size=READABLE) as (drawing, axes):
+        table.plot(axes)
+        page.figure(drawing, "Test errors of the laws.")
+
+
+def add_falls(page: Page, falls: DropScores) -> None:
+    """Add what the laws of a fall say of falls that they have not seen, and their errors."""
+    page.table(falls.header, falls.cells())
+    page.text(
+        "Each law was fitted to the scene's own fall, and predicts the others from the height at "
+        "which the piston is released, without anything else of them. Errors are root mean squares "
+        "over the height of the drop. How far a bed from another random start falls otherwise is "
+        "what no law can tell."
+    )
+    far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
+    time = far.time - far.time[0]
+    with figure(height=4.4, size=READABLE) as (drawing, axes):
+        axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
+        sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median)]
+        for k, row in enumerate(sound[:_MOST_FALL_LINES]):
+            assert row.model is not None
+            motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
+            axes.plot(
+                *downsample(time, 1e3 * motion.height),
+                linewidth=1.2,
+                label=plain_label(row.name),
+                **line_style(k),
+            )
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("height [mm]")
+        axes.legend(loc="upper right")
+        page.figure(drawing, "A fall from farther up, and what the best laws predict of it.")
+    with figure(height=4.4, size=READABLE) as (drawing, axes):
+        falls.plot(axes)
+        page.figure(drawing, "Errors of the laws over the height that the piston fell from.")
 
 
 def add_run(page: Page, run: Trajectory) -> None:

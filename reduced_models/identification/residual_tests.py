@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from reduced_models.fitting.residual_diagnostics import SLIGHT, count_transient_samples, residual_structure
 from reduced_models.models.model import ReducedModel
 
@@ -85,20 +84,39 @@ class ResidualTests:
         return {**dataclasses.asdict(self), "verdict": self.verdict}
 
 
-def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
-    """Those of a model on the record that it was fitted to."""
-    left = record.height - model.follow(record).height
-    rms, size = _rms(left), float(record.height.std())
+def residual_tests(
+    model: ReducedModel, time: np.ndarray, height: np.ndarray, followed: np.ndarray
+) -> ResidualTests:
+    """Test the residuals of a model on the record that it was fitted to.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        Fitted law, with the period of its small swing and the tests of its whole residuals.
+    time : float64 (n,)
+        Times of the samples [s].
+    height : float64 (n,)
+        Recorded heights [m], or angles [rad].
+    followed : float64 (n,)
+        Heights of the model at these times, in the same unit.
+
+    Returns
+    -------
+    ResidualTests
+        Size of the residuals, and tests of what follows the release's transient.
+    """
+    left = height - followed
+    rms, size = _rms(left), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0
     if model.at_rest is not None and rms > 0.0:
         period = model.at_rest.period
-        start = count_transient_samples(record.time, left, period)
-        time, later = record.time[start:], left[start:]
-        swing, double = (_line(time, later, k / period) for k in (1.0, 2.0))
+        start = count_transient_samples(time, left, period)
+        times, later = time[start:], left[start:]
+        swing, double = (_line(times, later, k / period) for k in (1.0, 2.0))
         if start:
-            speed = np.gradient(record.height[start:], time)
-            structure = residual_structure(time, later, speed, period)
+            speed = np.gradient(height[start:], times)
+            structure = residual_structure(times, later, speed, period)
             whiteness, signs = structure["whiteness"], structure["signs"]
     return ResidualTests(
         rms,
@@ -107,7 +125,7 @@ def residual_tests(model: ReducedModel, record: PistonRecord) -> ResidualTests:
         signs,
         swing,
         double,
-        transient=float(record.time[start] - record.time[0]),
+        transient=float(time[start] - time[0]),
         after=_rms(left[start:]) / size,
     )
 

@@ -240,12 +240,15 @@ class Identification:
         blocks.add_engineering(page, self.shown_figures, self.shown, self.mass, averaging)
         pictures.add_record_section(page, self.record, self.best)
         if self.falls is not None:
-            blocks.add_falls(page, self.falls)
+            page.section("The whole fall")
+            if self.falls.best.model is not None:
+                blocks.add_equations(page, self.falls.best.model)
+            pictures.add_falls(page, self.falls)
         page.section("Which law")
         page.text(self.verdict_on_laws)
         for note in (*self.advice, *self.notes):
             page.note(f"{blocks.capitalise(note)}.")
-        blocks.add_comparison(page, self.comparison)
+        pictures.add_comparison(page, self.comparison)
         if self.left_out:
             page.text("Laws that cannot win were not fitted:")
             page.listing([f"{blocks.capitalise(words)}." for words in self.left_out])

@@ -215,12 +215,13 @@ class ReducedModel(FittedLaw):
         from granular.shared.plotting import axes_or_new, new_axes
 
         if record is None:
-            return prediction.plot_model(self, self._longest_decay(), None, axes_or_new(ax))
-        motion = self.follow(record)
+            decay = self._longest_decay()
+            return prediction.plot_model(self, decay.time, decay.height, None, axes_or_new(ax))
+        height = self.follow(record).height
         if ax is None:
             ax, below = new_axes(2, height=4.6, sharex=True, height_ratios=(2, 1))
-            prediction.plot_residuals(motion, record, below)
-        return prediction.plot_model(self, motion, record, ax)
+            prediction.plot_residuals(self, record.time, record.height - height, below)
+        return prediction.plot_model(self, record.time, height, record.height, ax)
 
     def _longest_decay(self) -> PistonRecord:
         if self.at_rest is None:

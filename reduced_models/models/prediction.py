@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -126,25 +125,57 @@ def parameter_value(model: FittedLaw, name: str) -> float:
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def plot_model(model: FittedLaw, motion: PistonRecord, record: PistonRecord | None, ax: Axes) -> Axes:
-    """Model's motion, over a record where one is given."""
+def plot_model(
+    model: FittedLaw, time: np.ndarray, height: np.ndarray, recorded: np.ndarray | None, ax: Axes
+) -> Axes:
+    """Draw a model's heights over time, over recorded ones where they are given.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law with its name and coordinate.
+    time : float64 (n,)
+        Times [s].
+    height : float64 (n,)
+        Heights of the model at these times [m], or angles [rad].
+    recorded : float64 (n,) or None
+        Recorded heights at these times, in the same unit.
+    ax : Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    Axes
+        The same axes.
+    """
     from granular.shared.plotting import COLOURS, GREY, plain_label
 
     unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
-    if record is not None:
-        ax.plot(record.time, factor * record.height, ".", markersize=2.0, color=GREY, label="record")
+    if recorded is not None:
+        ax.plot(time, factor * recorded, ".", markersize=2.0, color=GREY, label="record")
     label = plain_label(model.law.name)
-    ax.plot(motion.time, factor * motion.height, color=COLOURS[0], label=label)
+    ax.plot(time, factor * height, color=COLOURS[0], label=label)
     ax.set(xlabel="time [s]", ylabel=f"{model.coordinate} [{unit}]")
     ax.legend(loc="upper right", frameon=False)
     return ax
 
 
-def plot_residuals(motion: PistonRecord, record: PistonRecord, ax: Axes) -> None:
-    """Plot the residuals of a record from a motion."""
+def plot_residuals(model: FittedLaw, time: np.ndarray, left: np.ndarray, ax: Axes) -> None:
+    """Draw the residuals of a record over time.
+
+    Parameters
+    ----------
+    model : FittedLaw
+        Law whose residuals they are, of a height or an angle.
+    time : float64 (n,)
+        Times [s].
+    left : float64 (n,)
+        Recorded heights minus those of the model [m], or angles [rad].
+    ax : Axes
+        Axes to draw on.
+    """
     from granular.shared.plotting import COLOURS
 
-    unit, factor = ("rad", 1.0) if record.angle else ("mm", 1e3)
-    left = factor * (record.height - motion.height)
-    ax.plot(record.time, left, color=COLOURS[1], linewidth=0.6)
+    unit, factor = ("rad", 1.0) if model.angle else ("mm", 1e3)
+    ax.plot(time, factor * left, color=COLOURS[1], linewidth=0.6)
     ax.set(xlabel="time [s]", ylabel=f"residual [{unit}]")

@@ -15,7 +15,8 @@ from reduced_models.least_squares.samples import grid_over
 from reduced_models.least_squares.unknowns import Unknowns
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.swings import error_on_swings, samples_in_motion, whole_swings
+from reduced_models.records.sensor_limits import samples_in_motion
+from reduced_models.records.swings import error_on_swings, whole_swings
 
 _STEPS = 128  # of a period
 START_PERIODS = 1.0
@@ -81,7 +82,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     True
     """
     total = record.from_zero()
-    guess = first_guesses(total)
+    guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, theta_of_model(model, guess)
     theta[unknowns.free :] = 0.0
     theta[unknowns.free : unknowns.free + 2] = (
@@ -107,7 +108,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     at_rest = _rms(total.height - rest) / swing
     spread = None
     if not lost.any():
-        missed, swings = guess.amplitude * residuals, whole_swings(total, samples_in_motion(total))
+        missed = guess.amplitude * residuals
+        swings = whole_swings(total.time, total.height, samples_in_motion(total))
         spread = error_on_swings(missed, total.height - rest, swings, swing).standard_error
     return RollOut(motion, error, error / swing, at_rest, spread)
 

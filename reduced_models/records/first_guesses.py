@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError
 
 LEAST_SAMPLES = 20
@@ -165,15 +164,31 @@ def crossings(time: np.ndarray, swing: np.ndarray, threshold: float) -> np.ndarr
     return np.asarray(time[before] + fraction * (time[after] - time[before]))
 
 
-def first_guesses(record: PistonRecord) -> FirstGuesses:
-    """First guesses from a record.
+def first_guesses(time: np.ndarray, height: np.ndarray) -> FirstGuesses:
+    """First guesses of the parameters of a recorded swing.
+
+    Rest level: mean of the last third. Frequency: pi over the median time between passages through it.
+    Decay: slope of the logarithm of the greatest displacement in each half period. Initial motion: a
+    parabola through the first tenth of a half period.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of the samples, which increase [s].
+    height : float64 (n,)
+        Heights [m], or angles [rad].
+
+    Returns
+    -------
+    FirstGuesses
+        Guesses in the units of the height.
 
     Raises
     ------
     RecordError
         If the record is too short, or the height does not change.
     """
-    time, height = record.time - record.time[0], record.height
+    time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
             f"the record has {len(time)} samples to fit; at least {LEAST_SAMPLES} are needed to "

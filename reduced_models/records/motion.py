@@ -1,4 +1,11 @@
-"""The motion in a record: what the sensor lost, and what was done before and after, is no part."""
+"""The free motion in a record: lost samples, and what was done before and after it, are no part.
+
+A record may hold several motions, each from its release to what disturbs it. While it swings, a
+displacement is large again after each half period. Another release shows by a pause in which it is
+small, by a hold, a large displacement that stands still for longer than a turning point does, or by a
+lift, a rise from a calm that takes longer than a swing's. A knock shows by a swing that is suddenly
+larger than the one before it.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +16,39 @@ import numpy as np
 from granular.readers.options import ALL
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
-from reduced_models.records.free_motions import free_motions, knock_times
+from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level
 from reduced_models.records.release import cut_at_release, has_active_input
 from reduced_models.records.sensor_limits import clipped_samples, cut_noise_tail, drop_lost_samples
+
+_ENDS = (5, 10, 20, 40)
+"""Parts of a record, at its end, whose middle may be the level of rest; a fifth may be held."""
+_LARGE, _SMALL = 0.4, 0.16
+"""Displacements over the largest one that count as large and as small."""
+_BEFORE, _AFTER = (-2.0, -0.2), (1.0, 4.0)
+"""Start and end, in half periods about a release, of the time in which nothing moves much; and of
+that in which no swing is larger than the first one."""
+_PAUSE, _CALM, _LEAST_PASSAGES = 2.0, 0.4, 4
+"""Half periods without a large displacement before another release; fraction of them with small
+ones; and number of passages through rest from which on there is a period."""
+_STILL, _FLAT, _SIGMAS = 1.2, 0.02, 6.0
+"""Least length of a hold in half periods, and its height over the largest displacement and in
+standard deviations of the noise; a turning point leaves 2 % of its height after 0.06 periods."""
+_FALLS = 1.2
+"""Half periods after a hold or a lift within which the displacement is small, where it was a release."""
+_SLOW, _LEFT = 0.75, 3.0
+"""Least duration of a lift, where a swing rises in half of one; and part of a motion before a lift, in
+which it may have begun. Both in half periods."""
+_LEAST_SWINGS = 3
+"""Large half swings from which on what stands before a hold is a motion of its own."""
+_GROWN, _STEADY = 1.25, 1.05
+"""Growth of a swing that a knock makes, and most of those before and behind it."""
+_NOISIEST = 0.05
+"""Noise over the largest displacement in which nothing is concluded."""
+_CENTRED = 0.35
+"""Middle of a swing, over its height, up to which it goes about the level of rest: what changes
+from one well into another swings about another level before."""
+_LEAST_PERIODS, _LEAST_HALVES = 3, 4.0
+"""Periods before or behind a knock, and half periods of a motion, at least."""
 
 
 def find_motion(record: PistonRecord, release: int | str | None = None) -> PistonRecord:
@@ -90,7 +127,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     # a hold that is clipped tells a release all the same
     clipped = clipped_samples(record)
     # what is driven may stand still between two moves without being released
-    parts = free_motions(record, holds=not has_active_input(record))
+    parts = _free_motion_slices(record, holds=not has_active_input(record))
     start = parts[0].start
     if start > 0:
         warnings.warn(
@@ -109,7 +146,7 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
     record = cut_at_release(record)
     if has_active_input(record):
         return record
-    if impacts := knock_times(record):
+    if impacts := _knock_times(record):
         edges = [
             float(record.time[0]),
             *(edge for times in impacts for edge in times),
@@ -125,3 +162,197 @@ def _trim_motion(record: PistonRecord) -> PistonRecord:
         )
         record = record.between(start, stop)
     return cut_noise_tail(record)
+
+
+def _free_motion_slices(record: PistonRecord, *, holds: bool) -> list[slice]:
+    """Return the samples of each free motion, with the hold before it.
+
+    Parameters
+    ----------
+    record : PistonRecord
+    holds : bool
+        Whether what stands still at a large displacement is held there.
+    """
+    total = slice(0, len(record))
+    if len(record) < LEAST_SAMPLES:
+        return [total]
+    time = record.time
+    swing = _swing_about_rest(record)
+    away = np.abs(swing)
+    largest = float(away.max())
+    half, gaps = _half_period(time, swing)
+    if half is None:
+        return [total]
+    small = away < _SMALL * largest
+    tops = {k: _top_of_lift(time, away, small, k, half) if holds else None for k in gaps}
+    anew = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
+    starts = [0]
+    for first, last in _find_holds(record, away, half) if holds else ():
+        anew = [k for k in anew if not first - _count_samples(time, first, _PAUSE * half) <= k <= last]
+        starts.append(first)
+    starts += [tops[k] or _onset(time, small, k, half) for k in anew]
+    ends = np.append(time[starts := sorted(set(starts))], time[-1])
+    starts = [k for k, long in zip(starts, np.diff(ends) > _LEAST_HALVES * half, strict=True) if long]
+    if not starts:
+        return [total]
+    stops = [_end_of_undisturbed_motion(time, swing, small, k, half) for k in starts[1:]] + [len(record)]
+    if len(starts) > 1 and not _is_oscillating(away[: stops[0]], _LARGE * largest):
+        starts, stops = starts[1:], stops[1:]
+    return [
+        slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
+    ] or [total]
+
+
+def _swing_about_rest(record: PistonRecord) -> np.ndarray:
+    """Displacement (n,) from the level of the record's end passed most often: part of it may be held."""
+    levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _ENDS]
+    swings = [np.asarray(record.height - level) for level in levels]
+    counts = [len(crossings(record.time, swing, _SMALL * np.abs(swing).max())) for swing in swings]
+    return swings[int(np.argmax(counts))]
+
+
+def _half_period(time: np.ndarray, swing: np.ndarray) -> tuple[float | None, list[int]]:
+    """Time from one passage through rest to the next, and samples of a motion after a pause."""
+    largest, noise = float(np.abs(swing).max()), noise_level(swing, time)
+    passages = crossings(time, swing, _SMALL * largest)
+    if len(passages) < _LEAST_PASSAGES or noise > _NOISIEST * largest:
+        return None, []
+    half = float(np.median(np.diff(passages)))
+    away = np.abs(swing)
+    large = np.flatnonzero(away > _LARGE * largest)
+    small = away < _SMALL * largest
+    before, after = large[:-1], large[1:]
+    calm = np.concatenate([[0], np.cumsum(small)])
+    passes = (after > before + 1) & (calm[after] > calm[before])
+    mostly = (calm[after] - calm[before]) > _CALM * (after - before)
+    anew = passes & mostly & (time[after] - time[before] > _PAUSE * half)
+    return half, [int(k) for k in after[anew]]
+
+
+def _starts_suddenly(time: np.ndarray, away: np.ndarray, start: int, half: float) -> bool:
+    """Return True where it was calm for a period before; beats grow from swing to swing."""
+    edges = np.searchsorted(time, time[start] + half * np.array([*_BEFORE, *_AFTER]))
+    before, first, next_ = (
+        float(away[begin:end].max(initial=0.0))
+        for begin, end in ((edges[0], edges[1]), (start, edges[2]), (edges[2], edges[3]))
+    )
+    return bool(before < 1.5 * _SMALL * away.max() and next_ < _STEADY * first)
+
+
+def _count_samples(time: np.ndarray, before: int, duration: float) -> int:
+    """Count the samples of a time before one of them."""
+    return before - int(np.searchsorted(time, time[before] - duration))
+
+
+def _onset(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+    """Sample at which a motion leaves a calm; a jump starts where it lands."""
+    calm = int(np.flatnonzero(small[:start])[-1])
+    return start if start - calm <= 2 else calm - _count_samples(time, calm, half)
+
+
+def _top_of_lift(time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+    """Sample at which a slow rise from a calm turns into a decay; 0 where a motion starts otherwise."""
+    calm = int(np.flatnonzero(small[:start])[-1])
+    end = start + int(np.argmax(small[start:])) if small[start:].any() else len(time)
+    top = calm + int(np.argmax(away[calm:end]))
+    if end == len(time) or time[end] - time[top] > _FALLS * half or time[top] - time[calm] < _SLOW * half:
+        return 0
+    edges = np.searchsorted(time, [time[calm] + half * _BEFORE[0], time[end] + half * _AFTER[1]])
+    before, behind = float(away[edges[0] : calm].max(initial=0.0)), float(away[end : edges[1]].max())
+    return top if before < 1.5 * _SMALL * away.max() and behind < _STEADY * away[top] else 0
+
+
+def _end_of_undisturbed_motion(
+    time: np.ndarray, swing: np.ndarray, small: np.ndarray, start: int, half: float
+) -> int:
+    """Sample behind the last one that what sets the next motion off has not touched."""
+    calm = np.flatnonzero(small[:start])
+    if not len(calm):
+        return start
+    stop = int(calm[-1])
+    if start - stop <= 2:  # a jump
+        return start
+    # from its beginning a lift goes to one side
+    other = np.flatnonzero(swing[:stop] * np.sign(swing[start]) < 0.0)
+    stop = int(other[-1]) if len(other) else stop
+    return stop - _count_samples(time, stop, _LEFT * half)
+
+
+def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
+    """First and last samples of large displacements that stand still, and then fall."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+    time, largest = record.time, float(away.max())
+    width = int(_STILL * half / float(np.median(np.diff(time))))
+    if width < 5 or width >= len(time):
+        return []
+    count = max(1, width // 8)
+    mean = uniform_filter1d(record.height, count)
+    noise = noise_level(record.height, time) / np.sqrt(count)
+    extent = maximum_filter1d(mean, width) - minimum_filter1d(mean, width)
+    still = (extent < _FLAT * largest + _SIGMAS * noise) & (away > _LARGE * largest)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    holds: list[tuple[int, int]] = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        first, last = max(0, int(begin) - width // 4), min(len(time) - 1, int(end) + width // 2)
+        together = bool(holds) and first - holds[-1][1] < width  # noise cuts a hold in two
+        holds.append((holds.pop()[0] if together else first, last))
+    ends = [int(np.searchsorted(time, time[last] + _FALLS * half)) for _, last in holds]
+    return [
+        hold
+        for hold, end in zip(holds, ends, strict=True)
+        if away[hold[1] : end].min(initial=np.inf) < _SMALL * largest
+    ]
+
+
+def _is_oscillating(away: np.ndarray, least: float) -> bool:
+    """Return whether a displacement of a least size is large, and small between, several times."""
+    largest = max(least, float(away.max(initial=0.0)))
+    kinds = np.where(away > _LARGE * largest, 1, np.where(away < _SMALL * largest, -1, 0))
+    kinds = kinds[kinds != 0]
+    return bool((np.diff(kinds) > 0).sum() + (kinds[:1] > 0).sum() >= _LEAST_SWINGS)
+
+
+def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
+    """Return the times before and after each sudden growth of a free swing.
+
+    What is driven, or beats, grows by and by or many times; between several knocks a swing decays.
+    """
+    if len(record) < LEAST_SAMPLES:
+        return []
+    time = record.time
+    swing = _swing_about_rest(record)
+    half, _ = _half_period(time, swing)
+    if half is None:
+        return []
+    period = 2.0 * half
+    numbers = ((time - time[0]) / period).astype(int)
+    firsts = np.flatnonzero(np.diff(numbers, prepend=-1))
+    peaks = np.maximum.reduceat(np.abs(swing), firsts)
+    # over two windows, as a period that is longer than the usual one may leave one without a peak
+    before = np.maximum(peaks[:-1], np.append(0.0, peaks[:-2]))
+    growth = peaks[1:] / np.maximum(before, 1e-300)
+    noise = _SIGMAS * noise_level(record.height, time)
+    seen = peaks[1:] - before > noise
+    grows, steady = (growth > _GROWN) & seen, (growth <= _STEADY) | ~seen
+    # what grows across the end of a window grows in the next one too
+    grows[1:] |= grows[:-1] & ~steady[1:]
+    grown = np.flatnonzero(grows)
+    events = np.split(grown, np.flatnonzero(np.diff(grown) > 1) + 1) if len(grown) else []
+    apart = np.diff(grown)[np.diff(grown) > 1]
+    if len(events) > 1 and not (np.delete(steady, grown).all() and apart.min() >= _LEAST_PERIODS):
+        return []
+    least, most = (limit.reduceat(swing, firsts) for limit in (np.minimum, np.maximum))
+    for event in events:
+        first, last = int(event[0]), int(event[-1])
+        if last - first > 1 or not 1 <= first <= last < len(growth) - 1 or len(peaks) < 2 * _LEAST_PERIODS:
+            return []
+        about = [first - 1, first, last + 2]
+        if (np.abs(least + most)[about] > 2.0 * _CENTRED * peaks[about]).any():
+            return []
+        if not (steady[first - 1] and steady[last + 1]):
+            return []
+    return [
+        (float(time[firsts[event[0] + 1]]) - half, float(time[firsts[event[-1] + 1]]) + period)
+        for event in events
+    ]

@@ -9,7 +9,8 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.first_guesses import LEAST_SAMPLES, noise_level
+from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, noise_level
+from reduced_models.records.release import has_active_input
 
 KEEP = "to keep them: --between :"
 _LEAST_CLIPPED = 6
@@ -39,6 +40,10 @@ _ENDS = 0.7
 much back to be tested with, which then would hold noise alone."""
 _LEAST_END = 0.05
 """Part of a record that its level of rest is taken from at least."""
+_MOST_OF_RECORD = 0.85
+"""Part of a record up to which its motion must have ended for the rest not to count."""
+_FEWEST_CROSSINGS = 8
+"""Passages through rest of a motion that is long enough to be split on its own."""
 
 
 def drop_lost_samples(record: PistonRecord) -> PistonRecord:
@@ -169,6 +174,22 @@ def end_of_motion(record: PistonRecord) -> float:
     limit = max(_DEAD, 1.0 + 4.0 / math.sqrt(2.0 * count))
     moving = np.flatnonzero(rms > limit * _sensor_noise(record.time, record.height) / largest)
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
+
+
+def samples_in_motion(record: PistonRecord) -> int:
+    """Return the number of samples until a free swing is lost in the noise of its record.
+
+    All of them where something drives the motion, or where it ends after few swings.
+    """
+    if has_active_input(record):
+        return len(record)
+    end, duration = end_of_motion(record), float(record.time[-1])
+    count = int(np.searchsorted(record.time, end, side="right"))
+    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
+        return len(record)
+    if first_guesses(record.time[:count], record.height[:count]).crossings < _FEWEST_CROSSINGS:
+        return len(record)
+    return count
 
 
 def cut_noise_tail(record: PistonRecord) -> PistonRecord:

@@ -13,15 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.run.record import PistonRecord
-from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, first_guesses, noise_level
-from reduced_models.records.release import has_active_input
-from reduced_models.records.sensor_limits import end_of_motion
+from reduced_models.records.first_guesses import crossings, noise_level
 
-_MOST_OF_RECORD = 0.85
-"""Part of a record up to which its motion must have ended for the rest not to count."""
-_FEWEST_CROSSINGS = 8
-"""Passages through rest of a motion that is long enough to be split on its own."""
 _LEAST_SWING, _NOISES = 0.01, 4.0
 """Amplitude that a swing must have, over the greatest one, and in noise levels."""
 _MOST_BLOCKS = 60
@@ -31,46 +24,61 @@ _FEWEST_SWINGS = 10
 _FEWEST_TESTED = 2
 
 
-def samples_in_motion(record: PistonRecord) -> int:
-    """Return the number of samples until a free swing is lost in the noise of its record.
-
-    All of them where something drives the motion, or where it ends after few swings.
-    """
-    if has_active_input(record):
-        return len(record)
-    end, duration = end_of_motion(record), float(record.time[-1])
-    count = int(np.searchsorted(record.time, end, side="right"))
-    if end > _MOST_OF_RECORD * duration or count < LEAST_SAMPLES:
-        return len(record)
-    if first_guesses(record.first(count)).crossings < _FEWEST_CROSSINGS:
-        return len(record)
-    return count
-
-
-def whole_swings(record: PistonRecord, moving: int) -> tuple[slice, ...]:
+def whole_swings(time: np.ndarray, height: np.ndarray, moving: int) -> tuple[slice, ...]:
     """Return the samples of the whole swings that are above the noise, in the first ``moving``.
 
     Each reaches from a passage through the level of rest to the one after next; of few, half swings
     are taken, and of many, several make one block.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of a record's samples [s].
+    height : float64 (n,)
+        Heights [m], or angles [rad].
+    moving : int
+        Number of samples until the motion is lost in noise; see `sensor_limits.samples_in_motion`.
+
+    Returns
+    -------
+    tuple of slice
+        Samples of each swing, or block of swings, in order.
     """
-    time, height = record.time[:moving], record.height[:moving]
-    swing = height - record.height[-len(record) // 3 :].mean()
+    swing = height[:moving] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(swing).max())
-    least = max(_LEAST_SWING * largest, _NOISES * noise_level(record.height, record.time))
-    passages = crossings(time, swing, min(least, 0.5 * largest))
+    least = max(_LEAST_SWING * largest, _NOISES * noise_level(height, time))
+    passages = crossings(time[:moving], swing, min(least, 0.5 * largest))
     passages = passages[::2] if len(passages) > 2 * _FEWEST_SWINGS else passages
     passages = passages[:: max(1, -(-len(passages) // _MOST_BLOCKS))]
-    edges = np.searchsorted(time, passages)
+    edges = np.searchsorted(time[:moving], passages)
     return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a)
 
 
-def spread_test_swings(record: PistonRecord, fraction: float, moving: int) -> tuple[slice, ...]:
+def spread_test_swings(
+    time: np.ndarray, height: np.ndarray, fraction: float, moving: int
+) -> tuple[slice, ...]:
     """Return the samples of a fraction of the whole swings, evenly spread over them.
 
     The first one, which tells how the motion starts, is not among them. Empty where there are too
     few swings.
+
+    Parameters
+    ----------
+    time : float64 (n,)
+        Times of a record's samples [s].
+    height : float64 (n,)
+        Heights [m], or angles [rad].
+    fraction : float
+        Fraction of the swings, from 0 to 1.
+    moving : int
+        Number of samples until the motion is lost in noise; see `sensor_limits.samples_in_motion`.
+
+    Returns
+    -------
+    tuple of slice
+        Samples of each swing that is held out, in order.
     """
-    swings = whole_swings(record, moving)
+    swings = whole_swings(time, height, moving)
     passed = np.floor(fraction * np.arange(len(swings) + 1) + 0.5 + 1e-9)
     chosen = tuple(swing for swing, step in zip(swings, np.diff(passed), strict=True) if step > 0.0)
     chosen = chosen[1:] if chosen[:1] == swings[:1] else chosen

@@ -122,7 +122,8 @@ def _difference(samples: int) -> Any:
 
 def tuned_window(record: PistonRecord) -> int:
     """Samples of the window that was tried out, an odd number."""
-    samples = TUNED_PERIODS * first_guesses(record).period / float(np.diff(record.time).mean())
+    period = first_guesses(record.time, record.height).period
+    samples = TUNED_PERIODS * period / float(np.diff(record.time).mean())
     return max(5, 2 * math.floor(samples / 2.0) + 1)
 
 

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-MOST_FILES = 47
-"""Forty before sensors, test swings and the record's own damping had files of their own."""
+MOST_FILES = 40
 SOURCES = {"PistonRecord", "Scene", "Trajectory"}
 
 

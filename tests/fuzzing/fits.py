@@ -32,7 +32,8 @@ def main() -> None:
 
         def readable(number: int) -> bool:
             try:
-                first_guesses(record_of(random_of(options.seed, number), Path(folder)))
+                record = record_of(random_of(options.seed, number), Path(folder))
+                first_guesses(record.time, record.height)
             except InputError:
                 return False
             return True

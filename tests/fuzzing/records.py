@@ -211,7 +211,7 @@ def glanced_at(random: Random, folder: Path, show: bool) -> Outcome:
         record = record_of(random, folder, show)
         for name, values in record.columns.items():
             assert np.isfinite(values).all(), name
-        guess = first_guesses(record)
+        guess = first_guesses(record.time, record.height)
     except InputError as error:
         return refused(error)
     for name in ("rest", "amplitude", "frequency", "decay", "height", "velocity"):

@@ -21,7 +21,8 @@ from reduced_models.laws.equation import parse_equation
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.records.first_guesses import FirstGuesses
-from reduced_models.records.swings import samples_in_motion, spread_test_swings
+from reduced_models.records.sensor_limits import samples_in_motion
+from reduced_models.records.swings import spread_test_swings
 
 TRUE = {"alpha": 0.17, "omega": 1.05, "g0": -1.0}
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -188,7 +189,7 @@ def test_what_judges_is_blind(made: Any) -> None:
     """Changes in the test swings leave alone the model that is judged on them."""
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
-    swings = spread_test_swings(record, 0.3, len(record))
+    swings = spread_test_swings(record.time, record.height, 0.3, len(record))
     for swing in swings:  # their ends stay where they are
         moved[swing.start + 10 : swing.start + 50] = offset
         moved[swing.stop - 50 : swing.stop - 10] = -offset

@@ -79,11 +79,11 @@ def fall_of_frequency(record: PistonRecord) -> float:
 
 
 def test_first_guesses_have_rivals_where_the_period_changes() -> None:
-    chirp = PistonRecord(TIME, np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2))
-    guess = first_guesses(chirp)
+    chirp = np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2)
+    guess = first_guesses(TIME, chirp)
     assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
     assert guess.shortest_swing_period <= guess.period
-    steady = first_guesses(PistonRecord(TIME, np.cos(3.0 * TIME)))
+    steady = first_guesses(TIME, np.cos(3.0 * TIME))
     assert steady.rivals == ()
     assert spectral_peak(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
 

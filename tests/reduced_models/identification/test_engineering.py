@@ -227,10 +227,10 @@ def test_structure_is_called_wrong_though_it_is_small(
     swing = 1.2e-3 * np.exp(-0.05 * time) * np.cos(21.0 * time)
     model = fit(PistonRecord(time, 0.059 + swing), "linear", starts=2)
     moved = PistonRecord(time, 0.059 + swing + error(time))
-    left = moved.height - model.follow(moved).height
-    seen = residual_structure(time, left, np.gradient(swing, time), 2.0 * math.pi / 21.0)
+    followed = model.follow(moved).height
+    seen = residual_structure(time, moved.height - followed, np.gradient(swing, time), 2.0 * math.pi / 21.0)
     quality = dataclasses.replace(model.quality, whiteness=seen["whiteness"], signs=seen["signs"])
-    found = residual_tests(dataclasses.replace(model, quality=quality), moved)
+    found = residual_tests(dataclasses.replace(model, quality=quality), time, moved.height, followed)
     assert found.verdict.startswith(words)
 
 
