@@ -49,7 +49,7 @@ mine.py:
 )
 def observe(options: Any) -> None:
     """Make a table of observables."""
-    from granular.observables.catalogue import find_observable, frame_table
+    from granular.observables.catalogue import find_observable, observables_table
     from granular.run.trajectory import load_trajectory
     from granular.user_code import import_user_code
 
@@ -57,7 +57,7 @@ def observe(options: Any) -> None:
         check_output_file(Path(options.out), options.force)  # before anything is computed
     own = import_user_code(options.user_files).observables
     run = load_trajectory(options.run)
-    table = frame_table(run, [find_observable(name, own) for name in options.names])
+    table = observables_table(run, [find_observable(name, own) for name in options.names])
     if options.out is not None:
         write_text(Path(options.out), table.to_csv(index=False))
     text = table.to_string(index=False) if options.out is None else f"written to {options.out}"

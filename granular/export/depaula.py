@@ -35,7 +35,7 @@ import numpy as np
 
 from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.observables import compressive_forces, depaula_pair_distance
-from granular.observables.interactions import unsupported_effects
+from granular.observables.interactions import effects_of_unknown_pair_force
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.scales import Scales
@@ -175,7 +175,7 @@ def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) ->
         "velPart": ("x y [D/T]", lambda frame: frame.velocity / speed),
         "forPart": ("x y [m D/T^2]", lambda frame: frame.force / force),
     }
-    apart = not unsupported_effects(run.scene)
+    apart = not effects_of_unknown_pair_force(run.scene)
     if apart:
         tables["comPart"] = (
             "compression [m D/T^2]",

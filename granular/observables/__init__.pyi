@@ -23,8 +23,8 @@ from .displacement import (
 )
 from .forces import (
     compressive_forces,
+    force_dip_test,
     force_distribution,
-    force_modes,
     grain_pressures,
     grain_stresses,
     grain_virials,
@@ -35,25 +35,37 @@ from .forces import (
 from .frame import Frame, frame_at, observable
 from .harmonics import harmonic_response, stage_response
 from .hysteresis import hysteresis_cycles, hysteresis_energy
-from .moduli import bed_moduli, crystal_moduli, dipole_strength, interaction_parameter, melting_theory_modulus
+from .moduli import (
+    bed_moduli,
+    crystal_moduli,
+    dipole_pair_strength,
+    interaction_parameter,
+    melting_theory_modulus,
+)
 from .packing import (
+    area_fraction_by_depth,
     area_fraction_profile,
     depaula_pair_distance,
-    depth_profile,
     least_piston_distance,
     mean_pair_distance,
     packing_fraction,
-    packing_series,
+    packing_fraction_series,
 )
 from .plasticity import drop_statistics, elastic_strain, plastic_distortion, plastic_events
 from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
 from .temperature import configurational_temperature, kinetic_temperature
-from .translation import lattice_vector, structure_factor, translational_correlation, translational_order
+from .translational_order import (
+    reciprocal_lattice_vector,
+    structure_factor,
+    translational_correlation,
+    translational_order,
+)
 from .voronoi import cell_polygons, hexagon_regularity, polygon_fractions, voronoi_cells
 
 __all__ = [
     "OBSERVABLES",
     "Frame",
+    "area_fraction_by_depth",
     "area_fraction_profile",
     "axial_order_parameter",
     "bed_moduli",
@@ -66,16 +78,15 @@ __all__ = [
     "configurational_temperature",
     "crystal_moduli",
     "depaula_pair_distance",
-    "depth_profile",
     "detect_defects",
     "dip_test",
-    "dipole_strength",
+    "dipole_pair_strength",
     "disclination_charges",
     "dislocations",
     "drop_statistics",
     "elastic_strain",
+    "force_dip_test",
     "force_distribution",
-    "force_modes",
     "frame_at",
     "global_psi6",
     "grain_pressures",
@@ -90,7 +101,6 @@ __all__ = [
     "interaction_parameter",
     "kinetic_temperature",
     "knuth_histogram",
-    "lattice_vector",
     "least_piston_distance",
     "lindemann_parameter",
     "local_psi6",
@@ -102,7 +112,7 @@ __all__ = [
     "non_gaussian_parameter",
     "observable",
     "packing_fraction",
-    "packing_series",
+    "packing_fraction_series",
     "pearson_correlation",
     "per_distance",
     "per_frame",
@@ -112,6 +122,7 @@ __all__ = [
     "polygon_fractions",
     "psi6",
     "radial_distribution",
+    "reciprocal_lattice_vector",
     "relative_fluctuation",
     "spatial_correlation",
     "stage_response",

@@ -76,17 +76,17 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     >>> print(found.amplitudes.round(3), found.rates.round(3))
     [2. 1.] [-3.   0.5]
     """
-    x, y = _checked_samples(x, y)
+    x, y = _validate_samples(x, y)
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_rates(u, y)
-    amplitudes = _amplitudes(u, y, rates) * np.exp(-rates * start / width)
+    amplitudes = _best_amplitudes(u, y, rates) * np.exp(-rates * start / width)
     rates = rates / width
     order = np.argsort(rates)
     return _with_intervals(x, y, amplitudes[order], rates[order])
 
 
-def _checked_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _validate_samples(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if x.ndim != 1 or x.shape != y.shape:
         raise InputError(f"x has the shape {x.shape} and y {y.shape}; both must be (n,)")
@@ -101,7 +101,7 @@ def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.exp(np.multiply.outer(u, rates))
 
 
-def _amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
     basis = _exponential_basis(u, rates)
     sizes = np.linalg.norm(basis, axis=0)
     return np.asarray(np.linalg.lstsq(basis / sizes, y, rcond=None)[0] / sizes)
@@ -114,7 +114,7 @@ def _best_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     size = float(np.abs(y).max()) or 1.0
 
     def misfit(rates: np.ndarray) -> np.ndarray:
-        return (_exponential_basis(u, rates) @ _amplitudes(u, y, rates) - y) / size
+        return (_exponential_basis(u, rates) @ _best_amplitudes(u, y, rates) - y) / size
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
     starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
@@ -137,13 +137,13 @@ def _with_intervals(
     free = len(x) - 4
     variance = float(left @ left) / free
     slopes = np.concatenate([basis, basis * amplitudes * x[:, None]], axis=1)
-    widths = stdtrit(free, 0.975) * np.sqrt(variance * _inverse_diagonal(slopes))
+    widths = stdtrit(free, 0.975) * np.sqrt(variance * _inverse_normal_diagonal(slopes))
     values = np.concatenate([amplitudes, rates])
     intervals = np.stack([values - widths, values + widths], axis=1)
     return BiexponentialFit(amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance)))
 
 
-def _inverse_diagonal(slopes: np.ndarray) -> np.ndarray:
+def _inverse_normal_diagonal(slopes: np.ndarray) -> np.ndarray:
     """Diagonal of (J^T J)^-1; infinite where J leaves a parameter open."""
     sizes = np.linalg.norm(slopes, axis=0)
     if not (sizes > 0.0).all():

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.observables.correlation import (
-    PairFunction,
+    PairDistanceFunction,
     check_bin_edges,
     default_bin_edges,
     mean_over_pairs,
@@ -212,10 +212,10 @@ def block_susceptibilities(frames: np.ndarray, blocks: Sequence[int] = (1, 2, 4,
             column, row = np.minimum((number * along).astype(int), number - 1).T
             np.add.at(sums[number][k], number * row + column, order)
             np.add.at(counts[number][k], number * row + column, 1.0)
-    return np.array([_block_mean(sums[number], counts[number]) for number in blocks])
+    return np.array([_mean_block_susceptibility(sums[number], counts[number]) for number in blocks])
 
 
-def _block_mean(sums: np.ndarray, counts: np.ndarray) -> float:
+def _mean_block_susceptibility(sums: np.ndarray, counts: np.ndarray) -> float:
     result = []
     for total, number in zip(sums.T, counts.T, strict=True):
         filled = number > 0
@@ -227,7 +227,7 @@ def _block_mean(sums: np.ndarray, counts: np.ndarray) -> float:
 @observable("1", "correlation of bond orientation g6(r)")
 def bond_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, cells: VoronoiCells | None = None
-) -> PairFunction:
+) -> PairDistanceFunction:
     """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs at the distance r.
 
     It is constant in a crystal, falls algebraically in the hexatic phase and exponentially in a
@@ -245,7 +245,7 @@ def bond_correlation(
 
     Returns
     -------
-    PairFunction
+    PairDistanceFunction
         Mean of each bin, without unit, and the number of its pairs.
 
     Raises

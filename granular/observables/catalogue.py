@@ -42,18 +42,21 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 
-@observable("m", "mean distance of two grains")
-def mean_distance(frame: Frame) -> float:
+@observable("m", "mean distance of two grains", name="mean_distance")
+def mean_grain_distance(frame: Frame) -> float:
+    """Mean distance of two grains' centres, over all pairs of the frame [m]."""
     return mean_pair_distance(frame.positions)
 
 
-@observable("m", "distance of the piston from the grain next to it")
-def piston_distance(frame: Frame) -> float:
+@observable("m", "distance of the piston from the grain next to it", name="piston_distance")
+def nearest_grain_to_piston(frame: Frame) -> float:
+    """Least distance of a grain's centre from the piston [m]."""
     return least_piston_distance(frame.positions, frame.piston_height)
 
 
-@observable("m", "least distance of a grain's centre from the piston")
-def species_piston_distance(frame: Frame) -> dict[str, float]:
+@observable("m", "least distance of a grain's centre from the piston", name="species_piston_distance")
+def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
+    """Least distance of a grain's centre from the piston [m], by the name of the species."""
     require_piston(frame.scene)
     return {
         name: least_piston_distance(frame.positions[frame.species == k], frame.piston_height)
@@ -61,30 +64,35 @@ def species_piston_distance(frame: Frame) -> dict[str, float]:
     }
 
 
-@observable("1", "packing fraction below the piston, or of a periodic cell")
-def packing(frame: Frame) -> float:
+@observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
+def frame_packing_fraction(frame: Frame) -> float:
+    """Area of the grains over that of the cell below the piston, or of the periodic cell [D, eq. 2.2]."""
     here = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[here], frame.scene.cell.width, height))
 
 
-@observable("1", "mean of |psi_6| over the grains")
-def hexatic_order(frame: Frame) -> float:
+@observable("1", "mean of |psi_6| over the grains", name="hexatic_order")
+def mean_local_psi6(frame: Frame) -> float:
+    """Mean of |psi_6| over the grains with an interior Voronoi cell, from 0 to 1 [D, eq. 4.28]."""
     return psi6(frame.positions)
 
 
-@observable("1", "fraction of the cells")
-def polygons(frame: Frame) -> dict[str, float]:
+@observable("1", "fraction of the cells", name="polygons")
+def frame_polygon_fractions(frame: Frame) -> dict[str, float]:
+    """Fractions of pentagons, hexagons, heptagons and others among the interior Voronoi cells."""
     return polygon_fractions(voronoi_cells(frame.positions)).by_name
 
 
-@observable("1", "number of interior Voronoi cells")
-def interior_cells(frame: Frame) -> float:
+@observable("1", "number of interior Voronoi cells", name="interior_cells")
+def interior_cell_count(frame: Frame) -> float:
+    """Count of interior Voronoi cells."""
     return float(voronoi_cells(frame.positions).interior.sum())
 
 
-@observable("1", "regularity of the hexagons")
-def regularity(frame: Frame) -> dict[str, float]:
+@observable("1", "regularity of the hexagons", name="regularity")
+def mean_hexagon_regularity(frame: Frame) -> dict[str, float]:
+    """Mean and standard deviation of `hexagon_regularity` over the interior hexagons, without unit."""
     values = hexagon_regularity(voronoi_cells(frame.positions))
     values = values[np.isfinite(values)]
     if not len(values):
@@ -92,18 +100,21 @@ def regularity(frame: Frame) -> dict[str, float]:
     return {"mean": float(values.mean()), "deviation": float(values.std())}
 
 
-@observable("1", "number of defects")
-def defects(frame: Frame) -> dict[str, float]:
+@observable("1", "number of defects", name="defects")
+def defect_counts(frame: Frame) -> dict[str, float]:
+    """Numbers of disclinations, of dislocations and of unpaired disclinations; see `count_defects`."""
     return count_defects(voronoi_cells(frame.positions))
 
 
-@observable("J", "kinetic temperature of the bed")
-def temperature(frame: Frame) -> float:
+@observable("J", "kinetic temperature of the bed", name="temperature")
+def granular_temperature(frame: Frame) -> float:
+    """`kinetic_temperature` of the frame's grains [J]."""
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
-@observable("J", "kinetic temperature of the species")
-def species_temperature(frame: Frame) -> dict[str, float]:
+@observable("J", "kinetic temperature of the species", name="species_temperature")
+def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
+    """Mean of `fluctuation_energies` over the grains of each species [J], by the species' name."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -112,51 +123,58 @@ def species_temperature(frame: Frame) -> dict[str, float]:
     return means
 
 
-@observable("N", "force of grains and walls on the grain")
-def interaction_force(frame: Frame) -> np.ndarray:
+@observable("N", "force of grains and walls on the grain", name="interaction_force")
+def grain_interaction_force(frame: Frame) -> np.ndarray:
+    """Force of grains and walls on each grain, float64 (n, 2) [N]; see `interaction_forces`."""
     return interaction_forces(frame)
 
 
-@observable("1", "relative fluctuation of the force on the grain")
-def force_fluctuation(frame: Frame) -> np.ndarray:
-    """As in [D, Fig. 4.24] of the grains with an interior cell; the others are NaN here."""
+@observable("1", "relative fluctuation of the force on the grain", name="force_fluctuation")
+def interior_force_fluctuation(frame: Frame) -> np.ndarray:
+    """`relative_fluctuation` of the force on each grain (n,), without unit [D, Fig. 4.24].
+
+    NaN for grains without an interior Voronoi cell.
+    """
     sizes = np.linalg.norm(interaction_forces(frame), axis=1)
     inner = voronoi_cells(frame.positions).interior
     return relative_fluctuation(np.where(inner, sizes, np.nan), frame.species)
 
 
-@observable("N", "compressive force on the grain")
-def compressive_force(frame: Frame) -> np.ndarray:
+@observable("N", "compressive force on the grain", name="compressive_force")
+def grain_compressive_force(frame: Frame) -> np.ndarray:
+    """Sum of the magnitudes of the forces on each grain, float64 (n,) [N]; see `compressive_forces`."""
     return compressive_forces(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "stress of the grain, positive for compression")
 def grain_stress(frame: Frame) -> np.ndarray:
+    """Stress of each grain, float64 (n, 2, 2) [N/m], positive for compression; see `grain_stresses`."""
     return grain_stresses(frame.scene, frame.positions, frame.piston_height)
 
 
 @observable("N/m", "pressure of the grain")
 def grain_pressure(frame: Frame) -> np.ndarray:
+    """Pressure of each grain, float64 (n,) [N/m]; see `grain_pressures`."""
     return grain_pressures(frame.scene, frame.positions, frame.piston_height)
 
 
 OBSERVABLES: Mapping[str, Callable[[Frame], Value]] = {
-    function.__name__: function
+    function.observable.name: function  # type: ignore[attr-defined]
     for function in (
-        mean_distance,
-        piston_distance,
-        species_piston_distance,
-        packing,
-        hexatic_order,
-        polygons,
-        interior_cells,
-        regularity,
-        defects,
-        temperature,
-        species_temperature,
-        interaction_force,
-        force_fluctuation,
-        compressive_force,
+        mean_grain_distance,
+        nearest_grain_to_piston,
+        nearest_grain_to_piston_by_species,
+        frame_packing_fraction,
+        mean_local_psi6,
+        frame_polygon_fractions,
+        interior_cell_count,
+        mean_hexagon_regularity,
+        defect_counts,
+        granular_temperature,
+        granular_temperature_by_species,
+        grain_interaction_force,
+        interior_force_fluctuation,
+        grain_compressive_force,
         grain_stress,
         grain_pressure,
     )
@@ -201,12 +219,12 @@ def per_frame(
     marked = observable_metadata(function)
     name = function.__name__ if marked is None else marked.name
     chosen = select_frames(run, start, stop)
-    values = [_evaluate_checked(function, name, frame) for frame in frames(run, chosen)]
+    values = [_evaluate_on_frame(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [
-        np.asarray(name if labels is None else list(name.values()), dtype=np.float64) for name in values
+        np.asarray(value if labels is None else list(value.values()), dtype=np.float64) for value in values
     ]
-    dims = _dimensions(arrays, name, run.scene.grains.count, labels is not None)
+    dims = _value_dimensions(arrays, name, run.scene.grains.count, labels is not None)
     data = run.dataset.isel(frame=chosen)
     coordinates: dict[str, Any] = {"frame_time": data["frame_time"]}
     if labels is not None:
@@ -218,11 +236,11 @@ def per_frame(
         np.array(arrays),
         dims=("frame", *dims),
         coords=coordinates,
-        attrs={} if marked is None else marked.attributes,
+        attrs={} if marked is None else marked.array_attributes,
     )
 
 
-def _evaluate_checked(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
+def _evaluate_on_frame(function: Callable[[Frame], Value], name: str, frame: Frame) -> Any:
     try:
         value = function(frame)
         return value if isinstance(value, Mapping) else np.asarray(value, dtype=np.float64)
@@ -235,7 +253,7 @@ def _evaluate_checked(function: Callable[[Frame], Value], name: str, frame: Fram
         ) from error
 
 
-def _dimensions(values: Sequence[np.ndarray], name: str, count: int, labelled: bool) -> tuple[str, ...]:
+def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, labelled: bool) -> tuple[str, ...]:
     shapes = {value.shape[1:] if labelled else value.shape for value in values} or {()}
     known = {
         (): (),
@@ -252,7 +270,7 @@ def _dimensions(values: Sequence[np.ndarray], name: str, count: int, labelled: b
     return (*(("label",) if labelled else ()), *known[shapes.pop()])
 
 
-def frame_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
+def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
     """Time [s] and observables of every frame; each column's name holds its unit.
 
     Values by label have a column each.

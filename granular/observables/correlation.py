@@ -29,7 +29,7 @@ FARTHEST = 10.0
 BINS = 100
 
 
-class PairFunction(NamedTuple):
+class PairDistanceFunction(NamedTuple):
     """A function of the distance of two grains, in bins (lower edge, upper edge].
 
     Attributes
@@ -53,7 +53,7 @@ class PairFunction(NamedTuple):
 
 def per_distance(
     run: Trajectory,
-    function: Callable[[np.ndarray, np.ndarray], PairFunction],
+    function: Callable[[np.ndarray, np.ndarray], PairDistanceFunction],
     edges: np.ndarray | None = None,
     start: float = 0.0,
     stop: float = np.inf,
@@ -96,7 +96,7 @@ def per_distance(
         values,
         dims="distance",
         coords={"distance": ("distance", middle, {"units": "m"})},
-        attrs={} if marked is None else marked.attributes,
+        attrs={} if marked is None else marked.array_attributes,
     )
 
 
@@ -157,10 +157,10 @@ def count_pairs(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.diff(tree.count_neighbors(tree, edges)) // 2
 
 
-def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairFunction:
+def mean_over_pairs(points: np.ndarray, products: np.ndarray, edges: np.ndarray) -> PairDistanceFunction:
     """Return the sums over the pairs of each bin, as means over them."""
     pairs = count_pairs(points, edges)
-    return PairFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
+    return PairDistanceFunction(edges, divide_by_pair_count(products, pairs), pairs, pairs)
 
 
 def divide_by_pair_count(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -180,7 +180,7 @@ def sum_pair_products(points: np.ndarray, values: np.ndarray, edges: np.ndarray)
 @observable("1", "radial distribution function g(r)")
 def radial_distribution(
     positions: np.ndarray, edges: np.ndarray | None = None, box: np.ndarray | None = None
-) -> PairFunction:
+) -> PairDistanceFunction:
     """Radial distribution g(r): pairs counted over pairs expected without any order, bin by bin.
 
     The expectation is exact for N grains in a rectangle a x b, so that no grain need be left out at
@@ -202,7 +202,7 @@ def radial_distribution(
 
     Returns
     -------
-    PairFunction
+    PairDistanceFunction
         Function g of each bin, without unit, and the number of its pairs.
 
     Raises
@@ -232,7 +232,7 @@ def radial_distribution(
         raise InputError("a grain lies outside of the box; give a box that holds all grains")
     pairs = count_pairs(points, edges)
     expected = _expected_pairs(len(points), high - low, edges)
-    return PairFunction(edges, pairs / expected, pairs, expected)
+    return PairDistanceFunction(edges, pairs / expected, pairs, expected)
 
 
 def _expected_pairs(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -250,7 +250,7 @@ def _expected_pairs(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndar
 @observable("1", "spatial correlation")
 def spatial_correlation(
     positions: np.ndarray, values: np.ndarray, edges: np.ndarray | None = None
-) -> PairFunction:
+) -> PairDistanceFunction:
     """Spatial correlation <dv(0) dv(r)>/<dv^2>, dv being a grain's deviation from the mean value.
 
     It is 1 where both grains have the same deviation, and 0 where they are independent (Pearson's
@@ -270,7 +270,7 @@ def spatial_correlation(
 
     Returns
     -------
-    PairFunction
+    PairDistanceFunction
         Correlation of each bin, 1 for equal deviations and NaN in bins without pairs, and the number
         of its pairs.
 
@@ -288,4 +288,4 @@ def spatial_correlation(
     if not variance > 0.0:
         raise InputError("the values do not differ; there is nothing to correlate")
     pairs, products = count_pairs(points, edges), sum_pair_products(points, deviation, edges)
-    return PairFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)
+    return PairDistanceFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)

@@ -10,10 +10,10 @@ import numpy as np
 from granular.observables.bond_order import global_psi6, local_psi6
 from granular.observables.defects import (
     burgers_vectors,
-    counter_clockwise,
     excess_grains,
     lattice_norm_squared,
     lattice_to_plane,
+    orient_counter_clockwise,
 )
 from granular.observables.frame import check_positions
 from granular.observables.voronoi import VoronoiCells, circumcentres, voronoi_cells
@@ -74,7 +74,7 @@ class Defects(NamedTuple):
     spacing: float
 
 
-class _Cluster(NamedTuple):
+class _DefectCluster(NamedTuple):
     kind: str
     position: np.ndarray
     lattice: np.ndarray
@@ -125,7 +125,7 @@ def detect_defects(
         angle = float(np.angle(global_psi6(positions, cells))) / 6.0
     area = float(cells.area[cells.interior].mean())
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
-    clusters = _join_boundaries(_cluster_defects(positions, cells, angle, spacing), spacing)
+    clusters = _join_grain_boundaries(_cluster_defects(positions, cells, angle, spacing), spacing)
     lattice = np.array([cluster.lattice for cluster in clusters], dtype=int).reshape(-1, 2)
     return Defects(
         kinds=tuple(cluster.kind for cluster in clusters),
@@ -141,12 +141,12 @@ def detect_defects(
 
 def _cluster_defects(
     positions: np.ndarray, cells: VoronoiCells, angle: float, spacing: float
-) -> list[_Cluster]:
+) -> list[_DefectCluster]:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     count = len(positions)
-    triangles = counter_clockwise(cells.triangles, positions)
+    triangles = orient_counter_clockwise(cells.triangles, positions)
     bonds = np.sort(
         np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
     )
@@ -177,10 +177,10 @@ def _cluster_defects(
             kind = DISLOCATION
         position = positions[members].mean(axis=0)
         if kind == VACANCY:
-            position = _hole_centre(positions, region)
+            position = _vacancy_centre(positions, region)
         elif kind == DISLOCATION:
             position = _core_position(positions, disorder, position, spacing)
-        result.append(_Cluster(kind, position, lattice, charge, len(members)))
+        result.append(_DefectCluster(kind, position, lattice, charge, len(members)))
     return result
 
 
@@ -198,7 +198,7 @@ def _core_position(
     return position if np.linalg.norm(position - started) < spacing else started
 
 
-def _hole_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
+def _vacancy_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
     """Middle of the largest circle among the triangles that holds no grain."""
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
@@ -216,7 +216,7 @@ def _defect_kind(
     return VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
 
 
-def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]:
+def _join_grain_boundaries(clusters: list[_DefectCluster], spacing: float) -> list[_DefectCluster]:
     """Clusters with the dislocations of each grain boundary as one."""
     from scipy.cluster.hierarchy import fcluster, linkage
 
@@ -232,11 +232,11 @@ def _join_boundaries(clusters: list[_Cluster], spacing: float) -> list[_Cluster]
     )
     for group in np.unique(groups):
         members = [defect for defect, mine in zip(able, groups, strict=True) if mine == group]
-        rest += _merge_cluster_members(members)
+        rest += _merge_grain_boundary(members)
     return rest
 
 
-def _merge_cluster_members(members: list[_Cluster]) -> list[_Cluster]:
+def _merge_grain_boundary(members: list[_DefectCluster]) -> list[_DefectCluster]:
     lengths = [math.sqrt(lattice_norm_squared(member.lattice)) for member in members]
     total = np.sum([member.lattice for member in members], axis=0)
     dislocations = sum(member.size for member in members) / 2.0
@@ -247,4 +247,4 @@ def _merge_cluster_members(members: list[_Cluster]) -> list[_Cluster]:
     sizes = np.array([member.size for member in members])
     middle = np.average([member.position for member in members], axis=0, weights=sizes)
     charge = sum(member.charge for member in members)
-    return [_Cluster(BOUNDARY, middle, total, charge, int(sizes.sum()))]
+    return [_DefectCluster(BOUNDARY, middle, total, charge, int(sizes.sum()))]

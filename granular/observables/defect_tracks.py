@@ -86,7 +86,9 @@ class DefectEvent(NamedTuple):
     missing: np.ndarray
 
 
-def link_tracks(frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY) -> list[DefectTrack]:
+def link_defect_tracks(
+    frames: Sequence[Defects], reach: float = REACH, memory: int = MEMORY
+) -> list[DefectTrack]:
     """Tracks of the defects, in the order in which they begin.
 
     From frame to frame the sum of the squared displacements is as small as it can be (SciPy's
@@ -109,24 +111,24 @@ def link_tracks(frames: Sequence[Defects], reach: float = REACH, memory: int = M
     """
     if not reach > 0.0 or memory < 0:
         raise InputError(f"reach {reach:g} and memory {memory}; take more than 0, and 0 or more")
-    open_ones: list[_OpenTrack] = []
+    open_tracks: list[_OpenTrack] = []
     closed: list[_OpenTrack] = []
     for number, defects in enumerate(frames):
-        closed += [growing for growing in open_ones if number - growing.frames[-1] > memory + 1]
-        open_ones = [growing for growing in open_ones if number - growing.frames[-1] <= memory + 1]
+        closed += [growing for growing in open_tracks if number - growing.frames[-1] > memory + 1]
+        open_tracks = [growing for growing in open_tracks if number - growing.frames[-1] <= memory + 1]
         known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
-        taken = _assign_tracks(open_ones, defects, known, number, reach)
+        taken = _assign_tracks(open_tracks, defects, known, number, reach)
         for k in known:
             index = taken.get(k)
             if index is None:
                 grown = _OpenTrack(defects.kinds[k], defects.lattice[k], [], [], [])
-                open_ones.append(grown)
+                open_tracks.append(grown)
             else:
-                grown = open_ones[index]
+                grown = open_tracks[index]
             grown.frames.append(number)
             grown.positions.append(defects.positions[k])
             grown.burgers.append(defects.burgers[k])
-    every = sorted(closed + open_ones, key=lambda growing: growing.frames[0])
+    every = sorted(closed + open_tracks, key=lambda growing: growing.frames[0])
     return [
         DefectTrack(
             growing.kind,
@@ -148,17 +150,17 @@ class _OpenTrack(NamedTuple):
 
 
 def _assign_tracks(
-    open_ones: list[_OpenTrack], defects: Defects, known: list[int], number: int, reach: float
+    open_tracks: list[_OpenTrack], defects: Defects, known: list[int], number: int, reach: float
 ) -> dict[int, int]:
     """Open track that each defect continues."""
     from scipy.optimize import linear_sum_assignment
 
-    if not open_ones or not known:
+    if not open_tracks or not known:
         return {}
     farthest = (reach * defects.spacing) ** 2
     # Leaving a track and a defect alone costs as much as the largest displacement.
-    costs = np.full((len(open_ones), len(known)), 2.0 * farthest)
-    for row, track in enumerate(open_ones):
+    costs = np.full((len(open_tracks), len(known)), 2.0 * farthest)
+    for row, track in enumerate(open_tracks):
         for column, k in enumerate(known):
             if track.kind == defects.kinds[k] and _same_burgers_vector(track, defects.lattice[k]):
                 square = _squared_displacement(track, defects.positions[k])
@@ -190,7 +192,7 @@ def drop_short_tracks(tracks: Iterable[DefectTrack], frames: int) -> list[Defect
     return [track for track in tracks if len(track.frames) >= frames]
 
 
-def find_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
+def find_defect_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float) -> list[DefectEvent]:
     """Events by which tracks end and begin.
 
     Ends and beginnings nearer than `MEETING` spacings and `SAME_TIME` frames to one another are one
@@ -223,23 +225,23 @@ def find_events(tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
         while grown:
             grown = False
             for k, end in enumerate(moments):
-                if any(_tracks_meet(end, other, spacing) for other in together):
+                if any(_track_ends_meet(end, other, spacing) for other in together):
                     together.append(moments.pop(k))
                     grown = True
                     break
-        events.append(_make_event(together, tracks, boxes, spacing))
+        events.append(_make_defect_event(together, tracks, boxes, spacing))
     return events
 
 
 TrackEnd = tuple[int, np.ndarray, int, int]
 
 
-def _tracks_meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
+def _track_ends_meet(first: TrackEnd, other: TrackEnd, spacing: float) -> bool:
     near = float(np.linalg.norm(first[1] - other[1])) < MEETING * spacing
     return near and abs(first[0] - other[0]) <= SAME_TIME and first[2] != other[2]
 
 
-def _make_event(
+def _make_defect_event(
     together: list[TrackEnd], tracks: Sequence[DefectTrack], boxes: np.ndarray, spacing: float
 ) -> DefectEvent:
     ended = tuple(position for _, _, position, sign in together if sign < 0)
@@ -298,7 +300,7 @@ def motion_of_track(track: DefectTrack, times: np.ndarray) -> DefectMotion:
     return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)
 
 
-def defects_of_frames(frames: np.ndarray) -> list[Defects]:
+def detect_defects_in_frames(frames: np.ndarray) -> list[Defects]:
     """`detect_defects` of every frame; the direction of the lattice is followed in time.
 
     Parameters
@@ -372,15 +374,15 @@ def track_defects(
     chosen = select_frames(run, start, stop)
     frames = run.scene.cell.inside(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
-    defects = defects_of_frames(frames)
-    tracks = drop_short_tracks(link_tracks(defects, reach, memory), least)
+    defects = detect_defects_in_frames(frames)
+    tracks = drop_short_tracks(link_defect_tracks(defects, reach, memory), least)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     spacing = float(np.mean([entry.spacing for entry in defects]))
-    events = find_events(tracks, boxes, spacing)
-    return _dataset(defects, tracks, events, times, spacing)
+    events = find_defect_events(tracks, boxes, spacing)
+    return _defect_dataset(defects, tracks, events, times, spacing)
 
 
-def _dataset(
+def _defect_dataset(
     defects: Sequence[Defects],
     tracks: Sequence[DefectTrack],
     events: Sequence[DefectEvent],
@@ -406,13 +408,13 @@ def _dataset(
     }
     flat = ("track", "axis")
     data["kind"] = ("track", _string_array(entry.kind for entry in tracks))
-    data["burgers"] = (flat, _pair_array(entry.burgers for entry in tracks), {"units": "m"})
-    data["velocity"] = (flat, _pair_array(entry.velocity for entry in moves), {"units": "m/s"})
+    data["burgers"] = (flat, _vector_array(entry.burgers for entry in tracks), {"units": "m"})
+    data["velocity"] = (flat, _vector_array(entry.velocity for entry in moves), {"units": "m/s"})
     data["position"] = (("frame", "track", "axis"), paths, {"units": "m"})
-    data["born"] = ("track", _string_array(_event_kind_array(events, len(tracks), started=True)))
-    data["ended"] = ("track", _string_array(_event_kind_array(events, len(tracks), started=False)))
+    data["born"] = ("track", _string_array(_event_kind_by_track(events, len(tracks), started=True)))
+    data["ended"] = ("track", _string_array(_event_kind_by_track(events, len(tracks), started=False)))
     angle = defects[0].angle
-    missing = _pair_array(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
+    missing = _vector_array(lattice_to_plane(entry.missing, angle, spacing) for entry in events)
     data["event_kind"] = ("event", _string_array(entry.kind for entry in events))
     data["event_time"] = (
         "event",
@@ -421,13 +423,13 @@ def _dataset(
     )
     data["event_position"] = (
         ("event", "axis"),
-        _pair_array(entry.position for entry in events),
+        _vector_array(entry.position for entry in events),
         {"units": "m"},
     )
     data["event_burgers"] = (("event", "axis"), missing, {"units": "m"})
     counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
     data["count"] = (("frame", "defect"), np.array(counts), {"units": "1"})
-    total = _pair_array(entry.burgers.sum(axis=0) for entry in defects)
+    total = _vector_array(entry.burgers.sum(axis=0) for entry in defects)
     data["total_burgers"] = (("frame", "axis"), total, {"units": "m"})
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
     return xarray.Dataset(
@@ -441,11 +443,11 @@ def _string_array(values: Any) -> np.ndarray:
     return np.array(list(values), dtype=str)
 
 
-def _pair_array(values: Any) -> np.ndarray:
+def _vector_array(values: Any) -> np.ndarray:
     return np.array(list(values), dtype=float).reshape(-1, 2)
 
 
-def _event_kind_array(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
+def _event_kind_by_track(events: Sequence[DefectEvent], count: int, *, started: bool) -> list[str]:
     kinds = [""] * count
     for event in events:
         for position in event.started if started else event.ended:

@@ -13,7 +13,7 @@ SIX = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1]])
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
 
 
-def lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
+def nearest_lattice_bonds(arms: np.ndarray, angle: float) -> np.ndarray:
     """Nearest neighbour's vector whose direction is next to that of each arm, int (k, 2)."""
     # An arm and its opposite get opposite vectors, to the last bit: one of them is looked at.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
@@ -35,7 +35,7 @@ def lattice_norm_squared(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(m * m + m * n + n * n)
 
 
-def counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarray:
+def orient_counter_clockwise(triangles: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Triangles (t, 3), each with its corners in counter-clockwise order."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     left = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
@@ -57,7 +57,7 @@ def burgers_vectors(triangles: np.ndarray, positions: np.ndarray, angle: float) 
     lattice have none, and that of a region is the sum over its triangles.
     """
     edges = edges_of_triangles(triangles).reshape(-1, 2)
-    bonds = lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
+    bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
@@ -77,7 +77,7 @@ def excess_grains(triangles: np.ndarray, positions: np.ndarray, angle: float) ->
         position = np.zeros(2)
         while here in rim:
             there = rim.pop(here)
-            bond = lattice_bonds((positions[there] - positions[here])[None], angle)[0]
+            bond = nearest_lattice_bonds((positions[there] - positions[here])[None], angle)[0]
             area += 0.5 * float(position[0] * bond[1] - position[1] * bond[0])
             position, here = position + bond, there
             if here == start:
@@ -171,22 +171,22 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     """
     positions = check_positions(positions)
     cells = voronoi_cells(positions) if cells is None else cells
-    pairs = _fit_draws_to_accelerations(cells)
+    pairs = _match_pentagons_to_heptagons(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
     arm = seven - five
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=1) / np.linalg.norm(arm, axis=1)[:, None]
-    spacing = np.sqrt(2.0 / np.sqrt(3.0) * _mean_areas(cells, pairs))
+    spacing = np.sqrt(2.0 / np.sqrt(3.0) * _mean_cell_areas_of_pairs(cells, pairs))
     return Dislocations(pairs, 0.5 * (five + seven), spacing[:, None] * across)
 
 
 def count_defects(cells: VoronoiCells) -> dict[str, float]:
     """Disclinations (interior cells that are no hexagons), dislocations, and those in no pair."""
     number = int(np.count_nonzero(disclination_charges(cells)))
-    pairs = len(_fit_draws_to_accelerations(cells))
+    pairs = len(_match_pentagons_to_heptagons(cells))
     return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}
 
 
-def _fit_draws_to_accelerations(cells: VoronoiCells) -> np.ndarray:
+def _match_pentagons_to_heptagons(cells: VoronoiCells) -> np.ndarray:
     """Greatest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
@@ -205,7 +205,7 @@ def _fit_draws_to_accelerations(cells: VoronoiCells) -> np.ndarray:
     return np.stack([fives[partner >= 0], sevens[partner[partner >= 0]]], axis=1)
 
 
-def _mean_areas(cells: VoronoiCells, pairs: np.ndarray) -> np.ndarray:
+def _mean_cell_areas_of_pairs(cells: VoronoiCells, pairs: np.ndarray) -> np.ndarray:
     """Mean area of the interior cells of each pair and of their neighbours (d,) [m^2]."""
     owner = np.full(len(cells.sides), -1)
     owner[pairs.ravel()] = np.repeat(np.arange(len(pairs)), 2)

@@ -73,7 +73,7 @@ def per_lag(
         np.asarray(function(frames, lags, **options)),
         dims="lag",
         coords={"lag": ("lag", lags * steps.mean(), {"units": "s"})},
-        attrs={} if marked is None else marked.attributes,
+        attrs={} if marked is None else marked.array_attributes,
     )
 
 

@@ -294,7 +294,7 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     }
 
 
-def force_modes(frame: Frame) -> DipTest:
+def force_dip_test(frame: Frame) -> DipTest:
     """Test the compressive forces of a frame, of all species together, for more than one mode.
 
     The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985), over the grains that have an

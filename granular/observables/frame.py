@@ -110,7 +110,7 @@ class Observable(NamedTuple):
     meaning: str
 
     @property
-    def attributes(self) -> dict[str, str]:
+    def array_attributes(self) -> dict[str, str]:
         """Attributes of its labelled array."""
         return {"units": self.unit, "long_name": self.meaning}
 

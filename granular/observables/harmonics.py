@@ -124,7 +124,7 @@ def harmonic_response(
     spread = _transfer_of_each_period(
         since, drive - into.drift * since, response - out.drift * since, frequency, harmonics, periods
     )
-    along, across = _standard_errors(transfer, spread)
+    along, across = _errors_of_ratio_and_phase(transfer, spread)
     ratio = np.abs(transfer)
     with np.errstate(divide="ignore", invalid="ignore"):
         phase_error = np.where(ratio > 0.0, across / ratio, np.inf)
@@ -173,7 +173,7 @@ def stage_response(
     """
     import xarray
 
-    driven = _driven_stage(run, stage)
+    driven = _find_driven_stage(run, stage)
     time, drive, response, unit = _drive_and_response(run, driven)
     result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
@@ -220,7 +220,7 @@ def _check_samples(samples: int, periods: int, harmonics: int) -> None:
         )
 
 
-class _HarmonicFit(NamedTuple):
+class _FittedHarmonics(NamedTuple):
     """sum_k Re(X_k exp(i k w t)), with the amplitudes X_k (K,), a mean and a drift (per second)."""
 
     amplitudes: np.ndarray
@@ -229,13 +229,13 @@ class _HarmonicFit(NamedTuple):
 
 def _fit_harmonics(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
-) -> _HarmonicFit:
+) -> _FittedHarmonics:
     turn = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
     basis = np.concatenate([np.cos(turn), np.sin(turn), np.ones((len(time), 1)), *slope], axis=1)
     result = np.linalg.lstsq(basis, values, rcond=None)[0]
     drift = float(result[-1]) * frequency if drifting else 0.0
-    return _HarmonicFit(result[:number] - 1j * result[number : 2 * number], drift)
+    return _FittedHarmonics(result[:number] - 1j * result[number : 2 * number], drift)
 
 
 def _transfer_function(into: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -267,7 +267,7 @@ def _transfer_of_each_period(
     return np.array(rows)
 
 
-def _standard_errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _errors_of_ratio_and_phase(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard errors along and across each complex mean (K,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
@@ -276,7 +276,7 @@ def _standard_errors(transfer: np.ndarray, spread: np.ndarray) -> tuple[np.ndarr
     return turned.real.std(axis=0, ddof=1) / number, turned.imag.std(axis=0, ddof=1) / number
 
 
-def _driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
+def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
     from granular.protocol import Oscillate, Push
 
     driven = {

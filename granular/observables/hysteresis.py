@@ -18,7 +18,7 @@ LEAST_STROKE = 0.01
 """A reversal of the piston by less than this fraction of its whole range makes no cycle."""
 
 
-class Cycle(NamedTuple):
+class CompressionCycle(NamedTuple):
     """Samples of a cycle: from a highest point down and up to the next one."""
 
     start: int
@@ -65,10 +65,10 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
             "at least 3 samples"
         )
     top = min(height[0], height[-1])
-    return -_integral_below(height, force, top)
+    return -_work_below_height(height, force, top)
 
 
-def cycle_bounds(height: np.ndarray) -> list[Cycle]:
+def cycle_bounds(height: np.ndarray) -> list[CompressionCycle]:
     """Cycles of a motion, from each highest point to the next.
 
     Parameters
@@ -78,7 +78,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
 
     Returns
     -------
-    list of Cycle
+    list of CompressionCycle
         A piston that starts upwards, or ends downwards, makes no cycle there. Reversals by less
         than `LEAST_STROKE` of the whole range are passed over. Where the piston rests at a highest
         place, the rest belongs to no cycle.
@@ -94,7 +94,7 @@ def cycle_bounds(height: np.ndarray) -> list[Cycle]:
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, LEAST_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
-        Cycle(_last_sample_of_turn(height, a, b), b, c)
+        CompressionCycle(_last_sample_of_turn(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
         if height[b] < height[a]
     ]
@@ -146,7 +146,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     )
 
 
-def _integral_below(height: np.ndarray, force: np.ndarray, top: float) -> float:
+def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> float:
     """Integral of F dh over the parts of the path at or below the height ``top``."""
     start, step = height[:-1], np.diff(height)
     with np.errstate(divide="ignore", invalid="ignore"):

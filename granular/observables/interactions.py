@@ -33,7 +33,7 @@ SILENT = ("bath", "drag", "eddy", "field", "friction", "gradient", "gravity", "s
 """Effects that press no grain against another one or a wall."""
 
 
-class Interactions(NamedTuple):
+class BranchesAndForces(NamedTuple):
     """Branches and forces of some grains with others.
 
     Attributes
@@ -51,12 +51,12 @@ class Interactions(NamedTuple):
     forces: np.ndarray
 
 
-def unsupported_effects(scene: Scene) -> tuple[str, ...]:
+def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
     """Effects of a scene whose part in the forces between grains is not known here."""
     return tuple(effect.key for effect in scene.effects.all if effect.key not in (*KNOWN, *SILENT))
 
 
-def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Interactions]:
+def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[BranchesAndForces]:
     """Iterate over the forces of all other grains on each grain, some grains at a time.
 
     Parameters
@@ -70,30 +70,30 @@ def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Interac
     InputError
         If the shape is not that of the scene's grains, or an effect is none of those known here.
     """
-    positions, here, system = _natural_positions(scene, positions)
+    positions, here, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
     points = positions[here] / scales.length
-    moments = magnetic_moments(scene)[here]
-    contact = _natural_law(system, "contact")
+    moments = relative_magnetic_moments(scene)[here]
+    contact = _law_in_natural_units(system, "contact")
     discs, species = grain_discs(scene.grains, scales.length), scene.grains.assignment()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
-        branch = _nearest_image_displacements(points[some, None] - points[None], scene, scales.length)
+        branch = _nearest_image_branches(points[some, None] - points[None], scene, scales.length)
         r = np.linalg.norm(branch, axis=2)
         r[np.arange(len(some)), some] = np.inf
         push = np.zeros_like(r)
         if scene.effects.dipole is not None:
             push += _dipole_pair_forces(r, moments[some], moments)
             if discs:
-                push *= _over_dipoles(discs, r, species[some], species)
+                push *= _disc_to_dipole_force_ratio(discs, r, species[some], species)
         if contact is not None:
             push += _contact_pair_forces(contact, r, here[some], here)
         with np.errstate(invalid="ignore"):
             forces = (push / r)[:, :, None] * branch
-        yield Interactions(here[some], branch * scales.length, forces * scales.force)
+        yield BranchesAndForces(here[some], branch * scales.length, forces * scales.force)
 
 
-def _nearest_image_displacements(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
+def _nearest_image_branches(branches: np.ndarray, scene: Scene, unit: float) -> np.ndarray:
     """In a periodic cell, displacements from the nearest images; in units of a length [m]."""
     if scene.cell.periods is None:
         return branches
@@ -103,7 +103,7 @@ def _nearest_image_displacements(branches: np.ndarray, scene: Scene, unit: float
 
 def iterate_wall_forces(
     scene: Scene, positions: np.ndarray, piston_height: float | None = None
-) -> Interactions:
+) -> BranchesAndForces:
     """Return forces of the walls on each grain: left, right, bottom and piston, as far as they act.
 
     The branch is the displacement from the wall, at a right angle to it. Parameters and errors as
@@ -111,8 +111,8 @@ def iterate_wall_forces(
     """
     from granular.effects.wall_side import SIDES
 
-    positions, here, system = _natural_positions(scene, positions)
-    scales, laws = system.scales, _natural_law(system, "walls")
+    positions, here, system = _positions_and_natural_system(scene, positions)
+    scales, laws = system.scales, _law_in_natural_units(system, "walls")
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
     x, y = (positions[here] / scales.length).T
@@ -124,7 +124,7 @@ def iterate_wall_forces(
         "top": (height - y, x, (0.0, -1.0)),
     }
     acting = [] if laws is None else [s for s in SIDES if getattr(laws, s) is not None]
-    moments = magnetic_moments(scene)[here]
+    moments = relative_magnetic_moments(scene)[here]
     branches, forces = np.zeros((2, len(here), len(acting), 2))
     for k, side in enumerate(acting):
         w, along, (nx, ny) = seen[side]
@@ -133,17 +133,17 @@ def iterate_wall_forces(
         # Positive along the wall is the direction of x, or of y at the sides.
         forces[:, k] = normal[:, None] * [nx, ny] + tangential[:, None] * [abs(ny), abs(nx)]
     forces *= moments[:, None, None]
-    return Interactions(here, branches * scales.length, forces * scales.force)
+    return BranchesAndForces(here, branches * scales.length, forces * scales.force)
 
 
-def _natural_positions(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
     from granular.scene.system import natural_system
 
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := unsupported_effects(scene):
+    if foreign := effects_of_unknown_pair_force(scene):
         raise InputError(
             f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
             "resulting force instead"
@@ -151,7 +151,7 @@ def _natural_positions(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray,
     return positions, np.flatnonzero(is_present(positions)), natural_system(scene)
 
 
-def _natural_law(system: Any, key: str) -> Any:
+def _law_in_natural_units(system: Any, key: str) -> Any:
     """Law of an effect in natural units; None where it does not act."""
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         if effect.key == key:
@@ -159,7 +159,7 @@ def _natural_law(system: Any, key: str) -> Any:
     return None
 
 
-def magnetic_moments(scene: Scene) -> np.ndarray:
+def relative_magnetic_moments(scene: Scene) -> np.ndarray:
     """Magnetic moment of each grain over that of the first species (n,)."""
     grains = scene.grains
     return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())
@@ -171,19 +171,19 @@ def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) ->
     return np.asarray(STRENGTH * first[:, None] * second[None] / r**4)
 
 
-def _over_dipoles(
+def _disc_to_dipole_force_ratio(
     discs: tuple[Disc, ...], r: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
     """Force of pairs of discs over that of dipoles; ``first`` and ``second`` are their species."""
     result = np.ones_like(r)
     for i, j in itertools.product(range(len(discs)), repeat=2):
         these = np.ix_(first == i, second == j)
-        result[these] = _disc_factor(discs[i], discs[j])(r[these])
+        result[these] = _make_disc_to_dipole_ratio(discs[i], discs[j])(r[these])
     return result
 
 
 @cache
-def _disc_factor(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
+def _make_disc_to_dipole_ratio(first: Disc, second: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Force of two discs over that of dipoles, by their distance; below contact with its slope."""
     from scipy.interpolate import CubicSpline
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.frame import check_positions
-from granular.observables.interactions import magnetic_moments, unsupported_effects
+from granular.observables.interactions import effects_of_unknown_pair_force, relative_magnetic_moments
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -40,12 +40,12 @@ class Moduli(NamedTuple):
     shear: float
 
     @property
-    def young(self) -> float:
+    def young_modulus(self) -> float:
         """Young's modulus in two dimensions, 4 B mu/(B + mu) [N/m]."""
         return 4.0 * self.bulk * self.shear / (self.bulk + self.shear)
 
 
-def hexagonal_sum(power: float = 3.0) -> float:
+def hexagonal_lattice_sum(power: float = 3.0) -> float:
     """Sum of r^-power over the hexagonal lattice of spacing 1; 11.0342 for r^-3.
 
     A lattice sum of Dirichlet series, with s half the power 6 zeta(s) L(s), and L of the character
@@ -68,7 +68,7 @@ def hexagonal_sum(power: float = 3.0) -> float:
     return float(6.0 * zeta(s) * beyond)
 
 
-def dipole_strength(moment: float) -> float:
+def dipole_pair_strength(moment: float) -> float:
     """C of the energy C/r^3 of two dipoles at a right angle to their plane, mu0 m^2/(4 pi) [J m^3].
 
     Parameters
@@ -89,7 +89,7 @@ def dipole_strength(moment: float) -> float:
 def crystal_moduli(density: float, strength: float) -> Moduli:
     """Pressure and moduli of the hexagonal crystal of dipoles at rest, by its lattice sum.
 
-    With S = `hexagonal_sum` and the spacing a, a^2 = 2/(sqrt(3) rho),
+    With S = `hexagonal_lattice_sum` and the spacing a, a^2 = 2/(sqrt(3) rho),
 
         p = (3/4) rho C S/a^3,   B = (5/2) p,   mu = p/4,
 
@@ -103,7 +103,7 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
     density : float
         Grains an area [1/m^2].
     strength : float
-        C of the energy C/r^3 of a pair [J m^3]; see `dipole_strength`.
+        C of the energy C/r^3 of a pair [J m^3]; see `dipole_pair_strength`.
 
     Returns
     -------
@@ -115,15 +115,15 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
     InputError
         If one of them is not above 0.
     """
-    _check_above("density", density)
-    _check_above("strength", strength)
-    pressure = 0.75 * density * strength * hexagonal_sum() / lattice_spacing(density) ** 3
+    _check_positive("density", density)
+    _check_positive("strength", strength)
+    pressure = 0.75 * density * strength * hexagonal_lattice_sum() / lattice_spacing(density) ** 3
     return Moduli(pressure, BULK_OF_PRESSURE * pressure, SHEAR_OF_PRESSURE * pressure)
 
 
 def lattice_spacing(density: float) -> float:
     """Spacing of the hexagonal lattice of a density [1/m^2], [m]."""
-    _check_above("density", density)
+    _check_positive("density", density)
     return math.sqrt(2.0 / (math.sqrt(3.0) * density))
 
 
@@ -135,7 +135,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
     density : float
         Grains an area [1/m^2].
     strength : float
-        C of the energy C/r^3 of a pair [J m^3]; see `dipole_strength`.
+        C of the energy C/r^3 of a pair [J m^3]; see `dipole_pair_strength`.
     temperature : float
         K_B T [J].
 
@@ -149,9 +149,9 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
     InputError
         If one of them is not above 0.
     """
-    _check_above("density", density)
-    _check_above("strength", strength)
-    _check_above("temperature", temperature)
+    _check_positive("density", density)
+    _check_positive("strength", strength)
+    _check_positive("temperature", temperature)
     return strength * (math.pi * density) ** 1.5 / temperature
 
 
@@ -179,11 +179,11 @@ def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -
     InputError
         If density or temperature is not above 0.
     """
-    _check_above("temperature", temperature)
-    return moduli.young * lattice_spacing(density) ** 2 / temperature
+    _check_positive("temperature", temperature)
+    return moduli.young_modulus * lattice_spacing(density) ** 2 / temperature
 
 
-def _check_above(name: str, value: float) -> None:
+def _check_positive(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
         raise InputError(f"{name} {value:g} is not above 0; give a positive number")
 
@@ -257,7 +257,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
         raise InputError(f"{len(positions)} positions for {scene.grains.count} grains; give all")
-    if foreign := unsupported_effects(scene):
+    if foreign := effects_of_unknown_pair_force(scene):
         raise InputError(f"effects.{foreign[0]}: its stiffness is not known here; leave it out")
     if scene.grains.magnets != "dipoles":
         raise InputError("grains.magnets = 'cylinders': moduli are those of dipoles; take 'dipoles'")
@@ -267,8 +267,8 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         raise InputError(f"reach {reach:g} is not above 1 mean spacing; give more, such as 6")
     inner, area, length = _interior_grains_and_reach(positions, reach)
     here = np.flatnonzero(np.isfinite(positions).all(axis=1))
-    moments = magnetic_moments(scene)
-    strength = dipole_strength(_first_moment(scene))
+    moments = relative_magnetic_moments(scene)
+    strength = dipole_pair_strength(_first_species_moment(scene))
     density = len(inner) / area
     energies, forces, matrix = _strained_lattice_sums(positions, moments, here, inner, length, density)
     affine = _affine_moduli(strength, energies, area)
@@ -277,7 +277,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     return BedModuli(affine, relaxed, density, len(inner))
 
 
-def _first_moment(scene: Scene) -> float:
+def _first_species_moment(scene: Scene) -> float:
     from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)

@@ -53,13 +53,13 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
     >>> print(packing_fraction(np.full(368, 0.006), width=0.36, height=0.12).round(3))
     0.241
     """
-    _check_above_zero("width", width)
-    _check_above_zero("height", height)
+    _check_positive_length("width", width)
+    _check_positive_length("height", height)
     covered = np.pi / 4.0 * float(np.sum(np.square(diameters)))
     return np.asarray(covered / (width * np.asarray(height, dtype=np.float64)))
 
 
-def packing_series(run: Trajectory) -> xarray.DataArray:
+def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     """Packing fraction below the piston, on ``time`` [D, eq. 2.2].
 
     The area of the grains over that of the cell, its width times the piston's height.
@@ -88,7 +88,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     heights = data["piston_height"].values
     fraction = packing_fraction(data["diameter"].values, run.scene.cell.width, heights)
     if "grain_count" in data:
-        fraction = fraction * _fraction_of_area_left(run)
+        fraction = fraction * _remaining_grain_area_fraction(run)
     return xarray.DataArray(
         fraction,
         dims="time",
@@ -97,7 +97,7 @@ def packing_series(run: Trajectory) -> xarray.DataArray:
     )
 
 
-def _fraction_of_area_left(run: Trajectory) -> np.ndarray:
+def _remaining_grain_area_fraction(run: Trajectory) -> np.ndarray:
     """Fraction of the grains' area that is still in the cell, at every record."""
     data = run.dataset
     areas = np.square(data["diameter"].values)
@@ -106,7 +106,7 @@ def _fraction_of_area_left(run: Trajectory) -> np.ndarray:
     return np.asarray(left[np.maximum(latest, 0)])
 
 
-def _check_above_zero(name: str, values: float | np.ndarray) -> None:
+def _check_positive_length(name: str, values: float | np.ndarray) -> None:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     wrong = ~(array > 0.0)
     if wrong.any():
@@ -160,11 +160,11 @@ def area_fraction_profile(
     if not width > 0.0:
         raise InputError(f"width = {width:g} m; give a length above 0 m")
     here = is_present(positions)
-    covered = _area_between(positions[here, 1], diameters[here] / 2.0, edges)
+    covered = _disc_area_between_lines(positions[here, 1], diameters[here] / 2.0, edges)
     return np.asarray(covered / (width * np.diff(edges)))
 
 
-def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
+def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
     """Local area fraction of every frame by depth below the piston, on (``frame``, ``depth``).
 
     Parameters
@@ -195,7 +195,7 @@ def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.Dat
     deepest = float(heights.max()) if len(heights) else 0.0
     depths = step * np.arange(max(1, int(np.ceil(deepest / step - 1e-9))) + 1)
     profiles = [
-        _profile_by_depth(run, frame, height, depths)
+        _frame_area_fraction_by_depth(run, frame, height, depths)
         for frame, height in zip(run.dataset["position"].values, heights, strict=True)
     ]
     middle = ("depth", 0.5 * (depths[:-1] + depths[1:]), {"units": "m", "long_name": "depth"})
@@ -207,7 +207,7 @@ def depth_profile(run: Trajectory, thickness: float | None = None) -> xarray.Dat
     )
 
 
-def _profile_by_depth(
+def _frame_area_fraction_by_depth(
     run: Trajectory, positions: np.ndarray, height: float, depths: np.ndarray
 ) -> np.ndarray:
     bounds = np.maximum(height - depths, 0.0)
@@ -221,7 +221,7 @@ def _profile_by_depth(
     return profile
 
 
-def _area_between(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> np.ndarray:
+def _disc_area_between_lines(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Area of all discs from each horizontal line to the next (k - 1,)."""
     u = np.clip((lines[:, None] - centres) / radii, -1.0, 1.0)
     parts = np.arcsin(u) + u * np.sqrt(1.0 - u**2) + 0.5 * np.pi

@@ -28,9 +28,9 @@ from granular.observables.defect_clusters import CORE, Defects
 from granular.observables.defect_tracks import (
     DefectEvent,
     DefectTrack,
-    defects_of_frames,
-    find_events,
-    link_tracks,
+    detect_defects_in_frames,
+    find_defect_events,
+    link_defect_tracks,
 )
 from granular.observables.defects import lattice_to_plane
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
@@ -146,7 +146,7 @@ def drop_statistics(sizes: np.ndarray, least: float) -> DropStatistics:
     return DropStatistics(exponent, (exponent - 1.0) / float(np.sqrt(count)), count, float(drops.mean()))
 
 
-class Slip(NamedTuple):
+class DislocationSlip(NamedTuple):
     """Plastic distortion by dislocations since the first frame.
 
     Attributes
@@ -178,7 +178,7 @@ class Slip(NamedTuple):
         return self.moves + self.events + self.rim
 
 
-def uniaxial_strain(strain: np.ndarray) -> np.ndarray:
+def axial_strain_difference(strain: np.ndarray) -> np.ndarray:
     """Yy less xx (f,) of strains (f, 2, 2): what a piston drives at a constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
@@ -188,7 +188,7 @@ def areal_strain(strain: np.ndarray) -> np.ndarray:
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
-def plastic_distortion(frames: np.ndarray) -> Slip:
+def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     """Plastic distortion by the dislocations of frames (f, n, 2), which hold the same grains.
 
     A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area
@@ -201,7 +201,7 @@ def plastic_distortion(frames: np.ndarray) -> Slip:
 
     Returns
     -------
-    Slip
+    DislocationSlip
         Distortion carried by dislocations, without unit, and what of it is known.
 
     Raises
@@ -209,27 +209,29 @@ def plastic_distortion(frames: np.ndarray) -> Slip:
     InputError
         If the shape is another one, or a frame has no interior cells.
     """
-    defects = defects_of_frames(frames)
-    tracks = link_tracks(defects)
+    defects = detect_defects_in_frames(frames)
+    tracks = link_defect_tracks(defects)
     boxes = np.stack([np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)], axis=1)
     spacing = float(np.mean([entry.spacing for entry in defects]))
-    events = find_events(tracks, boxes, spacing)
+    events = find_defect_events(tracks, boxes, spacing)
     cells = [voronoi_cells(entry) for entry in frames]
-    area = np.array([entry.area[interior_grains(entry)].sum() for entry in cells])
+    area = np.array([entry.area[grains_with_interior_neighbours(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
     for entry in tracks:
-        _add_track_moves(moves, entry, frames, spacing)
+        _add_track_slip(moves, entry, frames, spacing)
     for event in events:
         if not event.missing.any():
             jumps[event.frame] += _slip_of_event(event, tracks)
         elif event.kind in ("entry", "leaving"):
-            known = frames[event.frame][interior_grains(cells[event.frame])]
+            known = frames[event.frame][grains_with_interior_neighbours(cells[event.frame])]
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = lattice_to_plane(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _slip_of_event(event, tracks)
-            rim[event.frame] += swept_area(burgers, -displacement_to_edge(event.position, burgers, box))
+            rim[event.frame] += slip_area_tensor(
+                burgers, -glide_displacement_to_edge(event.position, burgers, box)
+            )
     inside = [not entry.missing.any() for entry in events if entry.kind not in ("entry", "leaving")]
-    return Slip(
+    return DislocationSlip(
         np.cumsum(moves / area[:, None, None], axis=0),
         np.cumsum(jumps / area[:, None, None], axis=0),
         np.cumsum(rim / area[:, None, None], axis=0),
@@ -239,12 +241,12 @@ def plastic_distortion(frames: np.ndarray) -> Slip:
     )
 
 
-def swept_area(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+def slip_area_tensor(burgers: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     """b_i (z x d)_j (2, 2) [m^2] of a displacement d."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
-def displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
+def glide_displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndarray) -> np.ndarray:
     """Shortest displacement (2,) along the Burgers vector to an edge of the box; 0 from outside.
 
     Parameters
@@ -261,13 +263,13 @@ def displacement_to_edge(position: np.ndarray, burgers: np.ndarray, box: np.ndar
     return np.asarray(along * displacements[np.argmin(np.abs(displacements))])
 
 
-def _add_track_moves(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
+def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]
         near = np.linalg.norm(frames[before] - position, axis=1) < CORE * spacing
         carried = np.nanmean(frames[after, near] - frames[before, near], axis=0)
-        moves[after] += swept_area(track.burgers, track.positions[k] - position - carried)
+        moves[after] += slip_area_tensor(track.burgers, track.positions[k] - position - carried)
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
@@ -275,10 +277,10 @@ def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndar
     total = np.zeros((2, 2))
     for point in event.ended:
         track = tracks[point]
-        total += swept_area(track.burgers, event.position - track.positions[-1])
+        total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
     for point in event.started:
         track = tracks[point]
-        total += swept_area(track.burgers, track.positions[0] - event.position)
+        total += slip_area_tensor(track.burgers, track.positions[0] - event.position)
     return total
 
 
@@ -300,13 +302,13 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
 
 
 def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
-    bonds = cells.neighbours[interior_grains(cells)[cells.neighbours].any(axis=1)]
+    bonds = cells.neighbours[grains_with_interior_neighbours(cells)[cells.neighbours].any(axis=1)]
     arm = positions[bonds[:, 1]] - positions[bonds[:, 0]]
     values, vectors = np.linalg.eigh(arm.T @ arm / len(arm))
     return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)
 
 
-def interior_grains(cells: VoronoiCells) -> np.ndarray:
+def grains_with_interior_neighbours(cells: VoronoiCells) -> np.ndarray:
     """Grains (n,) whose cell and whose neighbours' cells are interior: where defects are known."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False

@@ -312,7 +312,7 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
     Parameters
     ----------
     profile : xarray.DataArray
-        Area fraction on ``depth`` [m], as `depth_profile` makes it.
+        Area fraction on ``depth`` [m], as `area_fraction_by_depth` makes it.
     ax : Axes, optional
         Axes to draw on; new ones if not given.
 

@@ -10,7 +10,7 @@ import numpy as np
 from granular.shared.errors import InputError
 
 
-class Correlation(NamedTuple):
+class PearsonCorrelation(NamedTuple):
     """Pearson's correlation.
 
     Attributes
@@ -28,7 +28,7 @@ class Correlation(NamedTuple):
     samples: int
 
 
-def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
+def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrelation:
     """Pearson's correlation of two quantities, such as Psi6 and n6 of many beds [D, Fig. 4.13].
 
     Parameters
@@ -38,7 +38,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
 
     Returns
     -------
-    Correlation
+    PearsonCorrelation
         Coefficient, its interval, and its probability by chance.
 
     Raises
@@ -65,12 +65,12 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> Correlation:
         raise InputError(f"{count} samples; a correlation needs at least 3")
     x, y = x[known], y[known]
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return Correlation(np.nan, np.nan, count)
+        return PearsonCorrelation(np.nan, np.nan, count)
     result = pearsonr(x, y)
-    return Correlation(float(result.statistic), float(result.pvalue), count)
+    return PearsonCorrelation(float(result.statistic), float(result.pvalue), count)
 
 
-class AxialOrder(NamedTuple):
+class DirectionalOrder(NamedTuple):
     """Order of the directions of vectors: 0 for none, 1 where all point alike.
 
     Attributes
@@ -90,7 +90,7 @@ class AxialOrder(NamedTuple):
     vectors: int
 
 
-def axial_order_parameter(vectors: np.ndarray) -> AxialOrder:
+def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     """Polar and axial order parameter of vectors (n, 2), of whatever length.
 
     Vectors that are NaN or 0 are left out. The probability is exp(-n R^2) with the first correction
@@ -103,7 +103,7 @@ def axial_order_parameter(vectors: np.ndarray) -> AxialOrder:
 
     Returns
     -------
-    AxialOrder
+    DirectionalOrder
         Both parameters from 0 to 1, with their directions [rad] and probabilities by chance.
 
     Raises
@@ -117,7 +117,7 @@ def axial_order_parameter(vectors: np.ndarray) -> AxialOrder:
     >>> from granular.observables import axial_order_parameter
     >>> found = axial_order_parameter(np.array([[1.0, 0.0]] * 20))
     >>> found
-    AxialOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
+    DirectionalOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
     """
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
@@ -128,10 +128,12 @@ def axial_order_parameter(vectors: np.ndarray) -> AxialOrder:
     angle = np.arctan2(array[:, 1], array[:, 0])
     polar, axial = (float(abs(np.exp(1j * k * angle).mean())) for k in (1, 2))
     count = len(array)
-    return AxialOrder(polar, axial, _rayleigh(polar, count), _rayleigh(axial, count), count)
+    return DirectionalOrder(
+        polar, axial, _rayleigh_p_value(polar, count), _rayleigh_p_value(axial, count), count
+    )
 
 
-def _rayleigh(order: float, count: int) -> float:
+def _rayleigh_p_value(order: float, count: int) -> float:
     z = count * order**2
     return float(np.clip(np.exp(-z) * (1.0 + (2.0 * z - z * z) / (4.0 * count)), 0.0, 1.0))
 
@@ -192,7 +194,7 @@ def dip_test(values: np.ndarray) -> DipTest:
         raise InputError(f"{count} values; the dip test needs at least {LEAST_VALUES}")
     result = dip_statistic(known)
     drawn = min(count, LARGEST_DRAWN)
-    null = _uniform_dips(drawn) * np.sqrt(drawn / count)
+    null = _dips_of_uniform_samples(drawn) * np.sqrt(drawn / count)
     return DipTest(result, float((1 + (null >= result).sum()) / (1 + len(null))))
 
 
@@ -247,7 +249,7 @@ def _is_concave_at(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool
 
 
 @cache
-def _uniform_dips(count: int) -> np.ndarray:
+def _dips_of_uniform_samples(count: int) -> np.ndarray:
     random = np.random.default_rng(count)
     return np.array([dip_statistic(np.sort(random.random(count))) for _ in range(DRAWS)])
 
@@ -272,7 +274,7 @@ class Histogram(NamedTuple):
     density: np.ndarray
 
 
-def knuth_bins(values: np.ndarray) -> int:
+def knuth_bin_count(values: np.ndarray) -> int:
     """Return the number of bins of Knuth's rule.
 
     The number M that makes the logarithm of the posterior greatest, [D, eq. 4.33]:
@@ -296,8 +298,8 @@ def knuth_bins(values: np.ndarray) -> int:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular.observables.statistics import knuth_bins
-    >>> knuth_bins(np.random.default_rng(1).normal(size=1000))
+    >>> from granular.observables.statistics import knuth_bin_count
+    >>> knuth_bin_count(np.random.default_rng(1).normal(size=1000))
     16
     """
     from scipy.special import gammaln
@@ -319,7 +321,7 @@ def knuth_bins(values: np.ndarray) -> int:
 
 
 def knuth_histogram(values: np.ndarray) -> Histogram:
-    """Histogram of the values in the bins of `knuth_bins`, from the least to the greatest.
+    """Histogram of the values in the bins of `knuth_bin_count`, from the least to the greatest.
 
     Values that are all the same have one bin about them, of width 1.
 
@@ -347,7 +349,7 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     16
     """
     values = _sorted_finite_values(values)
-    counts, edges = np.histogram(values, knuth_bins(values))
+    counts, edges = np.histogram(values, knuth_bin_count(values))
     return Histogram(edges, counts, counts / (counts.sum() * np.diff(edges)))
 
 

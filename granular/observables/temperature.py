@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.observables.frame import check_frames, check_grain_values, is_present
-from granular.observables.interactions import iterate_pair_forces, iterate_wall_forces, magnetic_moments
-from granular.observables.moduli import dipole_strength
+from granular.observables.interactions import (
+    iterate_pair_forces,
+    iterate_wall_forces,
+    relative_magnetic_moments,
+)
+from granular.observables.moduli import dipole_pair_strength
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
@@ -122,7 +126,7 @@ def configurational_temperature(
     if forces is not None:
         bend = sum(potential_laplacian(scene, *state) for state in states)
         return float(np.nansum(np.square(forces))) / bend
-    _check(scene, KNOWN)
+    _check_effects_known(scene, KNOWN)
     square = bend = 0.0
     for positions, height in states:
         pairs, laplacian = _pair_forces_and_laplacian(scene, positions)
@@ -138,14 +142,14 @@ def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: floa
     Parameters and errors as of `configurational_temperature`, but for one frame (n, 2), and with
     effects that act by a uniform force or by friction besides.
     """
-    _check(scene, (*KNOWN, *STRAIGHT))
+    _check_effects_known(scene, (*KNOWN, *STRAIGHT))
     return (
         _pair_forces_and_laplacian(scene, positions)[1]
         + _wall_forces_and_laplacian(scene, positions, piston_height)[1]
     )
 
 
-def _check(scene: Scene, known: tuple[str, ...]) -> None:
+def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
     other = [effect.key for effect in scene.effects.all if effect.key not in known]
     if scene.grains.magnets != "dipoles":
         raise InputError("grains.magnets = 'cylinders': only dipoles are known here; take 'dipoles'")
@@ -161,8 +165,8 @@ def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.
     from granular.schema.scales import Scales
 
     scales = Scales.of(scene.grains)
-    strength = dipole_strength(scales.current * scales.length**2)
-    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), magnetic_moments(scene)
+    strength = dipole_pair_strength(scales.current * scales.length**2)
+    here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
     for some in iterate_pair_forces(scene, positions):
         forces[some.grains] = some.forces.sum(axis=1)

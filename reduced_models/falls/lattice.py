@@ -2,7 +2,7 @@
 
 N grains of a lattice of the density rho that repel with F(r) have, by the virial, the pressure
 p = (rho/4) sum r F(r) over the places of the lattice. For dipoles r F ~ r^-3 and the sum is
-`hexagonal_sum` of 3: p = 1.6674 rho^2.5. Discs have b r^-5 more far away (`granular.pairs.disc_law`),
+`hexagonal_lattice_sum` of 3: p = 1.6674 rho^2.5. Discs have b r^-5 more far away (`granular.pairs.disc_law`),
 again a closed sum, and what is left falls with r^-7: it is added over the places within `SHELLS`
 spacings. A mixture is taken at random: each place holds each species by its fraction.
 """
@@ -126,10 +126,10 @@ def _with_shares(grains: Grains) -> tuple[tuple[Disc, float], ...]:
 
 
 def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> float:
-    from granular.observables.moduli import hexagonal_sum
+    from granular.observables.moduli import hexagonal_lattice_sum
 
     spacing = math.sqrt(2.0 / (math.sqrt(3.0) * density))
-    third, fifth = hexagonal_sum(3.0) / spacing**3, hexagonal_sum(5.0) / spacing**5
+    third, fifth = hexagonal_lattice_sum(3.0) / spacing**3, hexagonal_lattice_sum(5.0) / spacing**5
     total = 0.0
     for (first, weight), (second, other) in itertools.product(discs, repeat=2):
         shift, rest = _rest(first, second, spacing)

@@ -17,7 +17,7 @@ import numpy as np
 from granular.observables.bond_order import psi6
 from granular.observables.displacement import lindemann_parameter
 from granular.observables.interactions import iterate_wall_forces
-from granular.observables.moduli import dipole_strength
+from granular.observables.moduli import dipole_pair_strength
 from granular.observables.temperature import configurational_temperature, kinetic_temperature
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.run.trajectory import Trajectory
@@ -182,7 +182,7 @@ def _lindemann(
 
 def _pair_energy(run: Trajectory, spacing: float) -> float:
     scales = Scales.of(run.scene.grains)
-    return dipole_strength(scales.current * scales.length**2) / spacing**3
+    return dipole_pair_strength(scales.current * scales.length**2) / spacing**3
 
 
 def _closest(places: np.ndarray) -> float:

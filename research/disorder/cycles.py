@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from granular.observables.plasticity import (
-    Slip,
+    DislocationSlip,
     areal_strain,
+    axial_strain_difference,
     elastic_strain,
     plastic_distortion,
-    uniaxial_strain,
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
@@ -155,7 +155,7 @@ def cycle_row(case: tuple[int, int]) -> Row:
     series = {
         "time": frame_times[first + shown] - frame_times[first],
         "driven": driven,
-        "plastic": driven - uniaxial_strain(elastic_strain(frames[shown])),
+        "plastic": driven - axial_strain_difference(elastic_strain(frames[shown])),
         "law": plastic_by_law(height[at], stress[at]),
         **_carried(slip, shown),
     }
@@ -170,6 +170,6 @@ def cycle_row(case: tuple[int, int]) -> Row:
     }
 
 
-def _carried(slip: Slip, shown: np.ndarray) -> dict[str, np.ndarray]:
+def _carried(slip: DislocationSlip, shown: np.ndarray) -> dict[str, np.ndarray]:
     parts = {"moves": slip.moves, "events": slip.events, "rim": slip.rim}
-    return {name: uniaxial_strain(values)[shown] for name, values in parts.items()}
+    return {name: axial_strain_difference(values)[shown] for name, values in parts.items()}

@@ -10,7 +10,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from granular.observables.plasticity import interior_grains, plastic_distortion, swept_area, uniaxial_strain
+from granular.observables.plasticity import (
+    axial_strain_difference,
+    grains_with_interior_neighbours,
+    plastic_distortion,
+    slip_area_tensor,
+)
 from granular.observables.voronoi import voronoi_cells
 
 ROWS = {184: 9, 368: 12}
@@ -79,8 +84,8 @@ def _share(lattice: np.ndarray, rows: int, sign: float, aside: float) -> tuple[f
     )
     slip = plastic_distortion(frames)
     cells = voronoi_cells(frames[0])
-    known = interior_grains(cells)
+    known = grains_with_interior_neighbours(cells)
     height = np.ptp(lattice[known, 1]) + np.sqrt(0.75)
-    complete = swept_area(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
-    full = uniaxial_strain(complete[None])[0]
-    return uniaxial_strain(slip.moves)[-1] / full, uniaxial_strain(slip.total)[-1] / full
+    complete = slip_area_tensor(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
+    full = axial_strain_difference(complete[None])[0]
+    return axial_strain_difference(slip.moves)[-1] / full, axial_strain_difference(slip.total)[-1] / full

@@ -45,7 +45,7 @@ def draw(results: Results) -> Figure:
         scale = 1.0 / (16.0 * math.pi)
         _points(axes[1, 1], gammas, [item.modulus for item in orders], scale)
         axes[1, 1].axhline(1.0, color="k", linestyle="--", linewidth=1.0)
-        cold = crystal_moduli(1.0, 1.0).young * lattice_spacing(1.0) ** 2 / math.pi**1.5
+        cold = crystal_moduli(1.0, 1.0).young_modulus * lattice_spacing(1.0) ** 2 / math.pi**1.5
         ends = np.array([gammas[0], gammas[-1]])
         axes[1, 1].plot(ends, scale * cold * ends, "k:", linewidth=1.0, label="crystal at rest")
         axes[1, 1].set(xlabel="Γ", ylabel="K/16π")

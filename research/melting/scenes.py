@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from granular.observables.moduli import dipole_strength, lattice_spacing
+from granular.observables.moduli import dipole_pair_strength, lattice_spacing
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 
@@ -81,7 +81,7 @@ def layer(gamma: float, columns: int, seed: int = 1) -> Layer:
         }
     )
     scales = Scales.of(still.grains)
-    strength = dipole_strength(scales.current * scales.length**2)
+    strength = dipole_pair_strength(scales.current * scales.length**2)
     density = columns**2 / (width * height)
     temperature = strength * (math.pi * density) ** 1.5 / gamma
     time = math.sqrt(scales.mass / (strength * density**2.5))

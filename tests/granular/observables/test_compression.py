@@ -10,8 +10,8 @@ import pytest
 from granular import Scene, evaluate, load_scene
 from granular.observables import (
     compressive_forces,
+    force_dip_test,
     force_distribution,
-    force_modes,
     frame_at,
     grain_pressures,
     grain_stresses,
@@ -181,7 +181,7 @@ def test_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     (pooled,) = force_distribution(frame_at(run), pooled=True).values()
     assert pooled.counts.sum() == inside.sum()
     assert pooled.edges[-1] == 1.0
-    assert 0.0 < force_modes(frame_at(run)).p <= 1.0
+    assert 0.0 < force_dip_test(frame_at(run)).p <= 1.0
     with pytest.raises(InputError, match="frame = 2"):
         frame_at(run, 2)
 

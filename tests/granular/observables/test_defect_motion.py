@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from granular.__main__ import main
 from granular.commands.console import launch
 from granular.observables import detect_defects, track_defects
-from granular.observables.defect_tracks import defects_of_frames, link_tracks
+from granular.observables.defect_tracks import detect_defects_in_frames, link_defect_tracks
 from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -314,7 +314,7 @@ def test_the_command_writes_tables_and_a_picture(
 
 def test_direction_of_the_lattice_is_followed_beyond_60_degrees() -> None:
     turned = [rotated(LATTICE, 0.1 * k) for k in range(16)]
-    angles = [one.angle for one in defects_of_frames(np.array(turned))]
+    angles = [one.angle for one in detect_defects_in_frames(np.array(turned))]
     np.testing.assert_allclose(np.diff(angles), 0.1, atol=1e-6)
 
 
@@ -323,7 +323,7 @@ def test_what_cannot_be(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="least 0"):
         track_defects(run, least=0)
     with pytest.raises(InputError, match="reach -1"):
-        link_tracks([], -1.0)
+        link_defect_tracks([], -1.0)
     with pytest.raises(InputError, match="larger bed"):
         detect_defects(hexagonal(2, 2))
     found = track_defects(run)

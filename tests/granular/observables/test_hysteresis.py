@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, Trajectory, simulate
-from granular.observables import hysteresis_cycles, hysteresis_energy, packing_series, wall_forces
+from granular.observables import hysteresis_cycles, hysteresis_energy, packing_fraction_series, wall_forces
 from granular.observables.forces import piston_force
 from granular.observables.hysteresis import cycle_bounds
 from granular.shared.errors import InputError
@@ -96,7 +96,7 @@ def test_forces_and_packing_of_a_run(cycle: Trajectory) -> None:
     weight = 23 * 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0 * 9.8
     difference = forces.sel(wall="bottom") - forces.sel(wall="piston")
     assert float(difference[settled]) == pytest.approx(weight, rel=2e-2)
-    packing = packing_series(cycle)
+    packing = packing_fraction_series(cycle)
     height = cycle.dataset["piston_height"].values
     np.testing.assert_allclose(packing * height, 23 * np.pi * 0.003**2 / 0.09, rtol=1e-12)
 

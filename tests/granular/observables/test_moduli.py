@@ -13,11 +13,11 @@ from granular import Scene, evaluate
 from granular.observables import (
     bed_moduli,
     crystal_moduli,
-    dipole_strength,
+    dipole_pair_strength,
     interaction_parameter,
     melting_theory_modulus,
 )
-from granular.observables.moduli import Moduli, hexagonal_sum, lattice_spacing
+from granular.observables.moduli import Moduli, hexagonal_lattice_sum, lattice_spacing
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 
@@ -42,7 +42,7 @@ def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
 
 def strength_of(scene: Scene) -> float:
     scales = Scales.of(scene.grains)
-    return dipole_strength(scales.current * scales.length**2)
+    return dipole_pair_strength(scales.current * scales.length**2)
 
 
 def test_lattice_sum() -> None:
@@ -52,7 +52,7 @@ def test_lattice_sum() -> None:
     squares = (i * i + i * j + j * j).ravel()
     squares = squares[(squares > 0) & (squares < reach**2)]
     brute = float((squares**-1.5).sum()) + 2.0 * math.pi * 2.0 / math.sqrt(3.0) / reach
-    assert hexagonal_sum() == pytest.approx(brute, rel=1e-5)
+    assert hexagonal_lattice_sum() == pytest.approx(brute, rel=1e-5)
 
 
 def test_crystal_follows_the_power_and_the_known_limits() -> None:
@@ -83,7 +83,7 @@ def test_patch_of_a_crystal_has_the_moduli_of_the_lattice(bed: Scene, reach: flo
     assert found.density == pytest.approx(density, rel=1e-9)
     for moduli in (found.affine, found.relaxed):
         np.testing.assert_allclose(moduli, wanted, rtol=5e-3)
-        assert moduli.young == pytest.approx(wanted.young, rel=5e-3)
+        assert moduli.young_modulus == pytest.approx(wanted.young_modulus, rel=5e-3)
 
 
 def test_pressure_of_beds_of_other_densities(bed: Scene) -> None:

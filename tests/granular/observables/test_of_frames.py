@@ -22,7 +22,7 @@ from granular.observables import (
     per_frame,
     psi6,
 )
-from granular.observables.catalogue import find_observable, frame_table
+from granular.observables.catalogue import find_observable, observables_table
 from granular.observables.frame import observable_metadata
 from granular.shared.errors import InputError, SceneError
 
@@ -106,7 +106,7 @@ def test_names_and_units_are_checked(run: Trajectory) -> None:
     with pytest.raises(InputError, match=r"did you mean 'hexatic_order'.*--import FILE"):
         per_frame(run, "hexatic_ordre")
     with pytest.raises(InputError, match="a value a grain"):
-        frame_table(run, [grain_momentum])
+        observables_table(run, [grain_momentum])
 
 
 def test_the_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:

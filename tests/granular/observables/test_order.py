@@ -11,7 +11,6 @@ from granular.observables import (
     block_susceptibilities,
     bond_relaxation,
     hexatic_susceptibility,
-    lattice_vector,
     lindemann_parameter,
     local_psi6,
     mean_square_displacement,
@@ -20,6 +19,7 @@ from granular.observables import (
     non_gaussian_parameter,
     per_distance,
     per_lag,
+    reciprocal_lattice_vector,
     structure_factor,
     translational_correlation,
     translational_order,
@@ -42,7 +42,7 @@ def test_structure_factor_of_a_crystal_and_of_no_order(random: np.random.Generat
 def test_lattice_vector_is_found_whatever_the_orientation(angle: float) -> None:
     spacing = 0.0123
     points = rotated(hexagonal(24, 20, spacing), angle)
-    vector = lattice_vector(points)
+    vector = reciprocal_lattice_vector(points)
     assert np.linalg.norm(vector) == pytest.approx(4.0 * math.pi / math.sqrt(3.0) / spacing, 1e-3)
     assert translational_order(points) > 0.999
     assert translational_order(points, rotated(vector[None], 0.2)[0]) < 0.1

@@ -73,7 +73,7 @@ def test_pictures_show_what_was_measured(make_run: MakeRun, random: np.random.Ge
     distances = observables.per_frame(run, "species_piston_distance")
     assert "[m]" in plots.plot_series(distances).get_ylabel()
     assert len(plots.plot_hysteresis(run).get_lines()) == 2
-    profile = observables.depth_profile(run)
+    profile = observables.area_fraction_by_depth(run)
     assert len(plots.plot_area_profile(profile).get_lines()) == 3
     function = observables.per_distance(run, observables.radial_distribution)
     drawn = plots.plot_correlation_function(function).get_lines()[0]

@@ -8,10 +8,10 @@ import pytest
 from granular.observables import elastic_strain, plastic_distortion, voronoi_cells
 from granular.observables.plasticity import (
     areal_strain,
-    displacement_to_edge,
-    interior_grains,
-    swept_area,
-    uniaxial_strain,
+    axial_strain_difference,
+    glide_displacement_to_edge,
+    grains_with_interior_neighbours,
+    slip_area_tensor,
 )
 
 from .conftest import hexagonal, rotated
@@ -26,7 +26,7 @@ def frames_of(name: str) -> np.ndarray:
 
 def area_of(frames: np.ndarray) -> float:
     cells = [voronoi_cells(one) for one in frames[::13]]
-    return float(np.mean([one.area[interior_grains(one)].sum() for one in cells]))
+    return float(np.mean([one.area[grains_with_interior_neighbours(one)].sum() for one in cells]))
 
 
 def check(name: str, error: float = 0.06) -> None:
@@ -38,7 +38,7 @@ def check(name: str, error: float = 0.06) -> None:
     frames = frames_of(name)
     found = plastic_distortion(frames)
     driven = sum(
-        swept_area(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start)) for one in made
+        slip_area_tensor(SPACING * one.burgers, SPACING * (one.place(one.last) - one.start)) for one in made
     )
     wanted = np.asarray(driven) / area_of(frames)
     np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
@@ -70,7 +70,7 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
     made, _ = FILMS["pair born"]
     frames = frames_of("pair born")
     found = plastic_distortion(frames)
-    moment = sum(swept_area(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
+    moment = sum(slip_area_tensor(SPACING * one.burgers, SPACING * one.place(one.last)) for one in made)
     wanted = np.asarray(moment) / area_of(frames)
     np.testing.assert_allclose(found.total[-1], wanted, atol=0.06 * np.abs(wanted).max())
     assert np.abs(found.moves[-1]).max() < 0.95 * np.abs(wanted).max()
@@ -80,26 +80,26 @@ def test_a_pair_that_is_born_apart_counts_from_where_it_came() -> None:
 def test_climb_changes_the_area_and_glide_does_not() -> None:
     """An extra half row above its end, which goes up, is shorter."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    assert areal_strain(swept_area(right, up)[None])[0] == -1.0
-    assert areal_strain(swept_area(right, right)[None])[0] == 0.0
-    assert swept_area(right, right)[0, 1] == 1.0
+    assert areal_strain(slip_area_tensor(right, up)[None])[0] == -1.0
+    assert areal_strain(slip_area_tensor(right, right)[None])[0] == 0.0
+    assert slip_area_tensor(right, right)[0, 1] == 1.0
 
 
 def test_way_to_the_edge_is_along_the_burgers_vector() -> None:
     box = np.array([[0.0, 0.0], [10.0, 6.0]])
     np.testing.assert_allclose(
-        displacement_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
+        glide_displacement_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
     )
-    way = displacement_to_edge(np.array([8.0, 5.0]), np.array([-1.0, 1.0]), box)
+    way = glide_displacement_to_edge(np.array([8.0, 5.0]), np.array([-1.0, 1.0]), box)
     np.testing.assert_allclose(way, [-1.0, 1.0])
-    assert not displacement_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
+    assert not glide_displacement_to_edge(np.array([11.0, 2.0]), np.array([1.0, 0.0]), box).any()
 
 
 def test_bonds_share_the_strain_of_a_lattice_and_no_rotation() -> None:
     lattice = hexagonal(14, 14)
     squeezed = lattice * np.array([1.02, 0.97])
     found = elastic_strain(np.array([lattice, squeezed, rotated(lattice, 0.1)]))
-    assert uniaxial_strain(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
+    assert axial_strain_difference(found)[1] == pytest.approx(np.log(0.97 / 1.02), rel=1e-3)
     assert areal_strain(found)[1] == pytest.approx(np.log(0.97 * 1.02), rel=1e-3)
     # Which bonds are inner ones depends on the box about the grains, which does not turn with them.
     np.testing.assert_allclose(found[2], 0.0, atol=2e-3)

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular.observables import (
+    area_fraction_by_depth,
     area_fraction_profile,
     depaula_pair_distance,
-    depth_profile,
     least_piston_distance,
     mean_pair_distance,
     packing_fraction,
-    packing_series,
+    packing_fraction_series,
     per_frame,
 )
 from granular.shared.errors import InputError
@@ -45,7 +45,7 @@ def test_packing_of_a_run_follows_piston_and_lost_grains(
     columns = {"time": time, "piston_height": heights, "grain_count": np.array([4, 4, 4, 4, 2])}
     run = make_run(frames, columns=columns)
     covered = np.pi * 0.003**2 * np.array([4, 4, 4, 4, 2])
-    np.testing.assert_allclose(packing_series(run), covered / (0.36 * heights), rtol=1e-12)
+    np.testing.assert_allclose(packing_fraction_series(run), covered / (0.36 * heights), rtol=1e-12)
 
 
 @pytest.mark.parametrize("count", [2, 3, 50, 2100])
@@ -119,7 +119,7 @@ def test_profile_by_depth(make_run: MakeRun) -> None:
     """Strips hang from the piston; the last one ends at the bottom, below it stands NaN."""
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))
-    profile = depth_profile(run, thickness=0.012)
+    profile = area_fraction_by_depth(run, thickness=0.012)
     assert profile["depth"].values == pytest.approx([0.006, 0.018, 0.030, 0.042, 0.054])
     disc = np.pi * 0.003**2 / (0.36 * 0.012)
     # Heights 0.048 to 0.06 hold all of the first disc but a part of it below 0.048.
@@ -140,6 +140,6 @@ def test_unfit_arguments_are_input_errors(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="above 0 m"):
         packing_fraction(np.ones(2), 1.0, 0.0)
     with pytest.raises(InputError, match="thickness"):
-        depth_profile(make_run(points[None]), thickness=-1.0)
+        area_fraction_by_depth(make_run(points[None]), thickness=-1.0)
     with pytest.raises(InputError, match=r"\(4,\)"):
         mean_pair_distance(np.zeros(4))

@@ -17,7 +17,7 @@ from granular.observables import (
     relative_fluctuation,
     voronoi_cells,
 )
-from granular.observables.statistics import knuth_bins
+from granular.observables.statistics import knuth_bin_count
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun
@@ -50,12 +50,12 @@ def test_knuth_has_the_greatest_posterior(kind: str, random: np.random.Generator
         "few": random.random(7),
     }[kind]
     posteriors = [knuth_posterior(values, bins) for bins in range(1, len(values) + 1)]
-    assert knuth_bins(values) == int(np.argmax(posteriors)) + 1
+    assert knuth_bin_count(values) == int(np.argmax(posteriors)) + 1
 
 
 def test_knuth_sees_no_structure_in_uniform_values(random: np.random.Generator) -> None:
-    assert knuth_bins(random.random(2000)) == 1
-    assert 8 <= knuth_bins(random.normal(size=1000)) <= 25
+    assert knuth_bin_count(random.random(2000)) == 1
+    assert 8 <= knuth_bin_count(random.normal(size=1000)) <= 25
 
 
 def test_histogram_is_a_density(random: np.random.Generator) -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from granular.observables.correlation import (
-    PairFunction,
+    PairDistanceFunction,
     check_bin_edges,
     default_bin_edges,
     mean_over_pairs,
@@ -53,7 +53,7 @@ def structure_factor(positions: np.ndarray, wave_vectors: np.ndarray) -> np.ndar
     return np.array([abs(np.exp(1j * (points @ vector)).sum()) ** 2 for vector in vectors]) / len(points)
 
 
-def lattice_vector(positions: np.ndarray) -> np.ndarray:
+def reciprocal_lattice_vector(positions: np.ndarray) -> np.ndarray:
     """Shortest reciprocal lattice vector of the order that is there (2,) [1/m].
 
     Where S(q) is greatest within `RING` of the length that the hexagonal lattice of the mean cell
@@ -80,7 +80,7 @@ def lattice_vector(positions: np.ndarray) -> np.ndarray:
     area = float(cells.area[cells.interior].mean())
     length = 2.0 * math.pi * math.sqrt(2.0 / (math.sqrt(3.0) * area))
     points = np.asarray(positions, dtype=np.float64)[cells.interior]
-    best = _peak_on_a_mesh(points, length)
+    best = _coarse_structure_factor_peak(points, length)
     resolution = math.pi / float(np.linalg.norm(np.ptp(points, axis=0)))
     for _ in range(_NARROWINGS):
         steps = np.linspace(-resolution, resolution, 5)
@@ -90,7 +90,7 @@ def lattice_vector(positions: np.ndarray) -> np.ndarray:
     return np.asarray(best)
 
 
-def _peak_on_a_mesh(points: np.ndarray, length: float) -> np.ndarray:
+def _coarse_structure_factor_peak(points: np.ndarray, length: float) -> np.ndarray:
     """About where S(q) is greatest, from grains that are counted in the meshes of a grid."""
     mesh = 2.0 * math.pi / length / _MESHES
     indices = np.floor((points - points.min(axis=0)) / mesh).astype(int)
@@ -115,7 +115,7 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
     positions : float (n, 2)
         [m]; NaN for absent grains.
     vector : float (2,), optional
-        G, a reciprocal lattice vector [1/m]; `lattice_vector` of the positions if not given.
+        G, a reciprocal lattice vector [1/m]; `reciprocal_lattice_vector` of the positions if not given.
 
     Returns
     -------
@@ -128,14 +128,14 @@ def translational_order(positions: np.ndarray, vector: np.ndarray | None = None)
         If the positions have another shape, or no grain has an interior cell.
     """
     points = present_positions(positions)
-    wave = lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
+    wave = reciprocal_lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
     return float(abs(np.exp(1j * (points @ wave)).mean()))
 
 
 @observable("1", "correlation of translational order g_T(r)")
 def translational_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, vector: np.ndarray | None = None
-) -> PairFunction:
+) -> PairDistanceFunction:
     """Correlation g_T(r) = Re <exp(i G (r_i - r_j))>, the mean over pairs at the distance r.
 
     It tends to a constant or falls algebraically in a crystal in two dimensions, and falls
@@ -148,11 +148,11 @@ def translational_correlation(
     edges : float (k + 1,), optional
         Edges of the bins [m]; as for `radial_distribution` if not given.
     vector : float (2,), optional
-        Reciprocal lattice vector G [1/m]; that of `lattice_vector` if not given.
+        Reciprocal lattice vector G [1/m]; that of `reciprocal_lattice_vector` if not given.
 
     Returns
     -------
-    PairFunction
+    PairDistanceFunction
         Correlation of each bin, without unit, and the number of its pairs.
 
     Raises
@@ -163,7 +163,7 @@ def translational_correlation(
     """
     points = present_positions(positions)
     edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
-    wave = lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
+    wave = reciprocal_lattice_vector(points) if vector is None else np.asarray(vector, dtype=np.float64)
     if wave.shape != (2,):
         raise InputError(f"the wave vector has the shape {wave.shape}; (2,) is wanted")
     phase = points @ wave
