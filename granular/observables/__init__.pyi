@@ -52,14 +52,14 @@ from .packing import (
     packing_fraction_series,
 )
 from .plasticity import drop_statistics, elastic_strain, plastic_distortion, plastic_events
-from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
-from .temperature import configurational_temperature, kinetic_temperature
-from .translational_order import (
+from .positional_order import (
     reciprocal_lattice_vector,
     structure_factor,
     translational_correlation,
     translational_order,
 )
+from .statistics import axial_order_parameter, dip_test, knuth_histogram, pearson_correlation
+from .temperature import configurational_temperature, kinetic_temperature
 from .voronoi import cell_polygons, hexagon_regularity, polygon_fractions, voronoi_cells
 
 __all__ = [
