@@ -24,7 +24,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.point import Point, SolverSettings
+from validation.cost.advised_setting import Point, SolverSettings
 from validation.cost.work_precision import (
     ReferenceValue,
     measure_points,
@@ -32,9 +32,9 @@ from validation.cost.work_precision import (
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.quantities import QUANTITIES
-from validation.runner import FAILED, Plain, Task, run_tasks
-from validation.scenes import compression_scene
+from validation.measured_quantities import QUANTITIES
+from validation.report_scenes import compression_scene
+from validation.report_tasks import FAILED, Plain, Task, run_tasks
 
 
 class Priced(NamedTuple):

@@ -19,7 +19,7 @@ from benchmarks.jobs import JOBS, job_times
 from benchmarks.timing import least_seconds
 from granular.shared.errors import InputError
 from granular.shared.version import versions
-from validation.table import TextTable, text_table
+from validation.text_tables import TextTable, text_table
 
 GRAINS, MANY = 368, 1472
 

@@ -12,8 +12,8 @@ from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
 from granular.shared.html import Page
 from granular.shared.plotting import figure
-from validation.runner import FAILED, Plain
-from validation.table import TextTable, text_table
+from validation.report_tasks import FAILED, Plain
+from validation.text_tables import TextTable, text_table
 
 LINEAR_FROM = 1000
 """Grains from which the growth of the time is fitted."""

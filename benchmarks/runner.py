@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks import PARTS, c_kernel
 from benchmarks.available_engines import NAMES, why_not
 from granular.shared.files import make_directory, write_json
-from validation.runner import Task, machine_info, run_tasks
+from validation.report_tasks import Task, machine_info, run_tasks
 
 _Rows = list[dict[str, Any]]
 _Work = Iterator[tuple[dict[str, Any], Callable[[], _Rows]]]

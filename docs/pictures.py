@@ -33,9 +33,9 @@ from granular.run.work_precision import WorkPrecisionTable
 from granular.run.work_precision import load_work_precision_table as prices
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
-from reduced_models import damper_maps, fit, predict, whole_fall
+from reduced_models import damper_maps, fit, predict, predict_fall
 from reduced_models.designs.page import plot_maps
-from reduced_models.falls.theory import lattice_at_rest
+from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, SmallSwing, solve_response
 from research.published.judging import judged
@@ -440,7 +440,7 @@ def write_whole_falls() -> None:
         away = np.abs(motion.height - rest) > 0.05 * (height * DIAMETER - rest)
         affine = scene.grains.count * drag / 3.0
         loss = affine * float(np.trapezoid(motion.velocity**2, motion.time))
-        law = whole_fall(scene, height * DIAMETER)
+        law = predict_fall(scene, height * DIAMETER)
         bed = f"{scene.grains.count} grains, {mass:g} kg, {drag:g} kg/s, from {height} D"
         for name, *figures in (
             (

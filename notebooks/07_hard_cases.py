@@ -38,8 +38,8 @@ from validation import (
     near_stability_limit,
     outcome,
 )
-from validation.exact.oscillation import harmonic_period
-from validation.exact.oscillation import oscillation_problem as wide_swing
+from validation.exact.bounce import harmonic_period
+from validation.exact.bounce import oscillation_problem as wide_swing
 
 plt.style.use("tableau-colorblind10")  # lines that colour-blind eyes tell apart
 

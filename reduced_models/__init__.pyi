@@ -5,9 +5,9 @@ from .designs.maps import DamperMaps, damper_maps
 from .designs.proposal import DesignTarget, propose_design
 from .designs.study import run_study
 from .discovery.discover import discover
-from .falls.scores import score_drops
-from .falls.theory import predict, shaking_range
-from .falls.whole_fall import whole_fall
+from .falls.fall_summary import predict_fall
+from .falls.predicted_law import predict, valid_shaking_range
+from .falls.unseen_fall_scores import score_drops
 from .fitting.fit import fit
 from .fitting.force_fit import fit_force
 from .fitting.law_estimator import LawEstimator
@@ -57,12 +57,12 @@ __all__ = [
     "load_model",
     "posterior",
     "predict",
+    "predict_fall",
     "propose_design",
     "read_record",
     "read_releases",
     "roll_out",
     "run_study",
     "score_drops",
-    "shaking_range",
-    "whole_fall",
+    "valid_shaking_range",
 ]

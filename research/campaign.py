@@ -15,7 +15,7 @@ from granular.commands.options import OUTPUT
 from granular.shared.errors import InputError
 from granular.shared.files import finite_or_none, write_text
 from granular.shared.result_cache import ResultCache
-from validation.table import TextTable
+from validation.text_tables import TextTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -276,7 +276,7 @@ def write_results(plain: Mapping[str, Any], path: Path) -> None:
 
 def made_now(command: str) -> Plain:
     """Command, date, machine and versions."""
-    from validation.runner import machine_info
+    from validation.report_tasks import machine_info
 
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return {"command": command, "date": now, **machine_info()}

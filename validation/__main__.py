@@ -30,7 +30,7 @@ from granular.commands.options import (
 from granular.shared.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.runner import Section
+    from validation.report_tasks import Section
 
 REPORT = "out/validation"
 """Directory of the report where none is given."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.shared.plotting import COLOURS, STYLES, axes_or_new, figure
-from validation.outside import ORDERS
-from validation.runner import PlainData
-from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.external_integrators import ORDERS
+from validation.report_tasks import PlainData
+from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     import pandas
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from granular.shared.html import Page
 
 HIGH_ORDER = 6
-"""Methods of this order and more have many stages a step; see `validation.order`."""
+"""Methods of this order and more have many stages a step; see `validation.convergence_order`."""
 
 CLEAR = 7.0
 """An error this many times the rounding moves the slope of a decade by 0.04 at most, and only where

@@ -10,15 +10,15 @@ from granular.methods import METHODS, Method, method_named
 from granular.methods.registry import method_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.section import WORK_PRECISION, work_precision_task
+from validation.convergence_order import CONVERGENCE, convergence_task, method_suits_problem, method_to_plot
+from validation.cost.report_section import WORK_PRECISION, work_precision_task
 from validation.cost.work_precision import candidate_settings
-from validation.energy import ENERGY, energy_task, wall_oscillation
+from validation.energy_drift import ENERGY, energy_task, wall_oscillation
 from validation.exact import NAMES, exact_problem
-from validation.order import CONVERGENCE, convergence_task, method_suits_problem, method_to_plot
-from validation.quantities import quantity_named
+from validation.measured_quantities import quantity_named
 from validation.report import report
-from validation.runner import Task
-from validation.scenes import frictionless_bed
+from validation.report_scenes import frictionless_bed
+from validation.report_tasks import Task
 
 BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
 """Built-in methods that are measured with them; they share their compiled code."""
@@ -60,7 +60,7 @@ def method_report(
         What error against wall time is measured on; without, the packaged bed without friction, up
         to 0.02 s.
     quantities : sequence of str, optional
-        Of `validation.quantities.QUANTITIES`: what the error is in; without, the energy, and where
+        Of `validation.measured_quantities.QUANTITIES`: what the error is in; without, the energy, and where
         no scene is given the positions.
     until : float, optional
         Stop the runs of ``scene`` at this time [s]; the whole protocol without.

@@ -19,8 +19,8 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import finite_or_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.cost.point import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
-from validation.cost.section import studies_from_plain
+from validation.cost.advised_setting import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
+from validation.cost.report_section import studies_from_plain
 from validation.cost.work_precision import (
     STEPS,
     depends_on_seed,
@@ -33,12 +33,12 @@ from validation.cost.work_precision import (
 )
 from validation.cost.work_precision_result import LEVELS, WorkPrecision, plain_numbers
 from validation.effect_costs import costs_agree, effect_costs
+from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, Outcome, outcome, stability_verdict
 from validation.hard_cases import COSTLY, catalogue
-from validation.quantities import QUANTITIES, MeasuredQuantity
-from validation.runner import Plain, Section, Task
-from validation.scenes import compression_scene
-from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, outcome, stability_verdict
-from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity
+from validation.report_scenes import compression_scene
+from validation.report_tasks import Plain, Section, Task
+from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ from typing import Any
 from granular.methods import METHODS
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.cost.point import (
+from validation.cost.advised_setting import (
     FLOORS,
     Advice,
     Point,
@@ -32,8 +32,8 @@ from validation.cost.work_precision import (
     scenes_with_other_seeds,
 )
 from validation.cost.work_precision_result import WorkPrecision
-from validation.quantities import MeasuredQuantity, quantity_named
-from validation.runner import PlainData
+from validation.measured_quantities import MeasuredQuantity, quantity_named
+from validation.report_tasks import PlainData
 
 SEEDS = 4
 """Further starts of a scene that has random ones: five show a scatter to a third of itself."""
@@ -141,7 +141,7 @@ def recommend_settings(
     scene : Scene
         Scene to run.
     quantity : str or MeasuredQuantity
-        One of `validation.quantities.QUANTITIES`, or one's own.
+        One of `validation.measured_quantities.QUANTITIES`, or one's own.
     tolerance : float
         Error that is allowed; relative, but for the positions (in D) and the energy (over the
         energy turned over).

@@ -9,14 +9,14 @@ from typing import Any
 
 from granular.shared.files import make_directory, write_json
 from granular.shared.html import Page
-from validation.cost.section import WORK_PRECISION
-from validation.depaula import DEPAULA
-from validation.energy import ENERGY
-from validation.order import CONVERGENCE
+from validation.convergence_order import CONVERGENCE
+from validation.cost.report_section import WORK_PRECISION
+from validation.depaula_experiment import DEPAULA
+from validation.energy_drift import ENERGY
+from validation.hard_case_outcomes import STABILITY
 from validation.overview import OVERVIEW, hard_case_table
-from validation.runner import FAILED, Plain, Section, machine_info, run_tasks
-from validation.stability import STABILITY
-from validation.table import tabulate
+from validation.report_tasks import FAILED, Plain, Section, machine_info, run_tasks
+from validation.text_tables import tabulate
 
 Results = Mapping[str, Sequence[Plain]]
 

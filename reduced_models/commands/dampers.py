@@ -270,9 +270,9 @@ examples:
 )
 def fall(options: Any) -> None:
     """Tell what a fall does, from the scene alone, and simulate it where that is uncertain."""
-    from reduced_models.falls.whole_fall import whole_fall
+    from reduced_models.falls.fall_summary import predict_fall
 
-    predicted = whole_fall(
+    predicted = predict_fall(
         scene_from_options(options),
         options.height,
         simulate=False if options.law_only else None,

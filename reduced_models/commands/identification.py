@@ -312,7 +312,7 @@ examples:
 def discover(options: Any) -> None:
     """Discover a law in the records of some sources."""
     from reduced_models.discovery.discover import discover as discover_law
-    from reduced_models.discovery.libraries import AUTO
+    from reduced_models.discovery.term_libraries import AUTO
 
     require_options(options, sources="SOURCE")
     records = load_records(options.sources, options)

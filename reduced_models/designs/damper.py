@@ -146,7 +146,7 @@ def disc_over_dipole_figures(candidate: Candidate) -> np.ndarray:
 
     All are 1 for dipoles.
     """
-    from reduced_models.falls.theory import OutsideRangeWarning, predict
+    from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 
     if candidate.magnets == "dipoles":
         return np.ones(3)

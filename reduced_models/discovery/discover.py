@@ -10,25 +10,29 @@ from granular.run.record import PistonRecord, Table
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.progress import stage_reporter
-from reduced_models.discovery.choice import candidate_notes, polish_front, weigh_evidence
-from reduced_models.discovery.libraries import (
+from reduced_models.discovery.candidate_choice import (
+    notes_on_candidate,
+    polish_and_choose_candidate,
+    weigh_structure_evidence,
+)
+from reduced_models.discovery.hidden_state_search import add_hidden_state, propose_hidden_state_structures
+from reduced_models.discovery.operon_search import is_operon_installed
+from reduced_models.discovery.parametric_terms import ParametricTerms, split_parametric_terms
+from reduced_models.discovery.polishing import polish_candidate, polish_force_candidate
+from reduced_models.discovery.result import CandidateEquation, Discovery
+from reduced_models.discovery.structure_proposals import SymbolicSearch, propose_structures
+from reduced_models.discovery.term_libraries import (
     AUTO,
     MEMORY,
     PHYSICAL,
-    Proposal,
-    custom_terms,
+    LibraryProposal,
     find_term_fault,
+    functions_known_to_program,
     library_terms,
-    program_functions,
+    parse_custom_terms,
     propose_library,
 )
-from reduced_models.discovery.memory import add_hidden_state, structures_with_memory
-from reduced_models.discovery.open_terms import OpenTerms, split_open_terms
-from reduced_models.discovery.polishing import fit_force_candidate, polish_candidate
-from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.discovery.structures import Search, propose_structures
-from reduced_models.discovery.symbolic import has_operon
-from reduced_models.discovery.terms import AnyTerm, physical_library
+from reduced_models.discovery.terms import AnyTerm, physical_library_terms
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
@@ -102,12 +106,12 @@ def discover(
     library : str, or a sequence of them
         Which terms there are to choose from. ``"auto"``: those of the library that the record
         speaks for, with a note why where it is not the physical one. Or one or more of
-        `reduced_models.discovery.libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
+        `reduced_models.discovery.term_libraries.LIBRARIES`: ``"physical"``, ``"polynomial"``,
         ``"trigonometric"``, ``"rational"``, ``"dry friction"``, ``"contact"``, ``"driven"``.
         Symbolic regressions are given what of it is no product of powers as variables.
         ``"memory"``: for beds, powers of the height with and without a hidden state w, a strain
-        that yields or relaxes (`reduced_models.discovery.memory`); for forces along a stroke about
-        zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
+        that yields or relaxes (`reduced_models.discovery.hidden_state_search`); for forces along a
+        stroke about zero, a displacement that yields, as in the models of Bouc and Wen, and of Dahl.
     terms : sequence of str
         Own terms next to the library's, in z, z' and the input's column: ``"sin(z)"``,
         ``"max(0, z)"``, ``"z'**3"``, ``"z**-2.5"``. Each gets a coefficient; numbers within it stay
@@ -150,69 +154,71 @@ def discover(
         method needs is not installed.
     """
     records = as_records(record)
-    terms, functions = _as_texts(terms), _as_texts(functions)
+    terms, functions = _as_text_sequence(terms), _as_text_sequence(functions)
     _check_arguments(method, form, target, degree, polish, ensemble, effort)
-    _check_kinds(library, map, seed)
-    _check_target(records, target)
+    _check_argument_types(library, map, seed)
+    _check_records_for_target(records, target)
     remembers = _is_single_library(library, MEMORY)
     if remembers:
-        _check_memory(target, form, ensemble, input, map)
-    plain, open_terms = split_open_terms(() if remembers else terms, input, column_names(records[0]))
-    known = _known_terms(library, plain, degree, input)
-    allowed = program_functions(functions, method)
-    method, lacking = _installed_method(method, functions)
+        _check_hidden_state_options(target, form, ensemble, input, map)
+    plain, open_terms = split_parametric_terms(() if remembers else terms, input, column_names(records[0]))
+    known = _requested_terms(library, plain, degree, input)
+    allowed = functions_known_to_program(functions, method)
+    method, lacking = _resolve_installed_method(method, functions)
     search = None
     if method != "sindy":
-        search = Search("pysr" if method == "pysr" else "operon", allowed, effort, seed)
+        search = SymbolicSearch("pysr" if method == "pysr" else "operon", allowed, effort, seed)
     with stage_reporter("discover", wanted=progress) as now:
         if target == "height":
-            from reduced_models.discovery.formula_of_time import height_equations
+            from reduced_models.discovery.formula_of_time import discover_height_formulas
 
             now("symbolic regression of z(t)")
             assert search is not None
-            height_map, (only,) = _height_map(records, library, terms, map), records
-            return height_equations(only.time, only.height, search, height_map)
+            height_map, (only,) = _resolve_height_map(records, library, terms, map), records
+            return discover_height_formulas(only.time, only.height, search, height_map)
 
         if remembers:
             now("hidden states")
             height_map, library_note = HeightMap(), ""
             motions = [estimate_motion(record, height_map, derivative) for record in records]
             weak = force_weak_form(records, motions) if target == "force" else weak_form(*motions)
-            proposed = structures_with_memory(weak, search, terms, method != "operon")
+            proposed = propose_hidden_state_structures(weak, search, terms, method != "operon")
         else:
             now("libraries")
             _, known, height_map, weak, library_note = _choose_library(
                 records, library, terms, known, derivative, input, map, degree, force=target == "force"
             )
-            known = (*known, *_settled_terms(weak, known, open_terms))
+            known = (*known, *_fit_parametric_terms(weak, known, open_terms))
             now("sparse sums of terms" if search is None else "symbolic regression")
             proposed = propose_structures(
                 weak, known, search, sparse=method != "operon", form=form, ensemble=ensemble, seed=seed
             )
             left = "force" if target == "force" else "z''"
-            candidates = open_terms.priced(proposed.candidates, weak.samples, left)
+            candidates = open_terms.add_parameter_costs(proposed.candidates, weak.sample_count, left)
             proposed = proposed._replace(candidates=candidates)
-        words = _method_text(method, form, ensemble, target if remembers else "")
+        words = _method_description(method, form, ensemble, target if remembers else "")
 
         def polish_one(candidate_equation: CandidateEquation) -> CandidateEquation:
             now(f"fit of z'' = {candidate_equation.expression.evalf(3)}"[:_LINE])
-            candidate = add_hidden_state(candidate_equation, proposed.memory, proposed.judge)
+            candidate = add_hidden_state(candidate_equation, proposed.hidden_state, proposed.scorer)
             return polish_candidate(candidate, records, height_map, input, seed, open_terms)
 
         count = 0 if target == "force" else polish
-        front, chosen = polish_front(proposed.candidates, polish_one, count, proposed.judge, proposed.others)
-        said = candidate_notes(front[chosen], proposed.judge)
+        front, chosen = polish_and_choose_candidate(
+            proposed.candidates, polish_one, count, proposed.scorer, proposed.others
+        )
+        said = notes_on_candidate(front[chosen], proposed.scorer)
         if target == "force" and polish:
-            front[chosen] = fit_force_candidate(front[chosen], records, height_map, input, seed)
+            front[chosen] = polish_force_candidate(front[chosen], records, height_map, input, seed)
         now("done")
-    rivals = open_terms.alike(proposed.candidates, front[chosen])
-    sure = None if remembers else weigh_evidence(front[chosen], rivals, proposed.judge, seed)
+    rivals = open_terms.with_chosen_values(proposed.candidates, front[chosen])
+    sure = None if remembers else weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed)
     notes = (
         library_note,
         *proposed.notes,
         *said,
         *(note for model in front[chosen].models for note in model.notes),
-        "" if sure is None else sure.note,
+        "" if sure is None else sure.rival_note,
         _NO_OPERON if lacking else "",
     )
     return Discovery(
@@ -220,13 +226,13 @@ def discover(
         tuple(front),
         chosen,
         height_map,
-        proposed.inclusion,
+        proposed.inclusion_fractions,
         tuple(note for note in dict.fromkeys(notes) if note),
-        {} if sure is None else sure.costs,
+        {} if sure is None else sure.criterion_increases,
     )
 
 
-def _known_terms(
+def _requested_terms(
     library: str | Sequence[str], terms: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
     """Terms of a library that is named, and own ones; own ones alone where none is.
@@ -236,7 +242,7 @@ def _known_terms(
     if _is_single_library(library, MEMORY):
         return ()
     if _is_single_library(library, AUTO):
-        return tuple(custom_terms(terms, column))
+        return tuple(parse_custom_terms(terms, column))
     return library_terms(library, terms, degree, column)
 
 
@@ -251,18 +257,18 @@ def _choose_library(
     degree: int,
     *,
     force: bool,
-) -> Proposal:
+) -> LibraryProposal:
     """Terms to choose from, and the weak form of the records in the z that they mean."""
-    height_map = _height_map(records, library, terms, wanted)
+    height_map = _resolve_height_map(records, library, terms, wanted)
 
     def motions(height_map: HeightMap) -> list[SmoothedMotion]:
         return [estimate_motion(record, height_map, derivative, column) for record in records]
 
     if force:
         if _is_single_library(library, AUTO):
-            known = (*physical_library(degree, column is not None), *known)
+            known = (*physical_library_terms(degree, column is not None), *known)
         weak = force_weak_form(records, motions(height_map))
-        proposal = Proposal("", known, height_map, weak, "")
+        proposal = LibraryProposal("", known, height_map, weak, "")
     elif _is_single_library(library, AUTO):
         proposal = propose_library(
             lambda height_map: weak_form(*motions(height_map)),
@@ -274,19 +280,21 @@ def _choose_library(
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *known))))
     else:
-        proposal = Proposal("", known, height_map, weak_form(*motions(height_map)), "")
-    _check_finite(proposal.weak, proposal.terms)
+        proposal = LibraryProposal("", known, height_map, weak_form(*motions(height_map)), "")
+    _check_terms_finite(proposal.weak, proposal.terms)
     return proposal
 
 
-def _settled_terms(weak: WeakForm, known: Sequence[AnyTerm], open_terms: OpenTerms) -> list[AnyTerm]:
+def _fit_parametric_terms(
+    weak: WeakForm, known: Sequence[AnyTerm], open_terms: ParametricTerms
+) -> list[AnyTerm]:
     """Open terms with the numbers that leave least next to the known ones."""
-    terms = open_terms.settle(weak, known)
-    _check_finite(weak, terms)
+    terms = open_terms.terms_with_best_values(weak, known)
+    _check_terms_finite(weak, terms)
     return terms
 
 
-def _height_map(
+def _resolve_height_map(
     records: Sequence[PistonRecord],
     library: str | Sequence[str],
     terms: Sequence[str],
@@ -299,7 +307,7 @@ def _height_map(
     return choose_height_map(records, wanted)
 
 
-def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
+def _resolve_installed_method(method: Method, functions: Sequence[str]) -> tuple[Method, bool]:
     """Return the method, or what stands in for it, and whether pyoperon is lacking for it.
 
     Raises
@@ -308,10 +316,10 @@ def _installed_method(method: Method, functions: Sequence[str]) -> tuple[Method,
         If the method, or functions for it, need a program that is not installed.
     """
     if method == "pysr":
-        from reduced_models.discovery.julia import require_julia
+        from reduced_models.discovery.pysr_search import require_pysr
 
-        require_julia()
-    if method != "auto" or has_operon():
+        require_pysr()
+    if method != "auto" or is_operon_installed():
         return method, False
     if functions:
         raise InputError(f"functions need symbolic regression, but {_NO_OPERON}")
@@ -323,7 +331,7 @@ def _is_single_library(library: str | Sequence[str], name: str) -> bool:
     return [library] == [name] or list(library) == [name]
 
 
-def _check_target(records: Sequence[PistonRecord], target: str) -> None:
+def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> None:
     if target != "force":
         require_positions(records, "discover")
     if not records:
@@ -332,7 +340,7 @@ def _check_target(records: Sequence[PistonRecord], target: str) -> None:
         raise InputError(f"target = 'height' is of one record, not of {len(records)}; give one")
 
 
-def _check_memory(
+def _check_hidden_state_options(
     target: str, form: str, ensemble: bool, column: str | None, height_map: HeightMap | str
 ) -> None:
     if target == "height" or form != "weak" or ensemble or column is not None:
@@ -366,7 +374,7 @@ def _check_arguments(
         raise InputError(f"form and ensemble belong to method 'sindy'; leave them out of {quote(method)}")
 
 
-def _check_kinds(library: object, height_map: object, seed: object) -> None:
+def _check_argument_types(library: object, height_map: object, seed: object) -> None:
     names = [library] if isinstance(library, str) else library
     if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise InputError(f"library = {quote(library)}; give a name, or several in a list")
@@ -382,12 +390,12 @@ def _check_kinds(library: object, height_map: object, seed: object) -> None:
         raise InputError(f"map = {quote(height_map)}; give 'auto' or HeightMap(shift, scale)")
 
 
-def _as_texts(texts: str | Sequence[str]) -> Sequence[str]:
+def _as_text_sequence(texts: str | Sequence[str]) -> Sequence[str]:
     """Texts, or a single one, in a sequence."""
     return (texts,) if isinstance(texts, str) else texts
 
 
-def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
+def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
             wrong = find_term_fault(motion, term)
@@ -399,7 +407,7 @@ def _check_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
                 )
 
 
-def _method_text(method: str, form: str, ensemble: bool, memory_of: str) -> str:
+def _method_description(method: str, form: str, ensemble: bool, memory_of: str) -> str:
     """Return the method in words; ``memory_of`` is the target where hidden states are searched."""
     name = "sindy and operon" if method == "auto" else method
     if memory_of:

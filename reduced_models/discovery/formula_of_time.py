@@ -10,10 +10,10 @@ import numpy as np
 
 from granular.formulas.algebra import compile_function
 from granular.shared.errors import InputError
-from reduced_models.discovery.julia import ELLIPTIC
-from reduced_models.discovery.polishing import parametrise
+from reduced_models.discovery.polishing import replace_numbers_by_symbols
+from reduced_models.discovery.pysr_search import ELLIPTIC
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
-from reduced_models.discovery.structures import Search
+from reduced_models.discovery.structure_proposals import SymbolicSearch
 from reduced_models.discovery.terms import complexity
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.records.first_guesses import noise_level
@@ -28,8 +28,8 @@ _EQUAL = 1e-6  # difference of criteria that rounding makes
 _MOST_NUMBERS = 16
 
 
-def height_equations(
-    time: np.ndarray, height: np.ndarray, search: Search, height_map: HeightMap
+def discover_height_formulas(
+    time: np.ndarray, height: np.ndarray, search: SymbolicSearch, height_map: HeightMap
 ) -> Discovery:
     """Expressions of z in t, from the first sample (n,) on; numbers fitted to all samples."""
     import sympy
@@ -40,9 +40,13 @@ def height_equations(
     time = time - time[0]
     rows = slice(None, None, max(1, math.ceil(len(time) / _MOST_POINTS)))
     search = search._replace(functions=_FUNCTIONS)
-    expressions = search.expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
-    forms = [form for expression in expressions for form in elliptic_variants(sympy.expand_mul(expression))]
-    fitted = [_fit_numbers(form, time, z, noise) for form in forms]
+    expressions = search.find_expressions({"t": time[rows]}, z[rows], noise, elliptic=True)
+    forms = [
+        form
+        for expression in expressions
+        for form in elliptic_function_variants(sympy.expand_mul(expression))
+    ]
+    fitted = [_fit_constants(form, time, z, noise) for form in forms]
     if not expressions:
         raise InputError(f"{search.method!r} found no expression that is finite; try another method")
     excess = max(1.0, min(error for _, error in fitted)) ** 2
@@ -62,14 +66,14 @@ def height_equations(
     return Discovery(f"{search.method}, z(t)", tuple(front), chosen, height_map)
 
 
-def _fit_numbers(
+def _fit_constants(
     expression: sympy.Expr, time: np.ndarray, z: np.ndarray, noise: float
 ) -> tuple[sympy.Expr, float]:
     """Expression with its numbers fitted to all samples, and its error in noise levels."""
     import sympy
     from scipy.optimize import least_squares
 
-    template, values = parametrise(expression)
+    template, values = replace_numbers_by_symbols(expression)
     t = sympy.Symbol("t", real=True)
     symbols = [sympy.Symbol(name) for name in values]
     start = np.array(list(values.values()))
@@ -90,7 +94,7 @@ def _fit_numbers(
     return template.xreplace(numbers), error
 
 
-def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
+def elliptic_function_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     """Expression unchanged, with a rate in each elliptic call, and with a phase next to it.
 
     A search finds jacobi_cn(t, 0.392) where jacobi_cn(1.1*t, 0.6) is true, since it costs fewer
@@ -104,7 +108,7 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     variants = [expression]
     for phased in (False, True):
         changed: dict[sympy.Expr, sympy.Expr] = {}
-        for k, call in enumerate(sorted(_function_calls(expression), key=str)):
+        for k, call in enumerate(sorted(_elliptic_function_calls(expression), key=str)):
             argument, modulus = call.args
             inner = sympy.Poly(argument, t) if argument.is_polynomial(t) else None
             if inner is None or inner.degree() != 1 or not modulus.is_number:
@@ -121,7 +125,7 @@ def elliptic_variants(expression: sympy.Expr) -> list[sympy.Expr]:
     return variants
 
 
-def _function_calls(expression: sympy.Expr) -> list[sympy.Expr]:
+def _elliptic_function_calls(expression: sympy.Expr) -> list[sympy.Expr]:
     import sympy
 
     return [atom for atom in expression.atoms(sympy.Function) if type(atom).__name__ in ELLIPTIC]

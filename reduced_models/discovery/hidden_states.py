@@ -21,7 +21,7 @@ import numpy as np
 
 from reduced_models.discovery.terms import INPUT
 
-Step = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
+StateStep = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
 """From the state (k,), the step's strain -d(log z) and its duration to the next state, for each of
 the scales (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
@@ -33,32 +33,32 @@ class HiddenState(NamedTuple):
     Attributes
     ----------
     name : str
-    rates : str
+    rate_equations : str
         Of all its states, as a law writes them; scales by their names.
-    force : str
+    force_variable : str
         What of them is in the force, the one variable that terms know.
     scales : tuple of str
         Names of the inner scales.
-    values : callable
+    values_along_motion : callable
         From times (n,), heights (n,) and scales (k, s) to the values (k, n).
-    tried : callable
+    trial_scales : callable
         From a period [s] to the scales (k, s) that are tried first.
     """
 
     name: str
-    rates: str
-    force: str
+    rate_equations: str
+    force_variable: str
     scales: tuple[str, ...]
-    values: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-    tried: Callable[[float], np.ndarray]
+    values_along_motion: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    trial_scales: Callable[[float], np.ndarray]
 
-    def within(self, equation: str) -> str:
+    def substitute_into(self, equation: str) -> str:
         """Equation with what of the state is in the force for its input, and the rates."""
-        forces = re.sub(rf"\b{INPUT}\b", self.force, equation)
-        return f"{forces}; {self.rates}"
+        forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
+        return f"{forces}; {self.rate_equations}"
 
 
-def _yielding_rate(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _step_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     """Ds = dx (1 - |s| s sign(dx)/e^2): a tangent back to zero, a hyperbolic one from there on."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
@@ -71,17 +71,17 @@ def _yielding_rate(state: np.ndarray, strain: float, _: float, scale: np.ndarray
     )
 
 
-def _dahl_rate(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _step_dahl_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     end = scale if strain >= 0.0 else -scale
     return np.asarray(end + (state - end) * np.exp(-abs(strain) / scale))
 
 
-def _relaxing_rate(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
+def _step_relaxing_state(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
     saved = step / scale
     return np.asarray(state * np.exp(-saved) - strain * np.expm1(-saved) / saved)
 
 
-def _integrate_states(step: Step, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Values (k, n) of a state with one scale (k,)."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
@@ -90,26 +90,26 @@ def _integrate_states(step: Step, time: np.ndarray, height: np.ndarray, scale: n
     return values.T
 
 
-def _one_scale_values(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+def _one_scale_evaluator(step: StateStep) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     return lambda time, height, scales: _integrate_states(step, time, height, scales[:, 0])
 
 
 def _two_scale_values(time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    first, second = (_integrate_states(_yielding_rate, time, height, scales[:, k]) for k in (0, 1))
+    first, second = (_integrate_states(_step_yielding_state, time, height, scales[:, k]) for k in (0, 1))
     return np.asarray(first + scales[:, 2:] * second)
 
 
-def _yield_scales(_: float) -> np.ndarray:
+def _trial_yield_strains(_: float) -> np.ndarray:
     return np.geomspace(0.01, 1.0, 17)[:, None]
 
 
-def _yield_scale_pairs(_: float) -> np.ndarray:
+def _trial_yield_strain_pairs(_: float) -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
     return np.array([(*pair, fraction) for pair in pairs for fraction in (0.5, 2.0)])
 
 
-def _relaxation_scales(period: float) -> np.ndarray:
+def _trial_relaxation_times(period: float) -> np.ndarray:
     return period * np.geomspace(0.02, 20.0, 17)[:, None]
 
 
@@ -121,24 +121,24 @@ HIDDEN_STATES = (
         "w' = " + _YIELDING.format("w", "yielding"),
         "w",
         ("yielding",),
-        _one_scale_values(_yielding_rate),
-        _yield_scales,
+        _one_scale_evaluator(_step_yielding_state),
+        _trial_yield_strains,
     ),
     HiddenState(
         "strain that yields as in Dahl's model",
         "w' = -(z' + Abs(z')*w/yielding)/z",
         "w",
         ("yielding",),
-        _one_scale_values(_dahl_rate),
-        _yield_scales,
+        _one_scale_evaluator(_step_dahl_state),
+        _trial_yield_strains,
     ),
     HiddenState(
         "relaxing strain",
         "w' = -z'/z - w/relaxation",
         "w",
         ("relaxation",),
-        _one_scale_values(_relaxing_rate),
-        _relaxation_scales,
+        _one_scale_evaluator(_step_relaxing_state),
+        _trial_relaxation_times,
     ),
     HiddenState(
         "two yielding strains",
@@ -146,17 +146,17 @@ HIDDEN_STATES = (
         "(w + share*q)",
         ("yielding", "later", "share"),
         _two_scale_values,
-        _yield_scale_pairs,
+        _trial_yield_strain_pairs,
     ),
 )
 
 
-def _displacement_values(step: Step) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+def _displacement_evaluator(step: StateStep) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     # The strain of these heights is the displacement.
     return lambda time, height, scales: _integrate_states(step, time, np.exp(-height), scales[:, 0])
 
 
-def _yield_displacements(_: float) -> np.ndarray:
+def _trial_yield_displacements(_: float) -> np.ndarray:
     return np.geomspace(1e-5, 0.1, 33)[:, None]
 
 
@@ -166,36 +166,36 @@ DAMPER_STATES = (
         "w' = z' - Abs(z')*Abs(w)*w/yielding**2",
         "w",
         ("yielding",),
-        _displacement_values(_yielding_rate),
-        _yield_displacements,
+        _displacement_evaluator(_step_yielding_state),
+        _trial_yield_displacements,
     ),
     HiddenState(
         "displacement that yields as in Dahl's model",
         "w' = z' - Abs(z')*w/yielding",
         "w",
         ("yielding",),
-        _displacement_values(_dahl_rate),
-        _yield_displacements,
+        _displacement_evaluator(_step_dahl_state),
+        _trial_yield_displacements,
     ),
 )
 """Hidden states of a damper on a stroke about zero, in m: that of Bouc and Wen, and Dahl's."""
 
 
-class Memory(NamedTuple):
+class ScaledHiddenState(NamedTuple):
     """A hidden state with numbers for its scales.
 
     Attributes
     ----------
-    state : HiddenState
+    kind : HiddenState
     scales : tuple of float
     """
 
-    state: HiddenState
+    kind: HiddenState
     scales: tuple[float, ...]
 
-    def within(self, equation: str) -> str:
+    def substitute_into(self, equation: str) -> str:
         """Equation with numbers, the hidden state for its input, and the state's own rate."""
-        text = self.state.within(equation)
-        for name, value in zip(self.state.scales, self.scales, strict=True):
+        text = self.kind.substitute_into(equation)
+        for name, value in zip(self.kind.scales, self.scales, strict=True):
             text = re.sub(rf"\b{name}\b", f"{value:.4g}", text)
         return text

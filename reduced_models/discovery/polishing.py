@@ -12,15 +12,15 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import BudgetError, GranularError
-from reduced_models.discovery.open_terms import OpenTerms
+from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.terms import (
     complexity,
-    law_words,
+    describe_law,
+    expression_text,
     sort_terms,
     split_terms,
     state_symbols,
-    term_text,
 )
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.force_fit import fit_force
@@ -49,7 +49,7 @@ def polish_candidate(
     height_map: HeightMap,
     column: str | None = None,
     seed: int = 0,
-    open_terms: OpenTerms | None = None,
+    open_terms: ParametricTerms | None = None,
 ) -> CandidateEquation:
     """Candidate with its numbers fitted by `fit`, or with a note that says why there are none.
 
@@ -63,24 +63,26 @@ def polish_candidate(
     column : str, optional
         Of the records, that is the input.
     seed : int
-    open_terms : OpenTerms, optional
+    open_terms : ParametricTerms, optional
         Terms that hold numbers of their own.
     """
-    opened = None if open_terms is None else open_terms.opened(candidate)
-    template, values = opened or parametrise(candidate.expression)
+    opened = None if open_terms is None else open_terms.parametrised_sum(candidate)
+    template, values = opened or replace_numbers_by_symbols(candidate.expression)
     if len(values) > _MOST_NUMBERS:
         return dataclasses.replace(
             candidate, note=f"has {len(values)} numbers, more than the {_MOST_NUMBERS} of a fit"
         )
-    memory = candidate.memory
-    if memory is not None:
-        values |= dict(zip(memory.state.scales, memory.scales, strict=True))
-    law = law_from_template(smooth_sign(template, records, height_map), values, column, law_name(candidate))
-    if memory is not None:
+    hidden_state = candidate.hidden_state
+    if hidden_state is not None:
+        values |= dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
+    law = law_from_template(
+        replace_sign_by_tanh(template, records, height_map), values, column, name_candidate_law(candidate)
+    )
+    if hidden_state is not None:
         law = dataclasses.replace(
             law,
-            equation=memory.state.within(law.equation),
-            positive=memory.state.scales,
+            equation=hidden_state.kind.substitute_into(law.equation),
+            positive=hidden_state.kind.scales,
             resolution=max(_MEMORY_RESOLUTION, law.resolution),
         )
     try:
@@ -95,19 +97,19 @@ def polish_candidate(
 
     numbers = models[0].parameters
     if opened and open_terms is not None:
-        expression = open_terms.closed(candidate, numbers)
+        expression = open_terms.sum_with_values(candidate, numbers)
     else:
         expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
     nodes = complexity(expression)
-    if memory is not None:
-        nodes += len(memory.scales)
-        memory = memory._replace(scales=tuple(numbers[name] for name in memory.state.scales))
+    if hidden_state is not None:
+        nodes += len(hidden_state.scales)
+        hidden_state = hidden_state._replace(scales=tuple(numbers[name] for name in hidden_state.kind.scales))
     return dataclasses.replace(
-        candidate, expression=expression, complexity=nodes, models=models, memory=memory
+        candidate, expression=expression, complexity=nodes, models=models, hidden_state=hidden_state
     )
 
 
-def fit_force_candidate(
+def polish_force_candidate(
     candidate: CandidateEquation,
     records: Sequence[PistonRecord],
     height_map: HeightMap,
@@ -117,20 +119,20 @@ def fit_force_candidate(
     """Candidate for a force with its numbers fitted by `fit_force`; arguments as of `polish_candidate`."""
     import sympy
 
-    template, values = parametrise(candidate.expression)
+    template, values = replace_numbers_by_symbols(candidate.expression)
     z, v, u = state_symbols()
     shift, scale = height_map.shift, height_map.scale
     plain = (
         template if height_map == HeightMap() else template.xreplace({z: (z - shift) / scale, v: v / scale})
     )
-    memory = candidate.memory
-    inputs = () if column is None or memory is not None or not plain.has(u) else (column,)
+    hidden_state = candidate.hidden_state
+    inputs = () if column is None or hidden_state is not None or not plain.has(u) else (column,)
     plain = plain.xreplace({u: sympy.Symbol(column)} if inputs else {})
-    equation, scales = f"force = {term_text(plain)}", dict[str, float]()
-    if memory is not None:
-        scales = dict(zip(memory.state.scales, memory.scales, strict=True))
-        equation = memory.state.within(equation)
-    law = ForceLaw(law_name(candidate), equation, positive=tuple(scales), inputs=inputs)
+    equation, scales = f"force = {expression_text(plain)}", dict[str, float]()
+    if hidden_state is not None:
+        scales = dict(zip(hidden_state.kind.scales, hidden_state.scales, strict=True))
+        equation = hidden_state.kind.substitute_into(equation)
+    law = ForceLaw(name_candidate_law(candidate), equation, positive=tuple(scales), inputs=inputs)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes stand in the model
@@ -140,33 +142,33 @@ def fit_force_candidate(
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     numbers = model.parameters
-    if memory is not None:
-        memory = memory._replace(scales=tuple(numbers[name] for name in scales))
+    if hidden_state is not None:
+        hidden_state = hidden_state._replace(scales=tuple(numbers[name] for name in scales))
     expression = template.xreplace({sympy.Symbol(name): sympy.Float(numbers[name]) for name in values})
     models: Any = (model,)
-    return dataclasses.replace(candidate, expression=expression, models=models, memory=memory)
+    return dataclasses.replace(candidate, expression=expression, models=models, hidden_state=hidden_state)
 
 
-def law_name(candidate: CandidateEquation) -> str:
+def name_candidate_law(candidate: CandidateEquation) -> str:
     """Name of a law by its terms; how it was found does not matter to who reads of it."""
     terms = candidate.terms
     if (
-        candidate.left == "force"
-        and sum(value for term, value in (terms or {}).items() if not term.still) > 0
+        candidate.left_side == "force"
+        and sum(value for term, value in (terms or {}).items() if not term.is_speed_independent) > 0
     ):
         # A force that moves has the sign of the speed, and not that of a resistance.
         terms = {term: -value for term, value in (terms or {}).items()}
-    if candidate.memory is not None:
-        terms = {term: value for term, value in (terms or {}).items() if not term.driven}
-        words = [word for word in (law_words(terms), candidate.memory.state.name) if word]
+    if candidate.hidden_state is not None:
+        terms = {term: value for term, value in (terms or {}).items() if not term.has_input}
+        words = [word for word in (describe_law(terms), candidate.hidden_state.kind.name) if word]
         return " + ".join(words)
-    name = law_words(terms) if terms else ""
+    name = describe_law(terms) if terms else ""
     if not name or len(name) > _LONGEST_NAME:
-        return f"discovered formula of {len(parametrise(candidate.expression)[1])} numbers"
+        return f"discovered formula of {len(replace_numbers_by_symbols(candidate.expression)[1])} numbers"
     return name
 
 
-def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
+def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """Expression with symbols c0, c1 ... for its numbers, and their values.
 
     The coefficients of a sum of library terms come in the order of the terms, so that the same
@@ -186,7 +188,9 @@ def parametrise(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     return expression.xreplace(symbol_of), {symbol_of[item].name: float(item) for item in floats}
 
 
-def smooth_sign(template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap) -> sympy.Expr:
+def replace_sign_by_tanh(
+    template: sympy.Expr, records: Sequence[PistonRecord], height_map: HeightMap
+) -> sympy.Expr:
     """Expression with a steep tanh(z') for sign(z'), which no solver can step across."""
     import sympy
 
@@ -210,7 +214,7 @@ def law_from_template(template: sympy.Expr, values: dict[str, float], column: st
     inputs = (column,) if column is not None and template.has(sympy.Symbol(column)) else ()
     return Law(
         name=name,
-        equation=f"z'' = {term_text(template)}",
+        equation=f"z'' = {expression_text(template)}",
         start=start,
         mapped=True,
         source="discovered in the record",

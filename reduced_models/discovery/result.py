@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from granular.shared.errors import InputError
-from reduced_models.discovery.hidden_states import Memory
-from reduced_models.discovery.terms import AnyTerm, split_terms, term_text, with_decimals
+from reduced_models.discovery.hidden_states import ScaledHiddenState
+from reduced_models.discovery.terms import AnyTerm, expression_text, round_fractions_for_print, split_terms
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.models.model import ReducedModel
 
@@ -46,9 +46,9 @@ class CandidateEquation:
         not, or could not be. A `ForceModel` of a force.
     note : str
         Why there is no model, where polishing was tried.
-    memory : Memory, optional
+    hidden_state : ScaledHiddenState, optional
         The hidden state that u stands for.
-    left : str
+    left_side : str
         What the expression is equal to; z itself where it names the time.
     """
 
@@ -58,8 +58,8 @@ class CandidateEquation:
     criterion: float
     models: tuple[ReducedModel, ...] = ()
     note: str = ""
-    memory: Memory | None = None
-    left: str = "z''"
+    hidden_state: ScaledHiddenState | None = None
+    left_side: str = "z''"
 
     @property
     def model(self) -> ReducedModel | None:
@@ -77,9 +77,9 @@ class CandidateEquation:
         import sympy
 
         numbers = {atom: sympy.Float(atom, 5) for atom in self.expression.atoms(sympy.Float)}
-        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left
-        text = f"{left} = {term_text(with_decimals(self.expression.xreplace(numbers)))}"
-        return text if self.memory is None else self.memory.within(text)
+        left = "z" if self.expression.has(sympy.Symbol("t", real=True)) else self.left_side
+        text = f"{left} = {expression_text(round_fractions_for_print(self.expression.xreplace(numbers)))}"
+        return text if self.hidden_state is None else self.hidden_state.substitute_into(text)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,11 +95,11 @@ class Discovery:
         Place of the chosen one.
     map : HeightMap
         How z in the equations comes from the height.
-    inclusion : mapping of str to float
+    inclusion_fractions : mapping of str to float
         Fraction of resampled records in which each term was needed; empty without an ensemble.
     notes : tuple of str
         What is to be doubted, in plain words.
-    prices : mapping of str to float
+    criterion_increases : mapping of str to float
         By how much the information criterion rises where a term of the chosen sum is left out;
         above about 10 the record calls for it. Empty where it is no sum of terms.
     """
@@ -108,9 +108,9 @@ class Discovery:
     candidates: tuple[CandidateEquation, ...]
     chosen: int
     map: HeightMap
-    inclusion: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    inclusion_fractions: Mapping[str, float] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    costs: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    criterion_increases: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def best(self) -> CandidateEquation:
@@ -154,12 +154,14 @@ class Discovery:
             "   columns: numbers, names and operations of the equation; its rms error (1: as\n"
             "   large as the record's noise makes it, so nothing is left to explain); * is chosen"
         )
-        fractions = ", ".join(f"{name}: {fraction:.2f}" for name, fraction in self.inclusion.items())
+        fractions = ", ".join(
+            f"{name}: {fraction:.2f}" for name, fraction in self.inclusion_fractions.items()
+        )
         if fractions:
             lines.append(f"  needed in this fraction of resampled records: {fractions}")
-        costs = ", ".join(f"{name}: {price:.3g}" for name, price in self.costs.items())
-        if costs:
-            lines.append(f"  the criterion rises by so much without each term (10 is decisive): {costs}")
+        increases = ", ".join(f"{name}: {price:.3g}" for name, price in self.criterion_increases.items())
+        if increases:
+            lines.append(f"  the criterion rises by so much without each term (10 is decisive): {increases}")
         lines += [f"  note: {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -169,9 +171,9 @@ class Discovery:
             "method": self.method,
             "chosen": self.chosen,
             "map": dataclasses.asdict(self.map),
-            "inclusion": dict(self.inclusion),
+            "inclusion": dict(self.inclusion_fractions),
             "notes": list(self.notes),
-            "prices": dict(self.costs),
+            "prices": dict(self.criterion_increases),
             "candidates": [
                 {
                     "equation": candidate.text,

@@ -29,7 +29,7 @@ def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
     return z, v, u
 
 
-def term_text(expression: sympy.Expr) -> str:
+def expression_text(expression: sympy.Expr) -> str:
     """Expression as a law writes it, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
@@ -37,7 +37,7 @@ def term_text(expression: sympy.Expr) -> str:
 _LARGEST_DENOMINATOR = 100  # of a fraction that is printed as one
 
 
-def with_decimals(expression: sympy.Expr) -> sympy.Expr:
+def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
     """Expression for print: fractions that stand for decimal numbers cut to five digits."""
     import sympy
 
@@ -65,42 +65,42 @@ class CustomTerm:
     @functools.cached_property
     def text(self) -> str:
         """As a law writes it."""
-        return term_text(with_decimals(self.expression))
+        return expression_text(round_fractions_for_print(self.expression))
 
     @property
-    def driven(self) -> bool:
+    def has_input(self) -> bool:
         """True where it holds the input."""
         return bool(self.expression.has(state_symbols()[2]))
 
     @property
-    def still(self) -> bool:
+    def is_speed_independent(self) -> bool:
         """True for a term of z (and the input) alone."""
         return not self.expression.has(state_symbols()[1])
 
     @property
-    def moving(self) -> bool:
+    def varies_with_speed(self) -> bool:
         """True where it changes with the speed."""
-        return not self.still
+        return not self.is_speed_independent
 
     @property
-    def total(self) -> bool:
+    def is_total_derivative(self) -> bool:
         """True for the rate of a function of z."""
-        return self._factor is not None
+        return self._height_factor is not None
 
     @functools.cached_property
-    def _factor(self) -> sympy.Expr | None:
+    def _height_factor(self) -> sympy.Expr | None:
         """G'(z), where the term is G'(z) z'; else None."""
         import sympy
 
         _, v, u = state_symbols()
         factor = sympy.cancel(self.expression / v)
-        return None if self.still or factor.has(v) or factor.has(u) else factor
+        return None if self.is_speed_independent or factor.has(v) or factor.has(u) else factor
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Return its values at samples (n,)."""
         return _evaluate_term(self.expression, z, v, u)
 
-    def primitive(self, z: np.ndarray) -> np.ndarray:
+    def antiderivative(self, z: np.ndarray) -> np.ndarray:
         """G(z), of whose rate a total term is, from the least of the samples on.
 
         By quadrature: many a G has no formula, or one that takes minutes to find.
@@ -108,25 +108,25 @@ class CustomTerm:
         order = np.argsort(z)
         steps = np.diff(z[order], prepend=z[order[:1]])
         nodes = z[order, None] + steps[:, None] * (_NODES - 1.0) / 2.0
-        areas = steps * (self.by_primitive(nodes) @ _WEIGHTS) / 2.0
+        areas = steps * (self.height_factor(nodes) @ _WEIGHTS) / 2.0
         areas_below = np.empty(len(z))
         areas_below[order] = np.cumsum(areas)
         return areas_below
 
-    def by_primitive(self, z: np.ndarray) -> np.ndarray:
+    def height_factor(self, z: np.ndarray) -> np.ndarray:
         """G'(z)."""
-        return _evaluate_term(self._factor, z, z, None)
+        return _evaluate_term(self._height_factor, z, z, None)
 
-    def by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z."""
         return _evaluate_term(_term_derivative(self.expression, 0), z, v, u)
 
-    def by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z'."""
         return _evaluate_term(_term_derivative(self.expression, 1), z, v, u)
 
 
-def custom_term(expression: sympy.Expr) -> CustomTerm:
+def make_custom_term(expression: sympy.Expr) -> CustomTerm:
     """Term of an exact expression in the symbols of `state_symbols`; max(z, 0) is max(0, z)."""
     return CustomTerm(expression.replace(_is_min_or_max, _sort_operands))
 
@@ -150,7 +150,7 @@ def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
     return functools.reduce(pair, sorted(operands, key=default_sort_key))
 
 
-def read_terms(
+def parse_term_expressions(
     texts: Sequence[str], column: str | None = None, numbers: Sequence[str] = ()
 ) -> list[sympy.Expr]:
     """Expressions of terms as users write them, in z, z' and the input's column.
@@ -220,32 +220,32 @@ def _evaluate_term(expression: sympy.Expr, z: np.ndarray, v: np.ndarray, u: np.n
 
 
 class Term(NamedTuple):
-    """z^power |z'|^speed, times sign(z') where ``odd``, times the input where ``driven``."""
+    """z^power |z'|^speed, times sign(z') where ``odd``, times the input where ``has_input``."""
 
     power: int
     speed: int = 0
     odd: bool = False
-    driven: bool = False
+    has_input: bool = False
 
     @property
-    def still(self) -> bool:
+    def is_speed_independent(self) -> bool:
         """True for a term of z (and the input) alone."""
         return self.speed == 0 and not self.odd
 
     @property
-    def total(self) -> bool:
+    def is_total_derivative(self) -> bool:
         """True for z^a z', the rate of z^(a+1)/(a+1)."""
-        return self.speed == 1 and self.odd and not self.driven
+        return self.speed == 1 and self.odd and not self.has_input
 
     @property
-    def moving(self) -> bool:
+    def varies_with_speed(self) -> bool:
         """True where it changes with the speed other than by its sign."""
         return self.speed > 0
 
     @property
     def text(self) -> str:
         """As a law writes it, ``"z**2*z'"``."""
-        return term_text(self.expression)
+        return expression_text(self.expression)
 
     @property
     def expression(self) -> sympy.Expr:
@@ -257,34 +257,34 @@ class Term(NamedTuple):
             motion = sympy.sign(v) if self.speed == 0 else v * sympy.Abs(v) ** (self.speed - 1)
         else:
             motion = sympy.Abs(v) ** self.speed
-        return z**self.power * motion * (u if self.driven else 1)
+        return z**self.power * motion * (u if self.has_input else 1)
 
     def values(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Return its values at samples (n,)."""
         product = z**self.power * np.abs(v) ** self.speed
         if self.odd:
             product = product * np.sign(v)
-        return product * u if self.driven and u is not None else product
+        return product * u if self.has_input and u is not None else product
 
-    def primitive(self, z: np.ndarray) -> np.ndarray:
+    def antiderivative(self, z: np.ndarray) -> np.ndarray:
         """G(z), of whose rate a total term is."""
         return z ** (self.power + 1) / (self.power + 1)
 
-    def by_primitive(self, z: np.ndarray) -> np.ndarray:
+    def height_factor(self, z: np.ndarray) -> np.ndarray:
         """G'(z)."""
         return np.asarray(z**self.power)
 
-    def by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
+    def derivative_by_height(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray | float:
         """Its derivative by z."""
         if not self.power:
             return 0.0
         return self.power * self._replace(power=self.power - 1).values(z, v, u)
 
-    def by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def derivative_by_speed(self, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Its derivative by z'."""
         sign = 1.0 if self.odd else np.sign(v)
         product = z**self.power * self.speed * np.abs(v) ** (self.speed - 1) * sign
-        return product * u if self.driven and u is not None else product
+        return product * u if self.has_input and u is not None else product
 
 
 AnyTerm = Term | CustomTerm
@@ -300,7 +300,7 @@ def _sort_key(term: AnyTerm) -> tuple[Any, ...]:
 
 
 @functools.cache
-def physical_library(degree: int, driven: bool = False) -> tuple[Term, ...]:
+def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, ...]:
     """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z').
 
     Springs, dampings that depend on the height, drag and dry friction; and the input where there
@@ -308,7 +308,7 @@ def physical_library(degree: int, driven: bool = False) -> tuple[Term, ...]:
     """
     factors = ((0, False), (1, True), (2, True), (0, True))
     terms = tuple(Term(power, *factor) for factor in factors for power in range(degree + 1))
-    return (*terms, Term(0, driven=True)) if driven else terms
+    return (*terms, Term(0, has_input=True)) if has_input else terms
 
 
 def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
@@ -321,20 +321,20 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
 
     coefficients: dict[AnyTerm, float] = {}
     for part in sympy.Add.make_args(sympy.expand(expression)):
-        terms = _powers_of(part)
+        terms = _power_products(part)
         if terms is None:
             coefficient, rest = part.as_independent(*state_symbols(), as_Add=False)
             if not coefficient.is_number or rest.atoms(sympy.Float):
                 return None
             if rest.free_symbols - set(state_symbols()):
                 return None
-            terms = {custom_term(rest): float(coefficient)}
+            terms = {make_custom_term(rest): float(coefficient)}
         for term, value in terms.items():
             coefficients[term] = coefficients.get(term, 0.0) + value
     return {term: value for term, value in coefficients.items() if value != 0.0}
 
 
-def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
+def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """Products of powers in an expression; None where it holds anything else."""
     import sympy
 
@@ -356,7 +356,7 @@ def _powers_of(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     return coefficients
 
 
-def join_terms(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
+def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
     """Expression of a linear combination of terms."""
     import sympy
 
@@ -373,27 +373,27 @@ def structure_text(terms: Sequence[AnyTerm]) -> str:
 _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
-def law_words(terms: Mapping[AnyTerm, float]) -> str:
+def describe_law(terms: Mapping[AnyTerm, float]) -> str:
     """Law in an engineer's words, by its terms and their coefficients in z''.
 
     Such as "viscous + dry friction + softening"; a term without such a word is named as it is
     written.
     """
-    others = [term for term in sort_terms(terms) if not _is_spring(term)]
+    others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
-    words = [_damping_word(term, terms[term]) for term in others]
+    words = [_damping_term_words(term, terms[term]) for term in others]
     springs = {
-        term.power: value for term, value in terms.items() if isinstance(term, Term) and _is_spring(term)
+        term.power: value for term, value in terms.items() if isinstance(term, Term) and _is_spring_term(term)
     }
     return " + ".join(dict.fromkeys([*words, *_spring_words(springs)]))
 
 
-def _is_spring(term: AnyTerm) -> bool:
-    return isinstance(term, Term) and term.still and not term.driven
+def _is_spring_term(term: AnyTerm) -> bool:
+    return isinstance(term, Term) and term.is_speed_independent and not term.has_input
 
 
-def _damping_word(term: AnyTerm, coefficient: float) -> str:
-    if isinstance(term, CustomTerm) or term.driven or not term.odd or term.speed > max(_BY_SPEED):
+def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
+    if isinstance(term, CustomTerm) or term.has_input or not term.odd or term.speed > max(_BY_SPEED):
         return term.text
     word = _BY_SPEED.get(term.speed, "dry friction")
     if term.power:

@@ -67,7 +67,7 @@ class SmoothedMotion(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Integrals:
+class MotionIntegrals:
     """The integrals of one motion against bumps.
 
     Attributes
@@ -85,34 +85,34 @@ class Integrals:
     curvature: Any
     target: np.ndarray
 
-    def column(self, term: AnyTerm) -> np.ndarray:
+    def term_integrals(self, term: AnyTerm) -> np.ndarray:
         """Integrals (r,) of a term."""
         motion = self.motion
-        if term.total:
-            return -np.asarray(self.slope @ term.primitive(motion.z))
-        z = motion.z if term.still else motion.smooth
+        if term.is_total_derivative:
+            return -np.asarray(self.slope @ term.antiderivative(motion.z))
+        z = motion.z if term.is_speed_independent else motion.smooth
         return np.asarray(self.bump @ term.values(z, motion.velocity, motion.drive))
 
-    def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
+    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
         """Integrals (r, p) of terms."""
-        return np.stack([self.column(term) for term in terms], axis=1)
+        return np.stack([self.term_integrals(term) for term in terms], axis=1)
 
-    def integral(self, expression: sympy.Expr) -> np.ndarray:
+    def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
         """Integrals (r,) of any expression in z, v and u."""
         motion = self.motion
-        return np.asarray(self.bump @ evaluate(expression, motion))
+        return np.asarray(self.bump @ evaluate_along_motion(expression, motion))
 
-    def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
+    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
         """Return the slopes of the residuals by each sample's noise, a sparse (r, n)."""
         motion, weights = self.motion, self.curvature
         for term, value in zip(terms, coefficients, strict=True):
-            if term.total:
-                weights = weights + value * self.slope.multiply(term.by_primitive(motion.z))
-            elif term.still:
-                rate = term.by_height(motion.z, motion.velocity, motion.drive)
+            if term.is_total_derivative:
+                weights = weights + value * self.slope.multiply(term.height_factor(motion.z))
+            elif term.is_speed_independent:
+                rate = term.derivative_by_height(motion.z, motion.velocity, motion.drive)
                 if np.any(rate):
                     weights = weights - value * self.bump.multiply(rate)
-            elif term.moving:
+            elif term.varies_with_speed:
                 weights = weights + value * self._speed_weights(term)
         return weights
 
@@ -120,13 +120,13 @@ class Integrals:
         """Weights of a term that holds the speed otherwise than as z', by parts as well."""
         motion = self.motion
         here = motion.smooth, motion.velocity, motion.drive
-        by_speed = term.by_speed(*here)
-        rate = np.gradient(by_speed, motion.time) - term.by_height(*here)
+        by_speed = term.derivative_by_speed(*here)
+        rate = np.gradient(by_speed, motion.time) - term.derivative_by_height(*here)
         return self.slope.multiply(by_speed) + self.bump.multiply(rate)
 
-    def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
+    def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
         """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
-        weights = self.noise_weights(terms, coefficients).tocsr()
+        weights = self.residual_noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
         strengths, directions = np.linalg.eigh(covariance)
         saved = strengths > _RANK * strengths[-1]
@@ -139,11 +139,11 @@ class WeakForm:
 
     Attributes
     ----------
-    parts : tuple of Integrals
+    parts : tuple of MotionIntegrals
         One a motion.
     """
 
-    parts: tuple[Integrals, ...]
+    parts: tuple[MotionIntegrals, ...]
 
     @property
     def motions(self) -> tuple[SmoothedMotion, ...]:
@@ -151,7 +151,7 @@ class WeakForm:
         return tuple(part.motion for part in self.parts)
 
     @property
-    def samples(self) -> int:
+    def sample_count(self) -> int:
         """Number of samples of all motions."""
         return sum(len(motion.time) for motion in self.motions)
 
@@ -160,19 +160,19 @@ class WeakForm:
         """The integrals (r,) of z''."""
         return np.concatenate([part.target for part in self.parts])
 
-    def matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
+    def term_integral_matrix(self, terms: Sequence[AnyTerm]) -> np.ndarray:
         """Integrals (r, p) of terms."""
-        return np.concatenate([part.matrix(terms) for part in self.parts])
+        return np.concatenate([part.term_integral_matrix(terms) for part in self.parts])
 
-    def integral(self, expression: sympy.Expr) -> np.ndarray:
+    def expression_integrals(self, expression: sympy.Expr) -> np.ndarray:
         """Integrals (r,) of any expression in z, v and u."""
-        return np.concatenate([part.integral(expression) for part in self.parts])
+        return np.concatenate([part.expression_integrals(expression) for part in self.parts])
 
-    def whitening(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
+    def whitening_matrix(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> np.ndarray:
         """Matrix (q, r) that makes the residuals of an equation white, of unit variance."""
         from scipy.linalg import block_diag
 
-        return np.asarray(block_diag(*(part.whitening(terms, coefficients) for part in self.parts)))
+        return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
 
 
 def weak_form(*motions: SmoothedMotion) -> WeakForm:
@@ -180,7 +180,7 @@ def weak_form(*motions: SmoothedMotion) -> WeakForm:
     return WeakForm(tuple(map(_motion_integrals, motions)))
 
 
-def _motion_integrals(motion: SmoothedMotion) -> Integrals:
+def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     """Integrals of a motion, with bumps that overlap all along it."""
     from scipy.sparse import csr_array
 
@@ -210,10 +210,10 @@ def _motion_integrals(motion: SmoothedMotion) -> Integrals:
     bump, slope, curvature = (
         csr_array((np.concatenate(part), indices, starts), shape=(count, len(time))) for part in parts
     )
-    return Integrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
+    return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-def evaluate(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
+def evaluate_along_motion(expression: sympy.Expr, motion: SmoothedMotion) -> np.ndarray:
     """Values (n,) of an expression along a motion."""
     function = compile_function(state_symbols(), expression)
     drive = 0.0 if motion.drive is None else motion.drive
@@ -261,8 +261,8 @@ def choose_height_map(records: Sequence[PistonRecord], wanted: HeightMap | str) 
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForceIntegrals(Integrals):
-    """Integrals with errors that are white noise of the force; `Integrals` tells of attributes.
+class ForceIntegrals(MotionIntegrals):
+    """Integrals with errors that are white noise of the force; `MotionIntegrals` tells of attributes.
 
     Attributes
     ----------
@@ -272,7 +272,7 @@ class ForceIntegrals(Integrals):
 
     deviation: float
 
-    def noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
+    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: np.ndarray) -> Any:
         """Return the slopes by the force's noise alone, in units of the motion's."""
         return self.bump * (self.deviation / self.motion.noise)
 
@@ -306,7 +306,7 @@ def force_weak_form(records: Sequence[PistonRecord], motions: Sequence[SmoothedM
     return WeakForm(tuple(parts))
 
 
-def noise_free_weak_form(weak: WeakForm) -> WeakForm:
+def white_noise_weak_form(weak: WeakForm) -> WeakForm:
     """Weak form of z'' whose errors are white noise of z'', as large as in its estimate.
 
     Where no equation comes near to a record's noise, as of a simulated bed, which has none, the

@@ -17,7 +17,7 @@ from granular.shared.errors import InputError
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.shared.version import versions
-from reduced_models.falls.theory import OutsideRangeWarning, predict
+from reduced_models.falls.predicted_law import OutsideRangeWarning, predict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +78,7 @@ def workshop_sheet(
     Returns
     -------
     Page
-        Drawing, parts, liquid, sensitivities, scatter, and first measurement.
+        Drawing, parts, liquid, swing_sensitivities, scatter, and first measurement.
     """
     page = Page(title, lead)
     for note in notes:
@@ -91,7 +91,7 @@ def workshop_sheet(
     page.section("Parts")
     page.table(("part", "number", "dimensions", "mass"), _part_rows(scene, rest))
     page.section("Liquid and gap")
-    drag = _drag_of(scene)
+    drag = _drag_coefficient(scene)
     if drag:
         page.text(
             f"A disc needs a drag of {drag:.3g} kg/s. A liquid of the viscosity eta in the gaps h "
@@ -99,7 +99,8 @@ def workshop_sheet(
             "a gap, and buy the liquid by its viscosity at 25 °C."
         )
         page.table(
-            ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"), _gap_rows(scene, drag)
+            ("gap on each side [mm]", "depth of the cell [mm]", "viscosity [Pa s]"),
+            _viscosity_rows(scene, drag),
         )
     else:
         page.text("The damper has no drag, so no liquid.")
@@ -118,9 +119,9 @@ def workshop_sheet(
             ),
         ],
     )
-    effects = sensitivities(scene)
+    effects = swing_sensitivities(scene)
     page.section("Discs to buy")
-    page.text(_sizes_text(scene))
+    page.text(_disc_sizes_text(scene))
     page.table(
         ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]"),
         _grade_rows(scene, effects["remanence of the discs"]),
@@ -168,7 +169,7 @@ def silicone_oil_viscosity_ratio(celsius: float) -> float:
     return float(10.0 ** (VISCOSITY_SLOPE * (1.0 / (celsius + 273.15) - 1.0 / 298.15)))
 
 
-def sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
+def swing_sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
     """Relative changes of frequency and damping ratio over that of each part, by the law.
 
     Parameters
@@ -184,19 +185,19 @@ def sensitivities(scene: Scene) -> dict[str, tuple[float, float]]:
     still = scene.replace(**{"effects.host": "none"}) if scene.effects.host else scene
     result = {}
     for words, key in _KEYS.items():
-        if key == "effects.drag.coefficient" and not _drag_of(still):
+        if key == "effects.drag.coefficient" and not _drag_coefficient(still):
             continue
         owner: object = still
         for name in key.split("."):
             owner = getattr(owner, name)
         assert isinstance(owner, float)
-        high, low = (_swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE))
+        high, low = (_small_swing(still.replace(**{key: owner * (1.0 + step)})) for step in (CHANGE, -CHANGE))
         changes = [math.log(h / other) / (2.0 * CHANGE) for h, other in zip(high, low, strict=True)]
         result[words] = (changes[0], changes[1])
     return result
 
 
-def _swing(scene: Scene) -> tuple[float, float]:
+def _small_swing(scene: Scene) -> tuple[float, float]:
     """Undamped frequency [Hz] and damping ratio of the small swing, by the law."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutsideRangeWarning)  # the sheet has its notes
@@ -207,7 +208,7 @@ def _swing(scene: Scene) -> tuple[float, float]:
     return 1.0 / (swing.period * math.sqrt(1.0 - ratio**2)), ratio
 
 
-def _sizes_text(scene: Scene) -> str:
+def _disc_sizes_text(scene: Scene) -> str:
     """Sizes that are sold, and whether those of the scene are among them."""
     grains = scene.grains
     own = [
@@ -234,7 +235,7 @@ def _grade_rows(scene: Scene, rates: tuple[float, float]) -> list[tuple[str, ...
     return rows
 
 
-def _drag_of(scene: Scene) -> float:
+def _drag_coefficient(scene: Scene) -> float:
     drag = scene.effects.drag
     return 0.0 if drag is None else drag.coefficient
 
@@ -283,7 +284,7 @@ def _grade_text(remanence: float) -> str:
     return f" ({grades[0]})" if grades else ""
 
 
-def _gap_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
+def _viscosity_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
     first = scene.grains.species[0].diameter
     thickness = float(scene.grains.of_species("thickness")[0])
     face = math.pi / 4.0 * first**2
@@ -311,9 +312,9 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
         axes.add_patch(Rectangle((0.0, level), width, 2.0 * plate, fill=False, hatch="//"))
         for x, y, size in _grain_sites(scene, width, level):
             axes.add_patch(Circle((x, y), 0.5 * size, fill=False, color=COLOURS[0], linewidth=0.6))
-        _dimension(axes, (0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}")
-        _dimension(axes, (width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}")
-        _dimension(axes, (-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}")
+        _draw_dimension_line(axes, (0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}")
+        _draw_dimension_line(axes, (width + 2.2 * plate, 0.0), (width + 2.2 * plate, level), f"{level:.4g}")
+        _draw_dimension_line(axes, (-2.4 * plate, 0.0), (-2.4 * plate, height), f"{height:.4g}")
         axes.text(
             0.5 * width,
             level + plate,
@@ -352,7 +353,7 @@ def _grain_sites(scene: Scene, width: float, level: float) -> list[tuple[float, 
     ]
 
 
-def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
+def _draw_dimension_line(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
     axes.annotate("", start, end, arrowprops={"arrowstyle": "<->", "linewidth": 0.8})
     upright = start[0] == end[0]
     axes.text(

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Sequence
 
 from granular.shared.tables import align_columns
-from reduced_models.falls.scores import DropScores, format_percent_of_drop
+from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.identification.comparison_table import Comparison, format_percent, root_mean_square
 from reduced_models.identification.engineering import DAMPING_RATIO, PARTS, small_swing_sentence
 from reduced_models.identification.result import Identification

@@ -13,8 +13,8 @@ import numpy as np
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError
 from granular.shared.messages import format_factor, quote
-from reduced_models.discovery.selection import score_subsets
-from reduced_models.discovery.terms import Term, physical_library
+from reduced_models.discovery.subset_selection import score_subsets
+from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import (
     SmoothedMotion,
     WeakForm,
@@ -212,16 +212,18 @@ def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
         height_map = choose_height_map([record], "auto")
         weak = weak_form(estimate_motion(record, height_map, "savitzky-golay"))
         # The noise of the integrals is that which the linear law makes of the record's.
-        _, judge = score_subsets(weak, physical_library(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]])
+        _, scorer = score_subsets(
+            weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
+        )
     except (GranularError, np.linalg.LinAlgError):
         return Screening({}, math.inf)
     misfits = {}
     for law in laws:
         if not law.hidden and not law.inputs:
-            misfit = _law_misfit(law, weak, judge.whitening, guess, height_map)
+            misfit = _law_misfit(law, weak, scorer.whitening, guess, height_map)
             if math.isfinite(misfit):
                 misfits[law.name] = misfit
-    return Screening(misfits, math.sqrt(judge.excess))
+    return Screening(misfits, math.sqrt(scorer.excess))
 
 
 class _LawAlongMotion(NamedTuple):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
-from reduced_models.falls.scores import FALL_LAWS, DropScores, fit_drops, judge_fits
+from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
 from reduced_models.fitting.fit import fit
 from reduced_models.identification.engineering import Quantity, add_checks, engineering_quantities
 from reduced_models.identification.measured_swing import MeasuredSwing, figures_at_amplitudes
@@ -138,7 +138,7 @@ class SceneChecks:
         other = self._begin([step.check])
         fall = first_fall(run) if falls else None
         drops = self._begin([] if fall is None else drops_to_run(run, fall))
-        fits = [] if fall is None else fit_drops(fall, FALL_LAWS, self._scene, STARTS)
+        fits = [] if fall is None else fit_laws_to_fall(fall, FALL_LAWS, self._scene, STARTS)
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.finish([case for _, case in order], TITLE, progress)
         motions = iter([_motion(*pair) for pair in zip(order, outcomes, strict=True)])
@@ -158,7 +158,7 @@ class SceneChecks:
                 if isinstance(record, PistonRecord)
             }
             try:
-                scores = judge_fits(fall, fits, unseen, _rest_of_fall(run))
+                scores = score_fitted_laws(fall, fits, unseen, _rest_of_fall(run))
             except InputError as cause:
                 failures.append(Failure("other falls", str(cause)))
         lifted = [record for record in map(_record, lifts) if isinstance(record, PistonRecord)]

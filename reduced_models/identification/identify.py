@@ -109,7 +109,7 @@ def identify(
         Also run the scene of a simulated record with another time step and from other random
         starts, to give the figures their step error and scatter, and with another lift, which all
         laws then have to predict. Where no laws are named and the scene begins with a fall, laws
-        of the whole fall (`reduced_models.falls.scores.FALL_LAWS`) are fitted to it, and judged
+        of the whole fall (`reduced_models.falls.unseen_fall_scores.FALL_LAWS`) are fitted to it, and judged
         on falls from other heights and random starts. What was identified is saved before; a check
         that fails becomes a note.
     executor : concurrent.futures.Executor, optional

@@ -12,7 +12,7 @@ from granular.observables.plots import draw_bed
 from granular.run.record import PistonRecord
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, STYLES, figure, line_style, plain_label
-from reduced_models.falls.scores import DropScores
+from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.sources import step_text

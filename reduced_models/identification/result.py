@@ -13,7 +13,7 @@ from granular.run.record import PistonRecord
 from granular.shared.files import make_directory, write_text
 from granular.shared.html import Page
 from granular.shared.messages import format_factor
-from reduced_models.falls.scores import DropScores
+from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
 from reduced_models.identification.comparison_table import Comparison, best_error_text

@@ -13,7 +13,7 @@ from granular.response.response import Response
 from granular.shared.errors import InputError
 from granular.shared.html import Page, format_number
 from granular.shared.tables import align_columns
-from reduced_models.falls.theory import OutsideRangeWarning
+from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.machines.response import predicted_response
 
 POINTS = 201
@@ -91,7 +91,7 @@ def compare_response(response: Response) -> ResponseComparison:
     -------
     ResponseComparison
         Peaks of law and simulation [m] at each amplitude of the force [N], and the law's curves over
-        the frequency [Hz]. The law is that of `reduced_models.falls.theory`.
+        the frequency [Hz]. The law is that of `reduced_models.falls.predicted_law`.
 
     Raises
     ------

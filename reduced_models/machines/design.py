@@ -20,7 +20,7 @@ from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import FEWEST, OutsideRangeWarning
+from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning
 from reduced_models.falls.workshop_sheet import workshop_sheet
 from reduced_models.machines.response import RANGE, CoupledSystem, PredictedResponse, solve_response
 

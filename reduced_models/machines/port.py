@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from granular.scene.scene import Scene
-from reduced_models.falls.theory import PredictedLaw
+from reduced_models.falls.predicted_law import PredictedLaw
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines.response import ORDER, CoupledSystem
 from reduced_models.models.export import write_code

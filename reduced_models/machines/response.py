@@ -10,7 +10,7 @@ and that along z give
 with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
 strength are those that falls and swings of the packaged damper told. Affine grains add m/3 to the
 mass M_z that moves against the cell; those that follow late take nearly as much away again. It,
-the power and the height of rest are what the scene tells (`reduced_models.falls.theory`). Nothing is
+the power and the height of rest are what the scene tells (`reduced_models.falls.predicted_law`). Nothing is
 fitted to a machine.
 """
 
@@ -29,8 +29,13 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.lattice import POWER
-from reduced_models.falls.theory import OutsideRangeWarning, accelerated_mass, bed_parameters, lattice_at_rest
+from reduced_models.falls.lattice_pressure import POWER
+from reduced_models.falls.predicted_law import (
+    OutsideRangeWarning,
+    accelerated_mass,
+    lattice_at_rest,
+    predict_bed_parameters,
+)
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
@@ -112,7 +117,7 @@ class CoupledSystem(NamedTuple):
             If the law of the scene's bed is not known.
         """
         still = scene.replace(**{"effects.host": "none"})
-        parameters, piston, gravity = bed_parameters(still), scene.piston, scene.effects.gravity
+        parameters, piston, gravity = predict_bed_parameters(still), scene.piston, scene.effects.gravity
         assert piston is not None
         assert piston.mass is not None
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient

@@ -124,8 +124,8 @@ def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, 
 def equation_text(law: sympy.Expr, height_map: HeightMap) -> str:
     import sympy
 
-    from reduced_models.discovery.terms import term_text
+    from reduced_models.discovery.terms import expression_text
 
     numbers = {item: sympy.Float(item, 4) for item in law.atoms(sympy.Float)}
-    text = f"z'' = {term_text(law.xreplace(numbers))}"
+    text = f"z'' = {expression_text(law.xreplace(numbers))}"
     return text if height_map == HeightMap() else f"{text}, {height_map}"

@@ -19,8 +19,8 @@ import numpy as np
 
 from granular.formulas import algebra, parse
 from granular.run.record import PistonRecord
-from reduced_models.discovery.libraries import library_terms
-from reduced_models.discovery.terms import AnyTerm, join_terms, state_symbols
+from reduced_models.discovery.term_libraries import library_terms
+from reduced_models.discovery.terms import AnyTerm, linear_combination, state_symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 
@@ -109,7 +109,7 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
     row = np.asarray(model.coefficients())[1]
     if named:
         kept = [(term, float(value)) for term, value in zip(terms, row, strict=True) if value]
-        return join_terms([term for term, _ in kept], [value for _, value in kept])
+        return linear_combination([term for term, _ in kept], [value for _, value in kept])
     return _polynomial(model, row)
 
 

@@ -15,7 +15,7 @@ from granular.formulas import algebra
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.terms import read_terms, split_terms, state_symbols
+from reduced_models.discovery.terms import parse_term_expressions, split_terms, state_symbols
 
 if TYPE_CHECKING:
     import sympy
@@ -123,7 +123,7 @@ def right_structures(system: System) -> tuple[frozenset[str], ...]:
 
 
 def _texts(term: str) -> list[str]:
-    result = split_terms(read_terms([term], INPUT)[0])
+    result = split_terms(parse_term_expressions([term], INPUT)[0])
     assert result is not None
     return [item.text for item in result]
 
@@ -158,7 +158,7 @@ def law_of(system: System) -> sympy.Expr:
     """Z'' in the symbols of a discovered equation."""
     import sympy
 
-    parts = zip(system.terms.values(), read_terms(list(system.terms), INPUT), strict=True)
+    parts = zip(system.terms.values(), parse_term_expressions(list(system.terms), INPUT), strict=True)
     return sympy.Add(*(sympy.Float(value) * term for value, term in parts))
 
 

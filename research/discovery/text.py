@@ -11,7 +11,7 @@ from research.discovery.judging import USABLE
 from research.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
 from research.discovery.results import Rate, Results
 from research.discovery.systems import SYSTEMS
-from validation.table import TextTable, text_table
+from validation.text_tables import TextTable, text_table
 
 SHOWN_NOISE = 0.01
 """The level of which every system is shown."""

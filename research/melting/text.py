@@ -89,7 +89,7 @@ def _gamma(item: Interval | float) -> str:
 
 def text(results: Results) -> str:
     """A table for the console."""
-    from validation.table import text_table
+    from validation.text_tables import text_table
 
     if not results.layers:
         return "no results are committed; run it with --quick or --full"

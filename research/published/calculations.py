@@ -80,7 +80,7 @@ def final_heights(_: bool) -> Numbers:
 
 def single_particle(full: bool) -> Numbers:
     """De Paula's test of its method; its finest steps only in full."""
-    from validation.depaula import COMPENSATED, PLAIN, depaula_experiment
+    from validation.depaula_experiment import COMPENSATED, PLAIN, depaula_experiment
 
     result = depaula_experiment(full=full)
     finest = result.of(PLAIN)[-1]

@@ -54,11 +54,11 @@ def fall_errors() -> dict[str, float]:
         the simulated one [%], of 7.5 and of 15 kg.
     """
     from reduced_models import fit
-    from reduced_models.falls.scores import fall_error
-    from reduced_models.falls.theory import bed_parameters
+    from reduced_models.falls.predicted_law import predict_bed_parameters
+    from reduced_models.falls.unseen_fall_scores import fall_prediction_error
 
     scene = damper()
-    theory = bed_parameters(scene)
+    theory = predict_bed_parameters(scene)
     record = fall(scene, FITTED_HEIGHT, FITTED_SEED)
     level = level_of(record)
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
@@ -76,7 +76,7 @@ def fall_errors() -> dict[str, float]:
                 start={name: value for name, value in theory.items() if name not in fixed},
                 initial={"height": float(record.height[0]), "velocity": 0.0},
             )
-        errors = 100.0 * np.array([fall_error(model, other, level) for other in others])
+        errors = 100.0 * np.array([fall_prediction_error(model, other, level) for other in others])
         numbers |= _named(words, errors)
         numbers |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
     numbers |= {f"theory_{name}": value for name, value in theory.items()}
@@ -84,7 +84,7 @@ def fall_errors() -> dict[str, float]:
     numbers["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
     heavy = damper(HEAVY)
     levels = [level_of(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
-    numbers["rest_off_heavy"] = 100.0 * (bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0)
+    numbers["rest_off_heavy"] = 100.0 * (predict_bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0)
     return numbers
 
 

@@ -202,7 +202,7 @@ def summary(results: Results) -> dict[str, Any]:
 
 def text(result: dict[str, Any]) -> str:
     """The entries as a table for the console, and how many agree."""
-    from validation.table import text_table
+    from validation.text_tables import text_table
 
     shown = result.get("quick", result)
     rows = [

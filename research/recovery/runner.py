@@ -27,7 +27,7 @@ from research.recovery.systems import (
     law_of_system,
     made_record,
 )
-from validation.runner import KEY_LENGTH, machine_info
+from validation.report_tasks import KEY_LENGTH, machine_info
 
 _QUICK = (0.01,)
 _PEER_STARTS = 3

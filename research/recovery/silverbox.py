@@ -22,7 +22,7 @@ from granular.shared.errors import InputError
 from granular.shared.files import read_text
 from granular.shared.messages import sanitize
 from reduced_models.records.inputs import input_column
-from validation.table import text_table
+from validation.text_tables import text_table
 
 SAMPLING = 1e7 / 2**14
 """[Hz]"""

@@ -8,7 +8,7 @@ from typing import Any
 from research.campaign import markdown_of
 from research.recovery.peer import MOST_CALLS
 from research.recovery.systems import REACHED
-from validation.table import TextTable, text_table
+from validation.text_tables import TextTable, text_table
 
 _HEADER = (
     "system",

@@ -12,7 +12,7 @@ from benchmarks import costs as module
 from benchmarks.costs import Priced, costs, priced_scenes, prices_text, rounded
 from granular import Scene
 from granular.run import work_precision as stored
-from validation.runner import Plain
+from validation.report_tasks import Plain
 
 NAMES = ("piston force", "energy")
 

@@ -13,7 +13,7 @@ import sympy
 
 from granular.shared.errors import InputError
 from reduced_models import HeightMap
-from reduced_models.discovery.libraries import library_terms
+from reduced_models.discovery.term_libraries import library_terms
 from reduced_models.discovery.terms import state_symbols
 from research.campaign import read_results
 from research.discovery import runner

@@ -9,9 +9,15 @@ import pytest
 
 from granular.methods import METHODS
 from granular.schema.scales import Scales
+from validation.convergence_order import (
+    Solver,
+    convergence,
+    fitted_slope,
+    method_suits_problem,
+    method_to_plot,
+)
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
 from validation.exact import NAMES, Problem, Snapshot, bounce, exact_problem
-from validation.order import Solver, convergence, fitted_slope, method_suits_problem, method_to_plot
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 

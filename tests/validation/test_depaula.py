@@ -9,7 +9,7 @@ import pytest
 
 from granular import simulate
 from granular.schema.scales import Scales
-from validation.depaula import (
+from validation.depaula_experiment import (
     COMPENSATED,
     PLAIN,
     STEPS,

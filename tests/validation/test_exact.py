@@ -11,8 +11,15 @@ from scipy.integrate import solve_ivp
 
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from validation.exact import NAMES, Problem, exact_problem, oscillation
-from validation.exact.bounce import bounce_period, bounce_scene, well
+from validation.exact import NAMES, Problem, exact_problem
+from validation.exact.bounce import (
+    bounce_period,
+    bounce_scene,
+    harmonic_period,
+    oscillation_problem,
+    rest_height,
+    well,
+)
 from validation.exact.closed_forms import stopping_time
 from validation.exact.problem import natural_units
 from validation.exact.quadrature import position_from_top, speed
@@ -136,12 +143,12 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
     """The harmonic period misses (9/16) A^2 of it; what the corrected misses falls like A^4."""
 
     def misses(start: float) -> tuple[float, float, float]:
-        scene = oscillation.oscillation_problem(start).scene
+        scene = oscillation_problem(start).scene
         with mpmath.workdps(50):
             one = well(scene)
-            amplitude = float((one.high - one.low) / 2 / oscillation.rest_height(scene))
+            amplitude = float((one.high - one.low) / 2 / rest_height(scene))
         exact = float(bounce_period(scene))
-        harmonic, corrected = (oscillation.harmonic_period(scene, a) for a in (0.0, amplitude))
+        harmonic, corrected = (harmonic_period(scene, a) for a in (0.0, amplitude))
         return amplitude, exact / harmonic - 1.0, exact / corrected - 1.0
 
     large, plain, corrected = misses(0.04)

@@ -6,10 +6,10 @@ import pytest
 
 from granular import simulate
 from granular.shared.errors import EnergyError
+from validation.hard_case_outcomes import CRASHED, SILENT, outcome
 from validation.hard_cases import COSTLY, catalogue, near_stability_limit
-from validation.hard_cases.case import HardCase
-from validation.hard_cases.motions import verlet_swing
-from validation.stability import CRASHED, SILENT, outcome
+from validation.hard_cases.hard_case import HardCase
+from validation.hard_cases.one_and_two_grains import verlet_swing
 
 CASES = catalogue()
 

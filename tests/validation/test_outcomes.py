@@ -11,8 +11,8 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene
 from granular.shared.errors import EnergyError, SceneError
-from validation.hard_cases.case import HardCase, Measure
-from validation.stability import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, Outcome, outcome
+from validation.hard_case_outcomes import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, Outcome, outcome
+from validation.hard_cases.hard_case import HardCase, Measure
 
 
 def scene() -> Scene:

@@ -9,7 +9,13 @@ from granular import Scene, evaluate
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from validation.exact import bounce, exact_problem
-from validation.outside import ORDERS, equations_of_motion, initial_state, outside_solver, solve_adaptively
+from validation.external_integrators import (
+    ORDERS,
+    equations_of_motion,
+    initial_state,
+    outside_solver,
+    solve_adaptively,
+)
 
 
 def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:

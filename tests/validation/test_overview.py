@@ -11,7 +11,7 @@ import pytest
 from granular import Scene
 from granular.shared.html import Page
 from validation import overview
-from validation.cost.point import Point, SolverSettings
+from validation.cost.advised_setting import Point, SolverSettings
 from validation.cost.work_precision_result import WorkPrecision
 from validation.effect_costs import NOTHING, costs_agree, effect_costs
 from validation.overview import (
@@ -23,7 +23,7 @@ from validation.overview import (
     suitable_quantities,
 )
 from validation.report import report_page, section_text, summarise
-from validation.runner import run_tasks
+from validation.report_tasks import run_tasks
 
 
 def study(floor: float) -> WorkPrecision:

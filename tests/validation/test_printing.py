@@ -8,14 +8,14 @@ import math
 import pytest
 
 from validation.convergence_result import ConvergenceResult, Slope
-from validation.cost.point import Point, SolverSettings
+from validation.cost.advised_setting import Point, SolverSettings
 from validation.cost.work_precision_result import WorkPrecision
-from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest
-from validation.energy import EnergyStudy
+from validation.depaula_experiment import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest
+from validation.energy_drift import EnergyStudy
+from validation.hard_case_outcomes import ACCURATE, Outcome
 from validation.report import section_text
-from validation.runner import FAILED, Plain
-from validation.stability import ACCURATE, Outcome
-from validation.trend import Trend
+from validation.report_tasks import FAILED, Plain
+from validation.trend_significance import Trend
 
 ORDER = ConvergenceResult(
     "bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9, Slope(4.01, (3.9, 4.1), 0, 1), (0.1, 1.0)

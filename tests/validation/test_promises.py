@@ -11,8 +11,8 @@ from granular import Scene, Trajectory, damper, load_scene, simulate
 from granular.run.accuracy import choose_settings, parse_accuracy
 from validation import SolverSettings, recommend_settings
 from validation.cost.work_precision import reference_values, scenes_with_other_seeds
-from validation.quantities import QUANTITIES
-from validation.scenes import compression_scene
+from validation.measured_quantities import QUANTITIES
+from validation.report_scenes import compression_scene
 
 FRESH = 5
 FIRST = 1001

@@ -11,10 +11,10 @@ import pytest
 
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
-from validation.energy import EnergyRun, energy_runs, energy_study
+from validation.energy_drift import EnergyRun, energy_runs, energy_study
 from validation.report import SECTIONS, report_page, summarise
-from validation.runner import FAILED, Plain, Task, run_tasks
-from validation.trend import Trend
+from validation.report_tasks import FAILED, Plain, Task, run_tasks
+from validation.trend_significance import Trend
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -74,7 +74,7 @@ def test_tasks_have_keys_of_their_own() -> None:
 
 def study(method: str, symplectic: bool, drift: float) -> Plain:
     trend = Trend(drift, (drift, drift), 1e-9 if drift else 0.5, 1e-9 if drift else 0.5, 0.1, 1.0)
-    from validation.energy import EnergyStudy
+    from validation.energy_drift import EnergyStudy
 
     times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
     one = EnergyStudy(

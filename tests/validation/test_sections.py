@@ -9,11 +9,18 @@ import pytest
 
 from granular.shared.html import Page
 from validation.convergence_result import ConvergenceResult, Slope, convergence_holds, slopes
-from validation.cost.point import USUAL, Point, SolverSettings
-from validation.cost.section import setting_table
+from validation.cost.advised_setting import USUAL, Point, SolverSettings
+from validation.cost.report_section import setting_table
 from validation.cost.work_precision_result import WorkPrecision
-from validation.depaula import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest, show_depaula
-from validation.stability import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
+from validation.depaula_experiment import (
+    COMPENSATED,
+    PLAIN,
+    TOOLKIT,
+    DepaulaRun,
+    DepaulaStepTest,
+    show_depaula,
+)
+from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
 
 
 def result(

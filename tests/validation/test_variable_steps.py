@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Trajectory, simulate
-from validation.energy import EnergyRun, bounces_with_variable_steps, energy_study
+from validation.energy_drift import EnergyRun, bounces_with_variable_steps, energy_study
 from validation.exact import bounce
 from validation.hard_cases import energy_change, head_on_collision
 

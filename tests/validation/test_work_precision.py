@@ -13,7 +13,7 @@ from granular import load_scene, simulate
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.cost.point import Point, SolverSettings
+from validation.cost.advised_setting import Point, SolverSettings
 from validation.cost.work_precision import (
     candidate_settings,
     depends_on_seed,
@@ -23,7 +23,7 @@ from validation.cost.work_precision import (
 )
 from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import bounce
-from validation.quantities import QUANTITIES, MeasuredQuantity, small_swing
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity, small_swing
 from validation.recommendation import recommend_settings, recommendation
 
 

@@ -16,10 +16,10 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
-from validation.cost.point import Point, SolverSettings
+from validation.cost.advised_setting import Point, SolverSettings
 from validation.cost.work_precision_result import WorkPrecision
-from validation.outside import solve_adaptively
-from validation.quantities import MeasuredQuantity, quantity_named
+from validation.external_integrators import solve_adaptively
+from validation.measured_quantities import MeasuredQuantity, quantity_named
 
 REPEATS = 2
 LONG = 1.0
@@ -64,7 +64,7 @@ def work_precision(
     scene : Scene
         Scene to run.
     quantity : str or MeasuredQuantity
-        One of `validation.quantities.QUANTITIES`, or one's own.
+        One of `validation.measured_quantities.QUANTITIES`, or one's own.
     settings : iterable of SolverSettings
         Settings to try.
     reference : SolverSettings or float or ndarray, optional

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new
-from validation.cost.point import USUAL, Advice, Point, advice, cost_key, group_by_family
-from validation.runner import PlainData
-from validation.table import TextTable, text_table
+from validation.cost.advised_setting import USUAL, Advice, Point, advice, cost_key, group_by_family
+from validation.report_tasks import PlainData
+from validation.text_tables import TextTable, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

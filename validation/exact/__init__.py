@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
-from validation.exact import bounce, closed_forms, driven_piston, oscillation, scattering
+from validation.exact import bounce, closed_forms, driven_piston, scattering
 from validation.exact.problem import Problem, Snapshot
 
 __all__ = ["NAMES", "Problem", "Snapshot", "exact_problem"]
@@ -14,7 +14,7 @@ __all__ = ["NAMES", "Problem", "Snapshot", "exact_problem"]
 _PROBLEMS: dict[str, Callable[[], Problem]] = {
     "free-fall": closed_forms.free_fall,
     "bounce": bounce.bounce_problem,
-    "oscillation": oscillation.oscillation_problem,
+    "oscillation": bounce.oscillation_problem,
     "scattering": scattering.scattering_problem,
     "drag": closed_forms.drag,
     "sliding": closed_forms.sliding,

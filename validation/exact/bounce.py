@@ -1,4 +1,4 @@
-"""One grain bouncing on the magnetic bottom wall under gravity, from rest.
+"""One grain above the magnetic bottom wall under gravity: bounces, and small oscillations.
 
 De Paula tests its method with it [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, some five bounces. In
 natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
@@ -8,6 +8,15 @@ motion is periodic; with the turning points a < b (b is the start) its period is
 
 taken by quadrature (see `validation.exact.quadrature`). a is the other root of u(a) = u(b), where
 (1/5) a^-2.5 is close to G (b - a).
+
+The harmonic limit: the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
+(7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, the frequency at the amplitude A is
+
+    omega = omega_0 [1 + (3 b/(8 w^2) - 5 a^2/(12 w^4)) A^2 + O(A^4)],   w^2 = u''
+
+(Landau and Lifshitz, Mechanics, section 28). Here a = -(9/4) w^2/y_e and b = (33/8) w^2/y_e^2, so
+the bracket is 1 - (9/16) (A/y_e)^2: the amplitude correction. A simulation is compared with the exact
+motion, by quadrature, at every amplitude.
 """
 
 from __future__ import annotations
@@ -29,6 +38,8 @@ from validation.exact.problem import (
     start_state,
 )
 from validation.exact.quadrature import Potential, period, position_from_top, speed
+
+__all__ = ["harmonic_period", "oscillation_problem"]
 
 START = 40
 """Height at the start [D]."""
@@ -127,3 +138,71 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
             np.array([[start_state(scene)[0][0], float(position * well_.length)]]),
             np.array([[0.0, float(velocity * well_.velocity)]]),
         )
+
+
+# Small oscillations -----------------------------------------------------------------------------
+
+AMPLITUDE = 0.05
+"""Start above the place of rest, in units of its height."""
+
+OSCILLATION_TIME = 0.12
+"""[s]"""
+
+
+def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_TIME) -> Problem:
+    """Make the problem of a grain that oscillates above a wall that repels it.
+
+    Parameters
+    ----------
+    amplitude : float
+        Height of the start above that of rest, over that of rest, without unit.
+    time : float
+        Duration [s].
+
+    Returns
+    -------
+    Problem
+        Scene with its exact solution.
+    """
+    height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
+    scene = bounce_scene(height, time, "oscillation")
+    return Problem(
+        "oscillation", "small oscillation above the wall", scene, time, partial(snapshot, scene), fewest=12
+    )
+
+
+def rest_height(scene: Scene) -> Number:
+    """Height y_e [D] at which the wall carries the grain."""
+    from mpmath import mpf, workdps
+
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        assert scene.effects.gravity is not None
+        weight = mpf(scene.effects.gravity.acceleration) / units.acceleration
+        return (1 / (2 * weight)) ** (mpf(2) / 7)
+
+
+def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
+    """Compute the period of a small oscillation, corrected for its amplitude to second order.
+
+    By Landau and Lifshitz, Mechanics, section 28.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of one grain on a wall.
+    amplitude : float
+        Amplitude over the height of rest, without unit; 0 for the harmonic limit.
+
+    Returns
+    -------
+    float
+        Period [s].
+    """
+    from mpmath import mpf, pi, sqrt, workdps
+
+    with workdps(DIGITS):
+        units = natural_units(scene.grains)
+        height = rest_height(scene)
+        omega = sqrt(mpf(7) / 4 * height ** mpf(-4.5))
+        return float(2 * pi * units.time / omega / (1 - mpf(9) / 16 * mpf(amplitude) ** 2))

@@ -9,9 +9,15 @@ settings.
 from __future__ import annotations
 
 from validation.hard_cases.beds import piston_cases, size_cases, sum_cases
-from validation.hard_cases.case import HardCase, energy_change
+from validation.hard_cases.extreme_values import (
+    count_cases,
+    extreme_cases,
+    non_finite_cases,
+    uncomputable_cases,
+)
 from validation.hard_cases.friction import friction_cases
-from validation.hard_cases.motions import (
+from validation.hard_cases.hard_case import HardCase, energy_change
+from validation.hard_cases.one_and_two_grains import (
     collision_cases,
     damping_cases,
     head_on_collision,
@@ -21,7 +27,6 @@ from validation.hard_cases.motions import (
     step_cases,
     verlet_swing,
 )
-from validation.hard_cases.numbers import count_cases, extreme_cases, non_finite_cases, uncomputable_cases
 
 __all__ = [
     "COSTLY",

@@ -11,7 +11,7 @@ from granular.run.evaluation import evaluate
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.case import HardCase, Measure, cut_to_few_grains
+from validation.hard_cases.hard_case import HardCase, Measure, cut_to_few_grains
 
 # Pistons ----------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from granular.scene.beds import mono_bed
 from granular.scene.scene import Scene
 from validation.exact import closed_forms
 from validation.exact.problem import single_grain_scene
-from validation.hard_cases.case import (
+from validation.hard_cases.hard_case import (
     BROKEN,
     HardCase,
     Measure,

@@ -16,16 +16,16 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import HeightMap, discover, fit
-from reduced_models.discovery.choice import polish_front
-from reduced_models.discovery.libraries import LIBRARIES, library_terms
-from reduced_models.discovery.polishing import law_name
+from reduced_models.discovery.candidate_choice import polish_and_choose_candidate
+from reduced_models.discovery.polishing import name_candidate_law
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.selection import score_subsets
+from reduced_models.discovery.subset_selection import score_subsets
+from reduced_models.discovery.term_libraries import LIBRARIES, library_terms
 from reduced_models.discovery.terms import (
     CustomTerm,
-    join_terms,
-    physical_library,
-    read_terms,
+    linear_combination,
+    parse_term_expressions,
+    physical_library_terms,
     split_terms,
     state_symbols,
 )
@@ -133,7 +133,7 @@ def test_a_pendulum_of_a_polished_discovery() -> None:
     assert values == pytest.approx({"sin(z)": -2.0, "z'": -0.3}, rel=1e-4)
 
 
-@pytest.mark.long  # quick: the terms and the judge that both methods share
+@pytest.mark.long  # quick: the terms and the scorer that both methods share
 def test_symbolic_regression_takes_own_terms_and_functions() -> None:
     law, start, _, _ = SYSTEMS["pendulum"]
     record = PistonRecord(TIME, motion(law, start))
@@ -159,7 +159,7 @@ def test_libraries_can_be_written_and_read(name: str) -> None:
     terms = library_terms(name, (), 3, "force")
     assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0])
     values = np.linspace(1.0, 2.0, len(terms))
-    assert split_terms(join_terms(terms, list(values))) == pytest.approx(
+    assert split_terms(linear_combination(terms, list(values))) == pytest.approx(
         dict(zip(terms, values, strict=True))
     )
 
@@ -169,7 +169,7 @@ OWN = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", "u*
 
 @given(st.sampled_from(OWN), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
 def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: float) -> None:
-    (term,) = split_terms(read_terms([text], "u")[0]) or ()
+    (term,) = split_terms(parse_term_expressions([text], "u")[0]) or ()
     assert isinstance(term, CustomTerm)
     h = 1e-6
 
@@ -177,11 +177,11 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
         return float(term.values(np.array([z + dz]), np.array([v + dv]), np.array([u]))[0])
 
     here = np.array([z]), np.array([v]), np.array([u])
-    by_height, by_speed = term.by_height(*here), term.by_speed(*here)
+    by_height, by_speed = term.derivative_by_height(*here), term.derivative_by_speed(*here)
     assert float(by_height[0]) == pytest.approx((at(h, 0) - at(-h, 0)) / (2 * h), abs=1e-6)
     assert float(by_speed[0]) == pytest.approx((at(0, h) - at(0, -h)) / (2 * h), abs=1e-6)
-    if term.total:
-        low, high = term.primitive(np.array([z - h, z + h]))
+    if term.is_total_derivative:
+        low, high = term.antiderivative(np.array([z - h, z + h]))
         assert (high - low) / (2 * h) * v == pytest.approx(at(0, 0), abs=1e-6)
 
 
@@ -200,11 +200,11 @@ def test_derivatives_of_own_terms_are_slopes(text: str, z: float, v: float, u: f
 def test_the_primitive_needs_no_formula(text: str) -> None:
     """The integrals of G'(z) z' against bumps are those of G, though G be in no table."""
     z, v = np.cos(TIME), -np.sin(TIME)
-    (term,) = split_terms(read_terms([text])[0]) or ()
-    assert term.total
+    (term,) = split_terms(parse_term_expressions([text])[0]) or ()
+    assert term.is_total_derivative
     (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
     direct = part.bump @ term.values(z, v, None)
-    assert part.column(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
+    assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
 def test_a_damping_over_negative_heights_is_found() -> None:
@@ -220,7 +220,7 @@ def test_noise_of_an_own_term_is_as_predicted() -> None:
     z = motion(law, start)
     v = np.gradient(z, TIME)
     level = 0.01 * float(z.std())
-    terms = tuple(split_terms(read_terms(["sin(z) + z'"])[0]) or ())
+    terms = tuple(split_terms(parse_term_expressions(["sin(z) + z'"])[0]) or ())
     misfits = []
     for seed in range(5):
         noisy = z + np.random.default_rng(seed).normal(0.0, level, len(z))
@@ -308,7 +308,7 @@ def test_bad_terms_are_refused(options: dict[str, object], words: str) -> None:
 def test_functions_without_pyoperon_are_refused_and_its_absence_is_noted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("reduced_models.discovery.discover.has_operon", lambda: False)
+    monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)
     record = PistonRecord(TIME, np.cos(TIME))
     with pytest.raises(InputError, match="functions need symbolic regression"):
         discover(record, functions=["sin"])
@@ -345,7 +345,9 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    _, judge = score_subsets(weak_form(motion), physical_library(1), physical_library(1), [np.array([[0]])])
+    _, scorer = score_subsets(
+        weak_form(motion), physical_library_terms(1), physical_library_terms(1), [np.array([[0]])]
+    )
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # no sum of terms, from which nothing is left out
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]
@@ -353,9 +355,9 @@ def test_a_choice_has_a_model_where_any_candidate_has_one() -> None:
     def polish(one: CandidateEquation) -> CandidateEquation:
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
-    front, chosen = polish_front(candidates, polish, 2, judge)
+    front, chosen = polish_and_choose_candidate(candidates, polish, 2, scorer)
     assert front[chosen].model is model
-    front, chosen = polish_front(candidates, polish, 0, judge)
+    front, chosen = polish_and_choose_candidate(candidates, polish, 0, scorer)
     assert front[chosen] is candidates[0]
 
 
@@ -376,4 +378,4 @@ def test_a_law_is_called_by_its_terms(equation: str, words: str) -> None:
     names = {"z": z, "v": v, "u": u, "sign": sympy.sign, "Abs": sympy.Abs, "sin": sympy.sin}
     expression = sympy.sympify(equation, locals=names)
     candidate = CandidateEquation(expression, 1, 1.0, 1.0)
-    assert law_name(candidate) == words
+    assert name_candidate_law(candidate) == words

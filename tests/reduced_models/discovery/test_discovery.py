@@ -16,8 +16,14 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import HeightMap, discover
 from reduced_models.discovery.discover import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
-from reduced_models.discovery.selection import all_subsets, score_subsets
-from reduced_models.discovery.terms import Term, join_terms, physical_library, split_terms, state_symbols
+from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
+from reduced_models.discovery.terms import (
+    Term,
+    linear_combination,
+    physical_library_terms,
+    split_terms,
+    state_symbols,
+)
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -142,7 +148,7 @@ def test_strong_form(coarse_duffing: PistonRecord) -> None:
 def test_strong_form_in_ensembles(coarse_duffing: PistonRecord) -> None:
     found = discover(coarse_duffing, "sindy", form="strong", ensemble=True, polish=0)
     assert is_exact(found, "duffing")
-    fractions = found.inclusion
+    fractions = found.inclusion_fractions
     assert all(fractions[term.text] > 0.9 for term in LAWS["duffing"][3])
     assert all(0.0 <= fraction <= 1.0 for fraction in fractions.values())
 
@@ -215,13 +221,14 @@ def test_terms_that_may_be_zero_are_left_out() -> None:
 
 
 def test_a_seed_repeats_a_search() -> None:
-    from reduced_models.discovery.symbolic import operon_expressions
+    from reduced_models.discovery.operon_search import search_expressions_with_operon
 
     z = clean("duffing")[::5]
     v = np.gradient(z, TIME[::5])
     target = -z - 0.5 * z**3 - 0.1 * v + np.random.default_rng(0).normal(0.0, 0.02, len(z))
     found = [
-        operon_expressions({"z": z, "v": v}, target, 0.02, effort=0.025, seed=seed) for seed in (4, 4, 5)
+        search_expressions_with_operon({"z": z, "v": v}, target, 0.02, effort=0.025, seed=seed)
+        for seed in (4, 4, 5)
     ]
     assert found[0] == found[1]
     assert found[0] != found[2]
@@ -262,7 +269,7 @@ def test_an_input_is_a_term() -> None:
     )
     z = solved.y[0] + np.random.default_rng(0).normal(0.0, 0.01 * solved.y[0].std(), len(TIME))
     found = discover(PistonRecord(TIME, z, extra={"base": base(TIME)}), "sindy", input="base", polish=0)
-    drive = Term(0, driven=True)
+    drive = Term(0, has_input=True)
     assert set(found.best.terms or ()) == {Term(1), Term(0, **VELOCITY), drive}
     assert found.best.terms[drive] == pytest.approx(0.7, rel=0.01)
 
@@ -276,20 +283,20 @@ def test_noise_shares_the_weak_residuals_out_as_predicted() -> None:
     for seed in range(40):
         record = made("van-der-pol-like", seed).height
         weak = weak_form(SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
-        whitening = weak.whitening(terms, np.array(values))
-        left = whitening @ (weak.target - weak.matrix(terms) @ np.array(values))
+        whitening = weak.whitening_matrix(terms, np.array(values))
+        left = whitening @ (weak.target - weak.term_integral_matrix(terms) @ np.array(values))
         squares.append((left**2).mean())
     assert np.mean(squares) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_criterion_of_all_subsets_is_least_for_the_truth_without_noise() -> None:
-    terms = physical_library(2)
+    terms = physical_library_terms(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
     weak = weak_form(SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
-    ranked, judge = score_subsets(weak, terms, terms, all_subsets(len(terms)))
+    ranked, scorer = score_subsets(weak, terms, terms, all_index_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][3])
-    assert judge.excess < 1.5
+    assert scorer.excess < 1.5
 
 
 def test_terms_are_unique_and_go_there_and_back() -> None:
@@ -301,13 +308,13 @@ def test_terms_are_unique_and_go_there_and_back() -> None:
         v * sympy.Abs(v): Term(0, 2, True),
         sympy.sign(v) ** 2 * z: Term(1),
         sympy.Abs(v) ** 3: Term(0, 3),
-        2 * z * u: Term(1, driven=True),
+        2 * z * u: Term(1, has_input=True),
     }
     for product, term in products.items():
         assert set(split_terms(product) or ()) == {term}
-    values = np.linspace(1.0, 3.0, len(physical_library(3)))
-    assert split_terms(join_terms(physical_library(3), list(values))) == pytest.approx(
-        dict(zip(physical_library(3), values, strict=True))
+    values = np.linspace(1.0, 3.0, len(physical_library_terms(3)))
+    assert split_terms(linear_combination(physical_library_terms(3), list(values))) == pytest.approx(
+        dict(zip(physical_library_terms(3), values, strict=True))
     )
     assert {one.text for one in split_terms(sympy.sin(z) + v) or ()} == {"sin(z)", "z'"}
     assert split_terms(sympy.sin(1.5 * z) + v) is None

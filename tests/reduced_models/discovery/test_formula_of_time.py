@@ -8,10 +8,10 @@ import sympy
 from scipy.special import ellipj
 
 from reduced_models import HeightMap
-from reduced_models.discovery import formula_of_time, julia
-from reduced_models.discovery.formula_of_time import elliptic_variants
+from reduced_models.discovery import formula_of_time, pysr_search
+from reduced_models.discovery.formula_of_time import elliptic_function_variants
 from reduced_models.discovery.result import Discovery
-from reduced_models.discovery.structures import Search
+from reduced_models.discovery.structure_proposals import SymbolicSearch
 
 TIME = np.linspace(0.0, 20.0, 400)
 T = sympy.Symbol("t", real=True)
@@ -29,9 +29,11 @@ def found_in(
     z: np.ndarray, proposed: list[sympy.Expr], monkeypatch: pytest.MonkeyPatch, seed: int = 0
 ) -> Discovery:
     """What is chosen where a search proposes these, at 1 % noise."""
-    monkeypatch.setattr(julia, "pysr_expressions", lambda *_, **__: proposed)
+    monkeypatch.setattr(pysr_search, "search_expressions_with_pysr", lambda *_, **__: proposed)
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * z.std(), len(z))
-    return formula_of_time.height_equations(TIME, z + noise, Search("pysr", seed=seed), HeightMap())
+    return formula_of_time.discover_height_formulas(
+        TIME, z + noise, SymbolicSearch("pysr", seed=seed), HeightMap()
+    )
 
 
 def numbers(found: Discovery) -> list[float]:
@@ -73,9 +75,9 @@ def test_a_cosine_stays_a_cosine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_only_calls_of_the_time_are_freed() -> None:
-    assert elliptic_variants(COSINE) == [COSINE]
+    assert elliptic_function_variants(COSINE) == [COSINE]
     nested = CN(sympy.sin(T), sympy.Float(0.4))
-    assert elliptic_variants(nested) == [nested]
+    assert elliptic_function_variants(nested) == [nested]
     twice = CN(T, sympy.Float(0.4)) * SN(T, sympy.Float(0.4))
-    assert len(elliptic_variants(twice)) == 3
-    assert len(elliptic_variants(twice)[2].atoms(sympy.Float)) == 6
+    assert len(elliptic_function_variants(twice)) == 3
+    assert len(elliptic_function_variants(twice)[2].atoms(sympy.Float)) == 6

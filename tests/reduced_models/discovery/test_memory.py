@@ -76,9 +76,9 @@ def test_a_bed_that_yields_is_found_in_its_force() -> None:
     """Pressure, drag and shear stress, and the strain at which it yields."""
     found = discover(forced(0.01), "sindy", library="memory", target="force")
     best = found.best
-    assert best.memory is not None
-    assert best.memory.state.name == "yielding strain"
-    assert best.memory.scales[0] == pytest.approx(TRUE["strength"] / TRUE["modulus"], rel=0.05)
+    assert best.hidden_state is not None
+    assert best.hidden_state.kind.name == "yielding strain"
+    assert best.hidden_state.scales[0] == pytest.approx(TRUE["strength"] / TRUE["modulus"], rel=0.05)
     assert best.terms is not None
     values = {term.text: value for term, value in best.terms.items()}
     assert set(values) == {"z**(-5/2)", "u/z**(5/2)", "z'"}
@@ -91,7 +91,7 @@ def test_a_bed_that_yields_is_found_in_its_force() -> None:
 @pytest.mark.long  # quick: the bed that has one
 def test_a_force_without_memory_is_said_to_have_none() -> None:
     found = discover(forced(0.01, modulus=1e-9), "sindy", library="memory", target="force")
-    assert found.best.memory is None
+    assert found.best.hidden_state is None
     assert "the law has no memory" in found.notes[0]
 
 
@@ -159,8 +159,8 @@ def test_simulated_falls_show_the_structure_of_the_law() -> None:
         return simulate(damper().replace(**changes), dt="auto*2", progress=False).piston()
 
     found = discover([fall(20.0), fall(28.0)], "sindy", library="memory", target="force")
-    assert found.best.memory is not None
-    assert found.best.memory.state.name == "yielding strain"
+    assert found.best.hidden_state is not None
+    assert found.best.hidden_state.kind.name == "yielding strain"
     law = {"z**(-5/2)", "u/z**(5/2)", "z'"}
     same = [
         one.terms

@@ -107,12 +107,12 @@ def test_terms_have_their_price() -> None:
     """The more a term does, the more it costs to leave it out."""
     spring = record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.01)
     found = discover(spring, "sindy", polish=0)
-    assert set(found.costs) == {"z", "z'", "z**3"}
-    assert min(found.costs.values()) > 10.0
-    assert max(found.costs, key=lambda name: found.costs[name]) == "z"
+    assert set(found.criterion_increases) == {"z", "z'", "z**3"}
+    assert min(found.criterion_increases.values()) > 10.0
+    assert max(found.criterion_increases, key=lambda name: found.criterion_increases[name]) == "z"
     assert "rises by so much without each term" in str(found)
     noisy = discover(record(lambda z, v: -0.1 * v - z - 0.5 * z**3, 1.5, 0.1), "sindy", polish=0)
-    assert noisy.costs["z"] < found.costs["z"]
+    assert noisy.criterion_increases["z"] < found.criterion_increases["z"]
 
 
 @pytest.mark.parametrize("terms", [["1/z"], ["1/z", "z**-2", "z**-4"]])

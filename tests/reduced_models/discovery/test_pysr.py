@@ -15,10 +15,10 @@ import sympy
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import discover
-from reduced_models.discovery import julia
-from reduced_models.discovery.selection import all_subsets, score_subsets
-from reduced_models.discovery.structures import _pruned
-from reduced_models.discovery.terms import physical_library
+from reduced_models.discovery import pysr_search
+from reduced_models.discovery.structure_proposals import _prune_expression
+from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
+from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
 from reduced_models.laws.height_map import HeightMap
 
@@ -38,21 +38,21 @@ stub = Anything()
 stub.AnyValue = type("AnyValue", (), {}); stub.VectorValue = type("VectorValue", (), {})
 sys.modules["juliacall"] = stub
 import warnings; warnings.simplefilter("ignore")
-from reduced_models.discovery.julia import regressor_class, regressor_settings
-PySRRegressor = regressor_class()
+from reduced_models.discovery.pysr_search import import_pysr_regressor, pysr_regressor_settings
+PySRRegressor = import_pysr_regressor()
 for options in (dict(), dict(functions=("sin", "exp"), elliptic=True, seed=3)):
-    wanted = regressor_settings(**options)
+    wanted = pysr_regressor_settings(**options)
     made = PySRRegressor(early_stop_condition=1e-3, **wanted)
     assert all(made.get_params()[name] == value for name, value in wanted.items())
 try:
-    PySRRegressor(**regressor_settings(), tea=3)
+    PySRRegressor(**pysr_regressor_settings(), tea=3)
 except TypeError as error:
     print("TypeError", error)
 """
 
 
 def needs_no_julia() -> None:
-    if julia.missing_requirements() is None:
+    if pysr_search.missing_pysr_requirements() is None:
         pytest.skip("Julia is here")
 
 
@@ -62,7 +62,7 @@ def test_absent_julia_is_one_line_with_two_commands() -> None:
         discover(RECORD, "pysr")
     text = str(caught.value)
     assert "\n" not in text
-    assert all(command in text for command in julia.COMMANDS)
+    assert all(command in text for command in pysr_search.COMMANDS)
 
 
 def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
@@ -71,8 +71,8 @@ def test_the_probe_imports_no_pysr_and_downloads_nothing() -> None:
         "import socket, sys\n"
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
         "socket.socket.connect = refuse\n"
-        "from reduced_models.discovery import julia\n"
-        "assert julia.missing_requirements()\n"
+        "from reduced_models.discovery import pysr_search\n"
+        "assert pysr_search.missing_pysr_requirements()\n"
         "assert not {'pysr', 'juliacall'} & set(sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -116,14 +116,14 @@ def test_given_julia_is_looked_at_and_not_run(
         "broken": str(project / "broken"),
         "python": sys.executable,
     }
-    monkeypatch.setattr(julia, "_has_resolved", lambda: False)
-    monkeypatch.setattr(julia, "version", lambda _: juliacall)
-    monkeypatch.setattr(julia.importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(pysr_search, "_has_resolved_julia_packages", lambda: False)
+    monkeypatch.setattr(pysr_search, "version", lambda _: juliacall)
+    monkeypatch.setattr(pysr_search.importlib.util, "find_spec", lambda _: object())
     for name in ("EXE", "PROJECT"):
         monkeypatch.delenv(f"PYTHON_JULIACALL_{name}", raising=False)
     for name, value in given.items():
         monkeypatch.setenv(f"PYTHON_JULIACALL_{name}", places.get(value, value))
-    found = julia.missing_requirements()
+    found = pysr_search.missing_pysr_requirements()
     assert found is None if lack is None else lack in str(found)
 
 
@@ -135,7 +135,7 @@ def test_what_only_juliapkg_reads_is_left_to_its_dry_run(
     monkeypatch.setenv("PYTHON_JULIAPKG_EXE", sys.executable)
     monkeypatch.setenv("PYTHON_JULIACALL_PROJECT", str(project))
     monkeypatch.delenv("PYTHON_JULIACALL_EXE", raising=False)
-    assert julia.missing_requirements() is not None
+    assert pysr_search.missing_pysr_requirements() is not None
 
 
 def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_an_import_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "pysr", raising=False)
     with pytest.raises(InputError, match="could not be started: Exception") as caught:
-        julia.regressor_class()
+        pysr_search.import_pysr_regressor()
     assert "\n" not in str(caught.value)
 
 
@@ -155,7 +155,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, ob
 
     seen: dict[str, object] = {}
 
-    class Search:
+    class SymbolicSearch:
         def __init__(self, **settings: object) -> None:
             seen.update(settings)
             self.interrupted_ = interrupted
@@ -166,10 +166,10 @@ def searched(monkeypatch: pytest.MonkeyPatch, interrupted: bool) -> dict[str, ob
             (folder / "hall_of_fame.csv").write_text("1")
             self.equations_ = pd.DataFrame({"equation": ["x0 * 2.0"]})
 
-    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
-    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     x = np.linspace(-1.0, 1.0, 50)
-    seen["found"] = julia.pysr_expressions({"x": x}, 3.0 * x, noise=0.03)
+    seen["found"] = pysr_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
     seen["size"] = float(np.std(3.0 * x))
     return seen
 
@@ -188,7 +188,9 @@ def test_ctrl_c_that_julia_took_is_heeded(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.long
-@pytest.mark.skipif(julia.missing_requirements() is not None, reason="there is no Julia with PySR's packages")
+@pytest.mark.skipif(
+    pysr_search.missing_pysr_requirements() is not None, reason="there is no Julia with PySR's packages"
+)
 def test_a_real_search() -> None:
     """A damped swing with 1 % noise, wherever Julia is."""
     time = np.linspace(0.0, 40.0, 2000)
@@ -220,8 +222,8 @@ def test_ctrl_c_stays_with_python(given: dict[str, str], seen: list[str], tmp_pa
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from reduced_models.discovery.julia import regressor_class\n"
-        "regressor_class(); import pysr; print(pysr.seen)"
+        "from reduced_models.discovery.pysr_search import import_pysr_regressor\n"
+        "import_pysr_regressor(); import pysr; print(pysr.seen)"
     )
     kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
     environment = kept | {f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}
@@ -262,7 +264,9 @@ def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
             a, b = (a + b) / 2, math.sqrt(a * b)
         return a
 
-    (text,) = (one for one in julia.elliptic_operators() if one.startswith(f"jacobi_{name}(u, m)"))
+    (text,) = (
+        one for one in pysr_search.elliptic_julia_operators() if one.startswith(f"jacobi_{name}(u, m)")
+    )
     assert "\n" not in text
     scope = {
         "fold": fold,
@@ -280,7 +284,7 @@ def test_julia_operators_are_the_elliptic_functions(name: str) -> None:
             assert function(u, m) == pytest.approx(true, abs=off)
     assert math.isnan(function(1.0, 1.0))
     assert math.isnan(function(1.0, -0.1))
-    assert set(julia.elliptic_mappings()) == {"jacobi_sn", "jacobi_cn", "jacobi_dn"}
+    assert set(pysr_search.elliptic_sympy_mappings()) == {"jacobi_sn", "jacobi_cn", "jacobi_dn"}
 
 
 def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,7 +293,7 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
 
     import pandas as pd
 
-    class Search:
+    class SymbolicSearch:
         def __init__(self, **settings: object) -> None:
             assert settings["deterministic"] is True
 
@@ -298,8 +302,8 @@ def test_a_search_is_brought_back_to_the_record_s_units(monkeypatch: pytest.Monk
             best = " + ".join(f"({c} * {s})" for c, s in zip(numbers, variable_names, strict=False))
             self.equations_ = pd.DataFrame({"equation": ["x0 * -1.0", "x0 * NaN", best]})
 
-    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
-    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     height = 0.7 * np.exp(-0.05 * TIME) * np.cos(1.4 * TIME)
     noise = np.random.default_rng(0).normal(0.0, 0.003, len(TIME))
     found = discover(PistonRecord(TIME, height + noise), "pysr", polish=0)
@@ -322,7 +326,7 @@ def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch)
     m = 0.5 * 0.9 * 0.8**2 / rate**2
     swing = 0.8 * ellipj(rate * TIME, m)[1]
 
-    class Search:
+    class SymbolicSearch:
         def __init__(self, **settings: object) -> None:
             assert any("jacobi_cn" in str(one) for one in settings["binary_operators"])
 
@@ -331,8 +335,8 @@ def test_elliptic_motions_are_fitted_and_scored(monkeypatch: pytest.MonkeyPatch)
             text = f"{0.8 / scales[1]} * jacobi_cn({1.01 * rate * scales[0]} * x0, {0.9 * m})"
             self.equations_ = pd.DataFrame({"equation": ["0.3 * x0", text]})
 
-    monkeypatch.setattr(julia, "missing_requirements", lambda: None)
-    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=Search))
+    monkeypatch.setattr(pysr_search, "missing_pysr_requirements", lambda: None)
+    monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     noise = np.random.default_rng(0).normal(0.0, 1e-3, len(TIME))
     found = discover(PistonRecord(TIME, swing + noise), "pysr", target="height")
     assert "jacobi_cn" in found.best.text
@@ -343,7 +347,7 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     """PySR was seen to choose eight terms, with |z'|, for the four of a Van der Pol-like law."""
     from scipy.integrate import solve_ivp
 
-    import reduced_models.discovery.julia as adapter
+    import reduced_models.discovery.pysr_search as adapter
 
     time = np.linspace(0.0, 30.0, 1500)
     swing = solve_ivp(
@@ -357,18 +361,18 @@ def test_a_crowded_sum_is_pruned_and_stands_beside_sparse_sums(monkeypatch: pyte
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
     crowded = 0.78 * v - 0.79 * z**2 * v - 0.98 * z - 0.21 * z**3
     crowded += 0.013 * speed - 0.011 * z * speed + 0.004 * z**2 - 0.006 * v * speed
-    monkeypatch.setattr(adapter, "require_julia", lambda: None)
-    monkeypatch.setattr(adapter, "pysr_expressions", lambda *_: [crowded])
+    monkeypatch.setattr(adapter, "require_pysr", lambda: None)
+    monkeypatch.setattr(adapter, "search_expressions_with_pysr", lambda *_: [crowded])
     found = discover(PistonRecord(time, noisy), "pysr", polish=0)
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 
 def test_addends_that_hold_numbers_are_pruned_too() -> None:
     weak = weak_form(estimate_motion(RECORD, HeightMap(), "savitzky-golay"))
-    library = physical_library(1)
-    _, judge = score_subsets(weak, library, library, all_subsets(2))
+    library = physical_library_terms(1)
+    _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))
-    candidates = _pruned(-1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), judge)
+    candidates = _prune_expression(-1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), scorer)
     best = min(candidates, key=lambda candidate: candidate.criterion)
     assert best.terms is not None
     assert {term.text for term in best.terms} == {"z"}

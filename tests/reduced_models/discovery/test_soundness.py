@@ -7,7 +7,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import HeightMap
-from reduced_models.discovery.libraries import find_term_fault, library_terms
+from reduced_models.discovery.term_libraries import find_term_fault, library_terms
 from reduced_models.discovery.weak_form import estimate_motion
 
 TIME = np.linspace(0.0, 40.0, 1000)

@@ -11,7 +11,7 @@ import pytest
 from granular import PistonRecord, Scene, damper, simulate
 from granular.shared.errors import InputError
 from reduced_models import predict, score_drops
-from reduced_models.falls.scores import DropScores, fall_error
+from reduced_models.falls.unseen_fall_scores import DropScores, fall_prediction_error
 
 D = 0.006
 SEED = 1
@@ -91,7 +91,7 @@ def test_the_scene_alone_tells_the_fall(count: int) -> None:
             errors = []
             for height in (17.0, 20.0, 24.0, 28.0):
                 one = fall(scene, height)
-                errors.append(fall_error(law, one, level(one)))
+                errors.append(fall_prediction_error(law, one, level(one)))
             print(
                 f"{count} grains, {mass:g} kg, {drag:g} kg/s:",
                 *(f"{100 * each:.2f} %" for each in np.array(errors)),
@@ -135,7 +135,7 @@ def test_the_scene_alone_tells_other_beds(name: str) -> None:
     scene = OTHERS[name]
     law = predict(scene)
     falls = {height: fall(scene, height) for height in (20.0, 28.0)}
-    errors = [fall_error(law, one, level(one)) for one in falls.values()]
+    errors = [fall_prediction_error(law, one, level(one)) for one in falls.values()]
     first, other = falls[20.0].height, fall(scene, 20.0, 2).height
     scatter = float(np.sqrt(np.mean((first - other) ** 2)) / (first[0] - level(falls[20.0])))
     print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in errors), f"scatter {100 * scatter:.2f} %")
@@ -152,6 +152,6 @@ def test_friction_of_the_grains_is_told_so_badly(name: str) -> None:
         predict(scene)
     law = predict(damper())
     falls = [fall(scene, height) for height in (20.0, 28.0)]
-    found = [fall_error(law, one, level(one)) for one in falls]
+    found = [fall_prediction_error(law, one, level(one)) for one in falls]
     print(f"\n{name}:", *(f"{100 * each:.2f} %" for each in found))
     assert found == pytest.approx(errors, rel=0.1)

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from granular import PistonRecord, Scene, damper, simulate
-from reduced_models.falls.theory import RESPONSE_ERROR
+from reduced_models.falls.predicted_law import RESPONSE_ERROR
 from reduced_models.laws.annealing_bed import MODULUS, STRENGTH
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates

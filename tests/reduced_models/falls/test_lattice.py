@@ -14,7 +14,7 @@ from granular.pairs.disc_law import disc_energy_and_force
 from granular.schema.parts import Grains
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from reduced_models.falls.lattice import POWER, lattice_pressure, lattice_under
+from reduced_models.falls.lattice_pressure import POWER, lattice_pressure, lattice_under_pressure
 
 UNLIKE = [
     {"name": "big", "diameter": 0.006, "share": 0.6},
@@ -66,9 +66,9 @@ def test_far_apart_discs_are_dipoles() -> None:
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
 def test_lattice_under_a_pressure_has_it(magnets: str) -> None:
     grains = damper().replace(**{"grains.magnets": magnets}).grains
-    lattice = lattice_under(grains, 0.5)
+    lattice = lattice_under_pressure(grains, 0.5)
     assert lattice_pressure(grains, lattice.density) == pytest.approx(0.5, rel=1e-6)
-    powers = lattice.power, lattice_under(grains, 5e-6).power
+    powers = lattice.power, lattice_under_pressure(grains, 5e-6).power
     assert powers[1] == pytest.approx(POWER, abs=3e-3)
     assert lattice.shear == pytest.approx((lattice.power / 2.0 - 1.0) / 0.25)
     assert (powers[0] > 2.65) == (magnets == "cylinders")
@@ -76,7 +76,7 @@ def test_lattice_under_a_pressure_has_it(magnets: str) -> None:
 
 def test_pistons_that_press_discs_together_are_refused() -> None:
     with pytest.raises(InputError, match=r"lets these discs touch.*less piston\.mass"):
-        lattice_under(discs(), 5.0)
+        lattice_under_pressure(discs(), 5.0)
 
 
 def crystal(spacing: float) -> Scene:

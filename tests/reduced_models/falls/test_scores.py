@@ -12,7 +12,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import score_drops
-from reduced_models.falls.scores import DropScore, DropScores
+from reduced_models.falls.unseen_fall_scores import DropScore, DropScores
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.solution import solve_law
 

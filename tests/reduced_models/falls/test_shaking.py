@@ -6,8 +6,8 @@ import pytest
 
 from granular import damper
 from granular.shared.errors import InputError
-from reduced_models import shaking_range
-from reduced_models.falls.theory import RESPONSE_ERROR
+from reduced_models import valid_shaking_range
+from reduced_models.falls.predicted_law import RESPONSE_ERROR
 from tests.reduced_models.falls.pushed import PUSHED
 
 
@@ -17,7 +17,7 @@ def test_errors_are_those_that_were_measured() -> None:
 
 
 def test_amplitudes_go_with_the_size_of_the_bed() -> None:
-    small, large = shaking_range(damper()), shaking_range(damper(count=4 * 368))
+    small, large = valid_shaking_range(damper()), valid_shaking_range(damper(count=4 * 368))
     assert small.amplitudes == pytest.approx((0.003, 0.009))
     assert large.amplitudes == pytest.approx((0.006, 0.018))
     assert small.frequencies == large.frequencies
@@ -25,4 +25,4 @@ def test_amplitudes_go_with_the_size_of_the_bed() -> None:
 
 def test_a_bed_of_which_nothing_is_known_is_refused() -> None:
     with pytest.raises(InputError, match="has friction"):
-        shaking_range(damper().replace(**{"effects.friction": True}))
+        valid_shaking_range(damper().replace(**{"effects.friction": True}))

@@ -13,9 +13,14 @@ from granular import damper, load_scene, simulate
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models import predict
-from reduced_models.falls.lattice import POWER, PRESSURE
-from reduced_models.falls.scores import fall_error
-from reduced_models.falls.theory import WEIGHT, OutsideRangeWarning, PredictedLaw, bed_parameters
+from reduced_models.falls.lattice_pressure import POWER, PRESSURE
+from reduced_models.falls.predicted_law import (
+    WEIGHT,
+    OutsideRangeWarning,
+    PredictedLaw,
+    predict_bed_parameters,
+)
+from reduced_models.falls.unseen_fall_scores import fall_prediction_error
 from reduced_models.laws.equation import compile_rates
 
 
@@ -36,7 +41,7 @@ def test_pressure_is_that_of_the_hexagonal_lattice() -> None:
 def test_weight_and_pressure_balance_at_rest() -> None:
     """In a bed so large that walls do not count, the lattice's pressure carries the piston."""
     scene = damper(count=10**6, drag=1e-4)
-    values = bed_parameters(scene)
+    values = predict_bed_parameters(scene)
     assert scene.piston is not None
     scales, width = Scales.of(scene.grains), scene.cell.width
     density = scene.grains.count * scales.length**2 / (width * values["rest"])
@@ -53,14 +58,14 @@ def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> No
     assert scene.piston is not None
     mass = scene.piston.mass
     grains = 1000 * Scales.of(scene.grains).mass / 3.0
-    loose, damped = (bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2))
+    loose, damped = (predict_bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2))
     assert loose == pytest.approx(WEIGHT * 9.8 * mass / (mass + grains), rel=1e-6)
     assert damped > loose
 
 
 def test_the_law_stands_for_falls_of_the_packaged_damper() -> None:
     """Little mass is missing there, and little added."""
-    assert bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
+    assert predict_bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
 
 
 def test_a_mixture_of_equals_is_the_bed_itself() -> None:
@@ -68,7 +73,7 @@ def test_a_mixture_of_equals_is_the_bed_itself() -> None:
     (one,) = plain.grains.species
     halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
     mixed = plain.replace(**{"grains.species": halves})
-    assert bed_parameters(mixed) == pytest.approx(bed_parameters(plain))
+    assert predict_bed_parameters(mixed) == pytest.approx(predict_bed_parameters(plain))
 
 
 def test_discs_rest_higher_and_are_stiffer() -> None:
@@ -95,7 +100,7 @@ def test_falls_of_discs_are_as_predicted(mass: float, height: int) -> None:
     fall, law = simulate(scene, dt="auto*2", progress=False).piston(), predict(scene)
     level = float(fall.height[-len(fall.height) // 10 :].mean())
     assert law.parameters["rest"] == pytest.approx(level, rel=0.02)
-    assert fall_error(law, fall, level) < 0.03
+    assert fall_prediction_error(law, fall, level) < 0.03
 
 
 def test_small_swing_and_motion_follow() -> None:
@@ -110,7 +115,7 @@ def test_small_swing_and_motion_follow() -> None:
 
 def test_the_law_stands_up_to_the_drag_that_was_tried() -> None:
     """The source's own damper is beyond it."""
-    assert bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
+    assert predict_bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))
 
@@ -138,7 +143,7 @@ def test_friction_of_the_piston_is_added_to_the_law() -> None:
     heights, freely = (followed(law) for law in (rubbing, plain))
     assert np.ptp(heights[600:]) < 0.05 * np.ptp(freely[600:])
     with pytest.raises(InputError, match="friction of the piston"):
-        bed_parameters(damper().replace(**{"piston.friction": 5.0}))
+        predict_bed_parameters(damper().replace(**{"piston.friction": 5.0}))
 
 
 @pytest.mark.parametrize(
@@ -177,7 +182,7 @@ DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
 def test_what_was_compared_with_nothing_is_told_with_a_warning(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     with pytest.raises(InputError, match=said):
-        bed_parameters(scene)
+        predict_bed_parameters(scene)
     with pytest.warns(OutsideRangeWarning, match=said):
         law = predict(scene)
     height = law.simulate(np.linspace(0.0, 0.5, 51)).height

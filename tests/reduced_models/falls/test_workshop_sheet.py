@@ -10,13 +10,17 @@ import pytest
 from granular import damper, load_scene
 from granular.shared.errors import InputError
 from reduced_models import Candidate, predict
-from reduced_models.falls.workshop_sheet import sensitivities, silicone_oil_viscosity_ratio, workshop_sheet
+from reduced_models.falls.workshop_sheet import (
+    silicone_oil_viscosity_ratio,
+    swing_sensitivities,
+    workshop_sheet,
+)
 from reduced_models.machines.design import DamperDesign
 from reduced_models.machines.response import CoupledSystem, solve_response
 
 
 def test_sensitivities_are_those_of_a_heavier_piston() -> None:
-    told = sensitivities(damper())["mass of the piston"]
+    told = swing_sensitivities(damper())["mass of the piston"]
     before, after = (predict(damper(mass)).at_rest for mass in (7.5, 7.5 * 1.01))
     assert before is not None
     assert after is not None
@@ -27,10 +31,10 @@ def test_sensitivities_are_those_of_a_heavier_piston() -> None:
 
 def test_a_weaker_bed_and_a_heavier_piston_change_the_rest_alike() -> None:
     """A bed that follows at once: the height of rest goes with remanence^0.8, f with -0.4."""
-    told = sensitivities(damper(drag=1e-4))
+    told = swing_sensitivities(damper(drag=1e-4))
     assert told["remanence of the discs"][0] == pytest.approx(-0.4, abs=0.01)
     assert told["drag of a disc"][1] == pytest.approx(1.0, abs=0.01)
-    assert "drag of a disc" not in sensitivities(damper().replace(**{"effects.drag": None}))
+    assert "drag of a disc" not in swing_sensitivities(damper().replace(**{"effects.drag": None}))
 
 
 def test_viscosity_falls_as_measured() -> None:
@@ -78,4 +82,4 @@ def test_a_design_for_a_machine_has_a_sheet() -> None:
 
 def test_a_piston_that_does_not_swing_has_no_sensitivities() -> None:
     with pytest.raises(InputError, match="no swing about rest"):
-        sensitivities(damper(drag=50.0))
+        swing_sensitivities(damper(drag=50.0))

@@ -12,7 +12,7 @@ from granular import load_scene
 from granular.effects.excitation import Excitation
 from granular.effects.host import Host
 from granular.shared.errors import InputError
-from reduced_models.falls.theory import OutsideRangeWarning
+from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_text

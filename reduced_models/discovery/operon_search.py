@@ -29,12 +29,12 @@ _LENGTH = 30
 _GENERATIONS = 10_000  # more than the evaluations last for
 
 
-def has_operon() -> bool:
+def is_operon_installed() -> bool:
     """Return true where pyoperon is installed."""
     return importlib.util.find_spec("pyoperon") is not None
 
 
-def operon_expressions(
+def search_expressions_with_operon(
     inputs: Mapping[str, np.ndarray],
     target: np.ndarray,
     noise: float,
@@ -85,7 +85,7 @@ def operon_expressions(
     ).fit(samples.matrix, samples.target)
     names = list(samples.names)
     texts = [search.get_model_string(item["tree"], 12, names) for item in search.pareto_front_]
-    return samples.read(texts)
+    return samples.parse_expressions(texts)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class ScaledSamples:
     sizes: Mapping[str, float]
     target_size: float
 
-    def restore(self, expression: sympy.Expr) -> sympy.Expr:
+    def restore_units(self, expression: sympy.Expr) -> sympy.Expr:
         """Expression of the search in the real symbols and units of the variables."""
         import sympy
 
@@ -125,7 +125,7 @@ class ScaledSamples:
         }
         return sympy.Float(self.target_size) * expression.xreplace(symbols)
 
-    def read(
+    def parse_expressions(
         self, texts: Iterable[str], functions: Mapping[str, Function] = MappingProxyType({})
     ) -> list[sympy.Expr]:
         """Expressions that a search wrote, restored; those that hold a NaN, say, are left out.
@@ -137,7 +137,7 @@ class ScaledSamples:
             with contextlib.suppress(FormulaError):
                 tree = parse(text, {**FUNCTIONS, **functions})
                 if {item.name for item in variable_names(tree)} <= set(self.names):
-                    expressions.append(self.restore(sympy_expression(tree)))
+                    expressions.append(self.restore_units(sympy_expression(tree)))
         return expressions
 
 

@@ -16,21 +16,31 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.errors import InputError
-from reduced_models.discovery.hidden_states import DAMPER_STATES, HIDDEN_STATES, HiddenState, Memory
-from reduced_models.discovery.libraries import MEMORY, custom_terms
-from reduced_models.discovery.polishing import parametrise
+from reduced_models.discovery.hidden_states import (
+    DAMPER_STATES,
+    HIDDEN_STATES,
+    HiddenState,
+    ScaledHiddenState,
+)
+from reduced_models.discovery.polishing import replace_numbers_by_symbols
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.selection import (
-    Judge,
+from reduced_models.discovery.structure_proposals import (
+    ProposedStructures,
+    SymbolicSearch,
+    candidate_from_terms,
+    propose_symbolic_candidates,
+)
+from reduced_models.discovery.subset_selection import (
+    EquationScorer,
     ScoredTerms,
-    all_subsets,
-    common_unit_judges,
+    all_index_subsets,
     normalise_columns,
     score_subsets,
+    scorers_in_common_unit,
 )
-from reduced_models.discovery.structures import Search, Structures, make_candidate, symbolic_candidates
+from reduced_models.discovery.term_libraries import MEMORY, parse_custom_terms
 from reduced_models.discovery.terms import AnyTerm
-from reduced_models.discovery.weak_form import ForceIntegrals, WeakForm, noise_free_weak_form
+from reduced_models.discovery.weak_form import ForceIntegrals, WeakForm, white_noise_weak_form
 
 HIDDEN = "w"
 """Name of the hidden state's fraction of the force in own terms."""
@@ -51,24 +61,24 @@ _RETAINED = 20
 """Sums of each hidden state that are candidates."""
 
 
-class _StateScores(NamedTuple):
+class _HiddenStateScores(NamedTuple):
     """The best sums with one hidden state, or with none."""
 
-    memory: Memory | None
+    hidden_state: ScaledHiddenState | None
     ranked: list[ScoredTerms]
-    judge: Judge
+    scorer: EquationScorer
 
 
-def structures_with_memory(
-    weak: WeakForm, search: Search | None, terms: Sequence[str] = (), sparse: bool = True
-) -> Structures:
+def propose_hidden_state_structures(
+    weak: WeakForm, search: SymbolicSearch | None, terms: Sequence[str] = (), sparse: bool = True
+) -> ProposedStructures:
     """Candidates with the hidden state that sums need most, or with none; z is the height [m].
 
     Parameters
     ----------
     weak : WeakForm
         Of z'' or of the measured force of beds without strain at their starts.
-    search : Search, optional
+    search : SymbolicSearch, optional
         Of a symbolic regression of F(z, z', w), with the hidden state that sums need.
     terms : sequence of str
         Own terms next to those of the library, in z, z' and w.
@@ -91,44 +101,46 @@ def structures_with_memory(
                 "heights above the floor"
             )
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
-    plain = custom_terms(plain_texts, HIDDEN)
-    known = tuple(dict.fromkeys((*plain, *custom_terms((*hidden_texts, *terms), HIDDEN))))
-    judged = _score_states(weak, known, states)
-    if not force and min(candidate.judge.excess for candidate in judged) > _FAR**2:
-        judged = _score_states(noise_free_weak_form(weak), known, states)
-    judges = common_unit_judges([candidate.judge for candidate in judged])
-    judged = [candidate._replace(judge=judge) for candidate, judge in zip(judged, judges, strict=True)]
-    groups = [_candidates_of_states(candidate) for candidate in judged]
-    best = min(range(len(judged)), key=lambda k: groups[k][0].criterion)
+    plain = parse_custom_terms(plain_texts, HIDDEN)
+    known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *terms), HIDDEN))))
+    scored = _score_hidden_states(weak, known, states)
+    if not force and min(candidate.scorer.excess for candidate in scored) > _FAR**2:
+        scored = _score_hidden_states(white_noise_weak_form(weak), known, states)
+    scorers = scorers_in_common_unit([candidate.scorer for candidate in scored])
+    scored = [candidate._replace(scorer=scorer) for candidate, scorer in zip(scored, scorers, strict=True)]
+    groups = [_candidates_with_state(candidate) for candidate in scored]
+    best = min(range(len(scored)), key=lambda k: groups[k][0].criterion)
     candidates = [study for group in groups for study in group] if sparse else []
     if search is not None:
-        candidates += _search_candidates(judged[best], known, search)
+        candidates += _symbolic_candidates_with_state(scored[best], known, search)
     if force:
-        candidates = [dataclasses.replace(candidate, left="force") for candidate in candidates]
-    memory, judge = judged[best].memory, judged[best].judge
-    state = None if memory is None else memory.state
-    return Structures(
+        candidates = [dataclasses.replace(candidate, left_side="force") for candidate in candidates]
+    hidden_state, scorer = scored[best].hidden_state, scored[best].scorer
+    state = None if hidden_state is None else hidden_state.kind
+    return ProposedStructures(
         [candidate for candidate in candidates if _candidate_state(candidate) is state],
-        judge,
+        scorer,
         others=[item for item in pareto_front(candidates) if _candidate_state(item) is not state],
-        notes=_memory_notes(groups, best),
-        memory=memory,
+        notes=_hidden_state_notes(groups, best),
+        hidden_state=hidden_state,
     )
 
 
 def _candidate_state(candidate: CandidateEquation) -> HiddenState | None:
-    return None if candidate.memory is None else candidate.memory.state
+    return None if candidate.hidden_state is None else candidate.hidden_state.kind
 
 
-def _score_states(
+def _score_hidden_states(
     weak: WeakForm, known: Sequence[AnyTerm], states: Sequence[HiddenState]
-) -> list[_StateScores]:
+) -> list[_HiddenStateScores]:
     """Best sums without a hidden state, and with each of them."""
-    still = tuple(item for item in known if not item.driven)
-    white = _WhitenedColumns(weak, known)
+    stateless = tuple(item for item in known if not item.has_input)
+    whitened = _WhitenedColumns(weak, known)
     return [
-        _StateScores(None, *score_subsets(weak, still, still, all_subsets(len(still)))),
-        *(_score_state(state, white, known) for state in states),
+        _HiddenStateScores(
+            None, *score_subsets(weak, stateless, stateless, all_index_subsets(len(stateless)))
+        ),
+        *(_score_hidden_state(state, whitened, known) for state in states),
     ]
 
 
@@ -137,42 +149,48 @@ class _WhitenedColumns:
 
     def __init__(self, weak: WeakForm, known: Sequence[AnyTerm]) -> None:
         self.weak = weak
-        self.whitening = weak.whitening((), np.zeros(0))
+        self.whitening = weak.whitening_matrix((), np.zeros(0))
         self.target = self.whitening @ weak.target
-        self.still = self.whitening @ weak.matrix([item for item in known if not item.driven])
-        self.driven = [item for item in known if item.driven]
+        self.fixed_columns = self.whitening @ weak.term_integral_matrix(
+            [item for item in known if not item.has_input]
+        )
+        self.state_terms = [item for item in known if item.has_input]
 
-    def least(self, state: HiddenState, scales: np.ndarray) -> int:
+    def best_scales_index(self, state: HiddenState, scales: np.ndarray) -> int:
         """Index of the scales (k, s) that leave the least squares, with all terms."""
         squares = []
         for item in _weak_form_with_state(self.weak, state, scales):
-            columns = np.hstack([self.still, self.whitening @ item.matrix(self.driven)])
+            columns = np.hstack(
+                [self.fixed_columns, self.whitening @ item.term_integral_matrix(self.state_terms)]
+            )
             columns, _ = normalise_columns(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
         return int(np.argmin(squares))
 
 
-def _score_state(state: HiddenState, white: _WhitenedColumns, known: Sequence[AnyTerm]) -> _StateScores:
+def _score_hidden_state(
+    state: HiddenState, whitened: _WhitenedColumns, known: Sequence[AnyTerm]
+) -> _HiddenStateScores:
     """Best sums with a hidden state, at the scales where all terms together leave least."""
-    weak = white.weak
-    scales = state.tried(weak.motions[0].period)
+    weak = whitened.weak
+    scales = state.trial_scales(weak.motions[0].period)
     lows, highs = scales.min(axis=0), scales.max(axis=0)
-    best = scales[white.least(state, scales)]
-    width = _grid_ratio(scales)
+    best = scales[whitened.best_scales_index(state, scales)]
+    width = _greatest_neighbour_ratio(scales)
     for _ in range(_ROUNDS):
         grid = best * width ** np.linspace(-1.0, 1.0, _FINER)[:, None]
         for k in range(len(best)):  # one scale after the other
             scales = np.tile(best, (_FINER, 1))
             scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
-            best = scales[white.least(state, scales)]
+            best = scales[whitened.best_scales_index(state, scales)]
         width = width ** (2.0 / (_FINER - 1))
     strained = _weak_form_with_state(weak, state, best[None])[0]
-    ranked, judge = score_subsets(strained, known, known, all_subsets(len(known)))
-    return _StateScores(Memory(state, tuple(map(float, best))), ranked, judge)
+    ranked, scorer = score_subsets(strained, known, known, all_index_subsets(len(known)))
+    return _HiddenStateScores(ScaledHiddenState(state, tuple(map(float, best))), ranked, scorer)
 
 
-def _grid_ratio(scales: np.ndarray) -> np.ndarray:
+def _greatest_neighbour_ratio(scales: np.ndarray) -> np.ndarray:
     """Ratio of neighbours on the first grid, scale by scale."""
     different = [np.unique(column) for column in scales.T]
     return np.array([float((item[1:] / item[:-1]).max()) for item in different])
@@ -180,7 +198,7 @@ def _grid_ratio(scales: np.ndarray) -> np.ndarray:
 
 def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
     """Weak form with the hidden state as its input, for each of the scales (k, s)."""
-    values = [state.values(motion.time, motion.smooth, scales) for motion in weak.motions]
+    values = [state.values_along_motion(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
         WeakForm(
             tuple(
@@ -192,66 +210,70 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
     ]
 
 
-def add_hidden_state(candidate: CandidateEquation, memory: Memory | None, judge: Judge) -> CandidateEquation:
+def add_hidden_state(
+    candidate: CandidateEquation, hidden_state: ScaledHiddenState | None, scorer: EquationScorer
+) -> CandidateEquation:
     """Return a candidate with its hidden state, whose scales cost what other numbers do."""
-    if memory is None or candidate.memory is not None:
+    if hidden_state is None or candidate.hidden_state is not None:
         return candidate
-    count = len(memory.scales)
+    count = len(hidden_state.scales)
     return dataclasses.replace(
         candidate,
-        memory=memory,
+        hidden_state=hidden_state,
         complexity=candidate.complexity + count,
-        criterion=candidate.criterion + count * math.log(judge.weak.samples),
+        criterion=candidate.criterion + count * math.log(scorer.weak.sample_count),
     )
 
 
-def _reweigh_candidate(candidate: CandidateEquation, count: int, judged: _StateScores) -> CandidateEquation:
+def _rescore_candidate(
+    candidate: CandidateEquation, count: int, scored: _HiddenStateScores
+) -> CandidateEquation:
     """Candidate with so many numbers by the common unit of misfit, with its hidden state."""
-    judge = judged.judge
-    criterion = judge.criterion(judge.squares(candidate.error, count), count)
+    scorer = scored.scorer
+    criterion = scorer.information_criterion(scorer.squares_from_misfit(candidate.error, count), count)
     again = dataclasses.replace(candidate, criterion=criterion)
-    return add_hidden_state(again, judged.memory, judge)
+    return add_hidden_state(again, scored.hidden_state, scorer)
 
 
-def _candidates_of_states(judged: _StateScores) -> list[CandidateEquation]:
+def _candidates_with_state(scored: _HiddenStateScores) -> list[CandidateEquation]:
     """Best sums first; one that does not hold the hidden state is one without memory."""
     candidates = [
-        _reweigh_candidate(make_candidate(candidate), len(candidate.terms), judged)
-        for candidate in judged.ranked
-        if judged.memory is None or any(term.driven for term in candidate.terms)
+        _rescore_candidate(candidate_from_terms(candidate), len(candidate.terms), scored)
+        for candidate in scored.ranked
+        if scored.hidden_state is None or any(term.has_input for term in candidate.terms)
     ]
     return sorted(candidates, key=lambda candidate: candidate.criterion)[:_RETAINED]
 
 
-def _search_candidates(
-    judged: _StateScores, known: Sequence[AnyTerm], search: Search
+def _symbolic_candidates_with_state(
+    scored: _HiddenStateScores, known: Sequence[AnyTerm], search: SymbolicSearch
 ) -> list[CandidateEquation]:
     """Candidates of a symbolic regression, with the hidden state as a variable."""
-    if judged.memory is None:
+    if scored.hidden_state is None:
         return []
-    terms = [item for item in known if item.driven or item.still]
-    candidates, _ = symbolic_candidates(judged.judge.weak, terms, search)
+    terms = [item for item in known if item.has_input or item.is_speed_independent]
+    candidates, _ = propose_symbolic_candidates(scored.scorer.weak, terms, search)
     return [
-        _reweigh_candidate(candidate, len(parametrise(candidate.expression)[1]), judged)
+        _rescore_candidate(candidate, len(replace_numbers_by_symbols(candidate.expression)[1]), scored)
         for candidate in candidates
     ]
 
 
-def _memory_notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
+def _hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]], best: int) -> tuple[str, ...]:
     """Gain by the hidden state, and others that do as well."""
     lead = groups[best][0]
-    if lead.memory is None:
+    if lead.hidden_state is None:
         return ("no hidden state that was tried is worth its numbers: the law has no memory",)
     gain = groups[0][0].criterion - lead.criterion
     notes = [
-        f"the force has memory: with a {lead.memory.state.name} the information criterion is "
+        f"the force has memory: with a {lead.hidden_state.kind.name} the information criterion is "
         f"{gain:.4g} below that of the best sum without"
     ]
     alike = [
-        group[0].memory.state.name
+        group[0].hidden_state.kind.name
         for group in groups
         if group[0] is not lead
-        and group[0].memory is not None
+        and group[0].hidden_state is not None
         and group[0].criterion < lead.criterion + _CLEAR
     ]
     if alike:

@@ -40,7 +40,7 @@ class ScoredTerms:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Judge:
+class EquationScorer:
     """The white weak residuals of the records, which weigh any equation.
 
     Attributes
@@ -51,41 +51,41 @@ class Judge:
         Factor by which the squares exceed the noise even with all terms of the library: above 1
         where the library does not hold the law. The criterion counts in it (Burnham & Anderson
         2002, quasi-likelihood).
-    size : int
+    library_size : int
         Terms of the library that was searched.
     """
 
     weak: WeakForm
     whitening: np.ndarray
     excess: float
-    size: int
+    library_size: int
 
     @property
-    def rows(self) -> int:
+    def residual_count(self) -> int:
         return len(self.whitening)
 
-    def squares(self, misfit: float, count: int) -> float:
+    def squares_from_misfit(self, misfit: float, count: int) -> float:
         """Return the sum of squares of an equation with so many numbers by its misfit."""
-        return misfit**2 * max(1, self.rows - count)
+        return misfit**2 * max(1, self.residual_count - count)
 
-    def misfit(self, squares: float, count: int) -> float:
+    def misfit_from_squares(self, squares: float, count: int) -> float:
         """Return the misfit of an equation with so many numbers by its sum of squares."""
-        return math.sqrt(squares / max(1, self.rows - count))
+        return math.sqrt(squares / max(1, self.residual_count - count))
 
-    def criterion(self, squares: float, count: int) -> float:
+    def information_criterion(self, squares: float, count: int) -> float:
         """Return the criterion of an equation with so many free numbers and that sum of squares."""
-        choices = math.log(math.comb(max(self.size, count), count))
-        samples = math.log(self.weak.samples)
+        choices = math.log(math.comb(max(self.library_size, count), count))
+        samples = math.log(self.weak.sample_count)
         return squares / self.excess + count * samples + 2.0 * choices
 
 
-def common_unit_judges(judges: Sequence[Judge]) -> list[Judge]:
-    """Return judges that count in one unit of misfit: that of the library which leaves least."""
-    excess = min(judge.excess for judge in judges)
-    return [dataclasses.replace(judge, excess=excess) for judge in judges]
+def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
+    """Return scorers that count in one unit of misfit: that of the library which leaves least."""
+    excess = min(scorer.excess for scorer in scorers)
+    return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
-def all_subsets(count: int) -> list[np.ndarray]:
+def all_index_subsets(count: int) -> list[np.ndarray]:
     """Subsets (s, k) of ``count`` terms for each size k, as far as they can all be tried."""
     subsets, total = [], 0
     for size in range(1, min(count, MOST_TERMS) + 1):
@@ -96,7 +96,7 @@ def all_subsets(count: int) -> list[np.ndarray]:
     return subsets
 
 
-def group_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
+def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
     """Given subsets, without repetitions, as arrays (s, k) for each size k."""
     groups: dict[int, set[tuple[int, ...]]] = {}
     for subset in subsets:
@@ -108,8 +108,8 @@ def group_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 
 def score_subsets(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
-) -> tuple[list[ScoredTerms], Judge]:
-    """Best few subsets of each size, best criterion first, and the judge that weighed them.
+) -> tuple[list[ScoredTerms], EquationScorer]:
+    """Best few subsets of each size, best criterion first, and the scorer that weighed them.
 
     Parameters
     ----------
@@ -121,15 +121,15 @@ def score_subsets(
     subsets : list of int (s, k)
     """
     best: ScoredTerms | None = None
-    matrix, every = weak.matrix(terms), weak.matrix(library)
+    matrix, every = weak.term_integral_matrix(terms), weak.term_integral_matrix(library)
     ranked: list[ScoredTerms] = []
     for _ in range(_ROUNDS):
         # The first covariance is that of z'' alone; then that of the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
-        judge = _judge_of(weak, every, weak.whitening(*known))
-        ranked = _rank_subsets(judge, matrix, terms, subsets)
+        scorer = _make_scorer(weak, every, weak.whitening_matrix(*known))
+        ranked = _rank_subsets(scorer, matrix, terms, subsets)
         best = ranked[0]
-    return ranked, judge
+    return ranked, scorer
 
 
 def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,24 +138,24 @@ def normalise_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return columns / sizes, sizes
 
 
-def score_terms(judge: Judge, terms: Sequence[AnyTerm]) -> ScoredTerms:
+def score_terms(scorer: EquationScorer, terms: Sequence[AnyTerm]) -> ScoredTerms:
     """One subset, by the same residuals as all others."""
-    matrix = judge.weak.matrix(terms)
-    return _rank_subsets(judge, matrix, terms, [np.arange(len(terms))[None]])[0]
+    matrix = scorer.weak.term_integral_matrix(terms)
+    return _rank_subsets(scorer, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
-def _judge_of(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Judge:
+def _make_scorer(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> EquationScorer:
     columns, target = normalise_columns(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])
-    return Judge(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
+    return EquationScorer(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
 
 
 def _rank_subsets(
-    judge: Judge, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
+    scorer: EquationScorer, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[ScoredTerms]:
-    columns, sizes = normalise_columns(judge.whitening @ matrix)
-    target = judge.whitening @ judge.weak.target
+    columns, sizes = normalise_columns(scorer.whitening @ matrix)
+    target = scorer.whitening @ scorer.weak.target
     gram, moment = columns.T @ columns, columns.T @ target
     scores = []
     for group in subsets:
@@ -173,24 +173,26 @@ def _rank_subsets(
                 ScoredTerms(
                     tuple(terms[index] for index in chosen),
                     solved[k] / sizes[chosen],
-                    judge.misfit(squares, count),
-                    judge.criterion(squares, count),
+                    scorer.misfit_from_squares(squares, count),
+                    scorer.information_criterion(squares, count),
                 )
             )
     return sorted(scores, key=lambda score: score.criterion)
 
 
-def eliminate_backward(judge_matrix: np.ndarray, target: np.ndarray, start: Sequence[int]) -> list[list[int]]:
+def eliminate_backward(
+    white_columns: np.ndarray, target: np.ndarray, start: Sequence[int]
+) -> list[list[int]]:
     """Backward elimination: a subset, and what is left after the least needed term goes, and so on.
 
     Parameters
     ----------
-    judge_matrix : float64 (q, p)
+    white_columns : float64 (q, p)
         White columns.
     target : float64 (q,)
     start : sequence of int
     """
-    columns, _ = normalise_columns(judge_matrix)
+    columns, _ = normalise_columns(white_columns)
     gram, moment = columns.T @ columns, columns.T @ target
     left = list(start)
     path = [list(left)]

@@ -20,7 +20,14 @@ from granular import formulas
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.terms import INPUT, AnyTerm, CustomTerm, read_terms, sort_terms, split_terms
+from reduced_models.discovery.terms import (
+    INPUT,
+    AnyTerm,
+    CustomTerm,
+    parse_term_expressions,
+    sort_terms,
+    split_terms,
+)
 from reduced_models.discovery.weak_form import WeakForm
 from reduced_models.laws.law import refuse_suspicious_name
 
@@ -35,53 +42,63 @@ _DIGITS = 9
 
 
 @dataclasses.dataclass
-class OpenTerms:
+class ParametricTerms:
     """Terms with numbers to be found, by names.
 
     Attributes
     ----------
     templates : tuple of sympy.Expr
         In the symbols of `state_symbols`, and those of the numbers.
-    names : tuple of str
-    forms : dict of CustomTerm to (sympy.Expr, mapping of str to float)
+    parameter_names : tuple of str
+    templates_by_term : dict of CustomTerm to (sympy.Expr, mapping of str to float)
         Terms with numbers that were found: each with its template, and all numbers by name.
     """
 
     templates: tuple[sympy.Expr, ...] = ()
-    names: tuple[str, ...] = ()
-    forms: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(default_factory=dict)
+    parameter_names: tuple[str, ...] = ()
+    templates_by_term: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(
+        default_factory=dict
+    )
 
-    def settle(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
+    def terms_with_best_values(self, weak: WeakForm, library: Sequence[AnyTerm]) -> list[AnyTerm]:
         """Terms with the numbers that leave least of a weak form, next to a library."""
-        if not self.names:
+        if not self.parameter_names:
             return []
-        judged = _Remainder(weak, library, self)
-        choices = [_grid(weak) for _ in self.names]
+        residual = _LibraryResidual(weak, library, self)
+        choices = [_trial_values(weak) for _ in self.parameter_names]
         if len(choices) == 1:
             trials = choices[0][:, None]
         else:
             random = np.random.default_rng(0)
             trials = np.stack([random.choice(values, _DRAWS) for values in choices], axis=1)
-        best = trials[int(np.argmin([judged.squares(row) for row in trials]))]
-        if not math.isfinite(judged.squares(best)):
+        best = trials[int(np.argmin([residual.squares_left(row) for row in trials]))]
+        if not math.isfinite(residual.squares_left(best)):
             raise InputError(
-                f"no numbers {', '.join(self.names)} make {quote(', '.join(map(str, self.templates)))} "
-                "terms of their own along the record; write others"
+                f"no numbers {', '.join(self.parameter_names)} make "
+                f"{quote(', '.join(map(str, self.templates)))} terms of their own along the record; "
+                "write others"
             )
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
-            best = _refined(judged, best, k, choices[k])
-        values = dict(zip(self.names, best.tolist(), strict=True))
-        return [term for template in self.templates if (term := self._remember(template, values)) is not None]
+            best = _refine_parameter(residual, best, k, choices[k])
+        values = dict(zip(self.parameter_names, best.tolist(), strict=True))
+        return [
+            term
+            for template in self.templates
+            if (term := self._remember_template(template, values)) is not None
+        ]
 
-    def _remember(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+    def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Term of a template with numbers, whose template is remembered."""
-        term = self.term(template, values)
+        term = self.term_with_values(template, values)
         if term is not None:
             inner = {str(symbol) for symbol in template.free_symbols}
-            self.forms[term] = (template, {name: value for name, value in values.items() if name in inner})
+            self.templates_by_term[term] = (
+                template,
+                {name: value for name, value in values.items() if name in inner},
+            )
         return term
 
-    def term(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+    def term_with_values(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Term of a template with given numbers; None where it is no single one.
 
         The numbers are exact in it, so that it is the same term everywhere.
@@ -96,7 +113,7 @@ class OpenTerms:
         only = next(iter(terms)) if terms and len(terms) == 1 else None
         return only if isinstance(only, CustomTerm) else None
 
-    def opened(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
+    def parametrised_sum(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]] | None:
         """Sum with c0, c1 ... for its factors and names for the numbers within, and all values.
 
         None where the candidate holds no such term.
@@ -104,55 +121,66 @@ class OpenTerms:
         import sympy
 
         terms = candidate.terms or {}
-        if not any(term in self.forms for term in terms):
+        if not any(term in self.templates_by_term for term in terms):
             return None
         parts, values = [], dict[str, float]()
         for k, term in enumerate(sort_terms(terms)):
-            template, inner = self.forms.get(term, (term.expression, {}))
+            template, inner = self.templates_by_term.get(term, (term.expression, {}))
             parts.append(sympy.Symbol(f"c{k}") * template)
             values |= {f"c{k}": terms[term]} | dict(inner)
         return sympy.Add(*parts), values
 
-    def closed(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
-        """Return the expression of a candidate with the numbers of a fit to `opened`."""
+    def sum_with_values(self, candidate: CandidateEquation, numbers: Mapping[str, float]) -> sympy.Expr:
+        """Return the expression of a candidate with the numbers of a fit to `parametrised_sum`."""
         import sympy
 
         parts = []
         for k, item in enumerate(sort_terms(candidate.terms or {})):
-            template, inner = self.forms.get(item, (item.expression, {}))
-            term = self._remember(template, {name: numbers[name] for name in inner}) if inner else item
+            template, inner = self.templates_by_term.get(item, (item.expression, {}))
+            term = (
+                self._remember_template(template, {name: numbers[name] for name in inner}) if inner else item
+            )
             parts.append(sympy.Float(numbers[f"c{k}"]) * (term or item).expression)
         return sympy.Add(*parts)
 
-    def priced(
-        self, candidates: Sequence[CandidateEquation], samples: int, left: str
+    def add_parameter_costs(
+        self, candidates: Sequence[CandidateEquation], sample_count: int, left_side: str
     ) -> list[CandidateEquation]:
         """Candidates for what stands on the left, whose numbers within terms cost what factors cost."""
         result = []
         for candidate in candidates:
             inner = {
-                name for term in candidate.terms or {} if term in self.forms for name in self.forms[term][1]
+                name
+                for term in candidate.terms or {}
+                if term in self.templates_by_term
+                for name in self.templates_by_term[term][1]
             }
-            price = len(inner) * math.log(samples)
-            result.append(dataclasses.replace(candidate, criterion=candidate.criterion + price, left=left))
+            price = len(inner) * math.log(sample_count)
+            result.append(
+                dataclasses.replace(candidate, criterion=candidate.criterion + price, left_side=left_side)
+            )
         return result
 
-    def alike(
+    def with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
         """Candidates with the numbers within terms that a chosen one has."""
-        of_template = {self.forms[term][0]: term for term in chosen.terms or {} if term in self.forms}
+        of_template = {
+            self.templates_by_term[term][0]: term
+            for term in chosen.terms or {}
+            if term in self.templates_by_term
+        }
         same = {
             term.expression: of_template[template].expression
-            for term, (template, _) in self.forms.items()
+            for term, (template, _) in self.templates_by_term.items()
             if template in of_template
         }
         return [dataclasses.replace(item, expression=item.expression.xreplace(same)) for item in candidates]
 
 
-def split_open_terms(
+def split_parametric_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
-) -> tuple[list[str], OpenTerms]:
+) -> tuple[list[str], ParametricTerms]:
     """Terms without open numbers as they are, and those with such.
 
     Raises
@@ -173,8 +201,8 @@ def split_open_terms(
             refuse_suspicious_name(f"the term {quote(text)}", name, columns)
         opened.append(text)
         names |= dict.fromkeys(free)
-    expressions = read_terms(opened, column, tuple(names))
-    return plain, OpenTerms(tuple(expressions), tuple(names))
+    expressions = parse_term_expressions(opened, column, tuple(names))
+    return plain, ParametricTerms(tuple(expressions), tuple(names))
 
 
 def _free_names(text: str, known: set[str]) -> list[str]:
@@ -187,27 +215,31 @@ def _free_names(text: str, known: set[str]) -> list[str]:
     return free if known & {*written} else []
 
 
-class _Remainder:
+class _LibraryResidual:
     """Remainder of a weak form beside a library, and how much of it open terms take."""
 
-    def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], terms: OpenTerms) -> None:
+    def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], terms: ParametricTerms) -> None:
         self.weak, self.terms = weak, terms
-        self.whitening = weak.whitening((), np.zeros(0))
+        self.whitening = weak.whitening_matrix((), np.zeros(0))
         target = self.whitening @ weak.target
-        columns = self.whitening @ weak.matrix(library) if library else np.zeros((len(target), 0))
+        columns = (
+            self.whitening @ weak.term_integral_matrix(library) if library else np.zeros((len(target), 0))
+        )
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         self.basis = left[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
 
-    def squares(self, values: np.ndarray) -> float:
+    def squares_left(self, values: np.ndarray) -> float:
         """Return the sum of squares that is left with numbers (k,); infinite where a term says nothing."""
-        numbers = dict(zip(self.terms.names, values.tolist(), strict=True))
-        terms = [self.terms.term(template, numbers) for template in self.terms.templates]
+        numbers = dict(zip(self.terms.parameter_names, values.tolist(), strict=True))
+        terms = [self.terms.term_with_values(template, numbers) for template in self.terms.templates]
         if any(term is None for term in terms):
             return math.inf
         with np.errstate(all="ignore"):
-            columns = self.whitening @ self.weak.matrix([term for term in terms if term is not None])
+            columns = self.whitening @ self.weak.term_integral_matrix(
+                [term for term in terms if term is not None]
+            )
         if not np.isfinite(columns).all():
             return math.inf
         sizes = np.linalg.norm(columns, axis=0)
@@ -219,7 +251,7 @@ class _Remainder:
         return float(left @ left)
 
 
-def _grid(weak: WeakForm) -> np.ndarray:
+def _trial_values(weak: WeakForm) -> np.ndarray:
     """Numbers to try: heights within the motion, and sizes of it, of its speed, and of their inverses."""
     z = np.concatenate([motion.z for motion in weak.motions])
     speed = np.concatenate([motion.velocity for motion in weak.motions]).std()
@@ -229,7 +261,7 @@ def _grid(weak: WeakForm) -> np.ndarray:
     return np.unique(np.concatenate([heights, sizes, -sizes]))
 
 
-def _refined(judged: _Remainder, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
+def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
     """Numbers with one of them moved, between its neighbours on the grid, to where least is left."""
     from scipy.optimize import minimize_scalar
 
@@ -239,7 +271,7 @@ def _refined(judged: _Remainder, best: np.ndarray, k: int, grid: np.ndarray) -> 
     def squares(value: float) -> float:
         moved = best.copy()
         moved[k] = value
-        left = judged.squares(moved)
+        left = residual.squares_left(moved)
         return left if math.isfinite(left) else 1e300
 
     solution = minimize_scalar(

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from granular.methods.method import COMPENSATED
 from granular.shared.errors import GranularError
 from validation.hard_cases import catalogue
-from validation.hard_cases.case import BROKEN, HardCase
-from validation.runner import PlainData, Section, Task
-from validation.table import TextTable, tabulate, text_table
+from validation.hard_cases.hard_case import BROKEN, HardCase
+from validation.report_tasks import PlainData, Section, Task
+from validation.text_tables import TextTable, tabulate, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page

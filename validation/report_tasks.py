@@ -20,7 +20,7 @@ from granular.shared.result_cache import ResultCache, digest
 
 if TYPE_CHECKING:
     from granular.shared.html import Page
-    from validation.table import TextTable
+    from validation.text_tables import TextTable
 
 Plain = dict[str, Any]
 
@@ -180,7 +180,7 @@ def _task_key(name: str, task: Task) -> str:
     return f"{name}-{digest(content, KEY_LENGTH)}"
 
 
-_SHOWING = ("report.py", "table.py", "html.py", "plotting.py", "published.py")
+_SHOWING = ("report.py", "text_tables.py", "html.py", "plotting.py", "published.py")
 """Files that only show what was measured, or on which no section depends."""
 
 

@@ -44,7 +44,7 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.lattice import POWER, Lattice, lattice_under
+from reduced_models.falls.lattice_pressure import POWER, PressedLattice, lattice_under_pressure
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -141,11 +141,11 @@ def predict(scene: Scene) -> PredictedLaw:
     piston = scene.piston
     friction = 0.0 if piston is None else piston.friction
     if piston is not None and piston.mass is not None and friction:
-        values = bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse=False)
+        values = predict_bed_parameters(scene.replace(**{"piston.friction": 0.0}), refuse=False)
         values["friction"] = friction / accelerated_mass(scene, values)
         # A piston that sticks has no small swing.
         return PredictedLaw(values, (piston.height, 0.0), None, {"from": f"the scene {scene.name}"}, RUBBING)
-    values = bed_parameters(scene, refuse=False)
+    values = predict_bed_parameters(scene, refuse=False)
     assert piston is not None
     swing = small_swing(LAW, [values[name] for name in LAW.parameters], values["rest"])
     at_rest = None
@@ -155,7 +155,7 @@ def predict(scene: Scene) -> PredictedLaw:
 
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
-    """Mass [kg] that the law's accelerations belong to, by its `bed_parameters`."""
+    """Mass [kg] that the law's accelerations belong to, by its `predict_bed_parameters`."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -163,7 +163,7 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     return WEIGHT * piston.mass * gravity.acceleration / values["weight"]
 
 
-def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
+def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
     """Parameters of ``elastoplastic-bed`` for a scene.
 
     Raises
@@ -200,9 +200,9 @@ def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
     resistance = grains.count * float(np.array(grains.fractions()) @ grains.face_ratios()) * drag
     inertia = float(grains.masses().sum()) / 3.0
     modulus = MODULUS * lattice.shear
-    swing = _Swing(weight, rest, gravity, lattice.power, modulus)
+    swing = _SmallSwing(weight, rest, gravity, lattice.power, modulus)
     late = _lateness_number(resistance, swing)
-    outside = _outside_text(scene, late)
+    outside = _outside_range_text(scene, late)
     if outside and refuse:
         raise InputError(f"{outside}, or fit the law to a fall instead")
     if outside:
@@ -219,7 +219,7 @@ def bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, float]:
     }
 
 
-def lattice_at_rest(scene: Scene) -> Lattice:
+def lattice_at_rest(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains under the weight of its piston."""
     from granular.schema.scales import Scales
 
@@ -228,10 +228,10 @@ def lattice_at_rest(scene: Scene) -> Lattice:
     assert piston.mass is not None
     assert gravity is not None
     weight = piston.mass * gravity.acceleration
-    return lattice_under(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
+    return lattice_under_pressure(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
 
 
-def _outside_text(scene: Scene, late: float) -> str:
+def _outside_range_text(scene: Scene, late: float) -> str:
     """Why the law was not compared with such a fall; empty where it was."""
     if scene.grains.count < FEWEST:
         return (
@@ -254,7 +254,7 @@ def _outside_text(scene: Scene, late: float) -> str:
     return ""
 
 
-class _Swing(NamedTuple):
+class _SmallSwing(NamedTuple):
     """Inputs of a small swing: the piston's weight [N], rest [m], g, and the bed's numbers."""
 
     weight: float
@@ -274,7 +274,7 @@ class _Swing(NamedTuple):
         return math.sqrt((self.power + self.modulus) * self.gravity / self.rest)
 
 
-def _missing_mass(resistance: float, swing: _Swing) -> float:
+def _missing_mass(resistance: float, swing: _SmallSwing) -> float:
     """Mass that seems to be missing, as the bed follows late [kg]: see the module's first lines.
 
     ``resistance`` is the drag of all grains [kg/s].
@@ -284,12 +284,12 @@ def _missing_mass(resistance: float, swing: _Swing) -> float:
     return missing / (1.0 + (LATE * late / 15.0) ** 2)
 
 
-def _lateness_number(resistance: float, swing: _Swing) -> float:
+def _lateness_number(resistance: float, swing: _SmallSwing) -> float:
     """LATE x/15: where it is not small, the missing mass of a small swing is not that of a fall."""
     return LATE / 15.0 * swing.angular_frequency * resistance / swing.stiffness
 
 
-class ShakingRange(NamedTuple):
+class ValidShakingRange(NamedTuple):
     """The range in which ``annealing-bed`` may stand in for a shaken bed, and its errors there.
 
     Measured on the pushed piston of the packaged damper: fallen from 20 D to rest (for 368 grains;
@@ -324,11 +324,11 @@ LOSS_ERROR = 0.13
 """Greatest of prescribed sines of 0.5 to 3 D, of 368 and 736 grains."""
 
 
-def shaking_range(scene: Scene) -> ShakingRange:
+def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     """Return the range in which ``annealing-bed`` may stand in for the bed of a scene.
 
     Amplitudes go with the size of the bed, sqrt(N/368). Smaller ones were not measured. The bounds
-    are those of simulated responses of the packaged damper, of 368 grains: see `ShakingRange`.
+    are those of simulated responses of the packaged damper, of 368 grains: see `ValidShakingRange`.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def shaking_range(scene: Scene) -> ShakingRange:
 
     Returns
     -------
-    ShakingRange
+    ValidShakingRange
         Bounds of frequency [Hz] and amplitude [m], and the relative errors of response and loss
         within them.
 
@@ -348,8 +348,8 @@ def shaking_range(scene: Scene) -> ShakingRange:
         presses together, too few grains, walls of discs, or more drag over the piston's mass than
         was compared with falls.
     """
-    bed_parameters(scene)  # refuses what is not known
+    predict_bed_parameters(scene)  # refuses what is not known
     grains = scene.grains
     unit = math.sqrt(grains.count / 368) * grains.species[0].diameter
     least, greatest = AMPLITUDES
-    return ShakingRange((least * unit, greatest * unit), FREQUENCIES, RESPONSE_ERROR, LOSS_ERROR)
+    return ValidShakingRange((least * unit, greatest * unit), FREQUENCIES, RESPONSE_ERROR, LOSS_ERROR)

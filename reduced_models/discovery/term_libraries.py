@@ -11,16 +11,16 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.selection import (
-    all_subsets,
-    common_unit_judges,
+from reduced_models.discovery.subset_selection import (
+    all_index_subsets,
     normalise_columns,
     score_subsets,
+    scorers_in_common_unit,
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
-    physical_library,
-    read_terms,
+    parse_term_expressions,
+    physical_library_terms,
     sort_terms,
     split_terms,
     structure_text,
@@ -29,10 +29,10 @@ from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.height_map import HeightMap
 
 PHYSICAL = "physical"
-"""The library without another name: see `reduced_models.discovery.terms.physical_library`."""
+"""The library without another name: see `reduced_models.discovery.terms.physical_library_terms`."""
 
 MEMORY = "memory"
-"""The library with hidden states, which is judged by itself: `reduced_models.discovery.memory`."""
+"""The library with hidden states, judged by itself: see `reduced_models.discovery.hidden_state_search`."""
 
 _PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
 
@@ -103,18 +103,18 @@ def library_terms(
                 f"or {MEMORY}, and own terms by terms="
             )
         if name == PHYSICAL:
-            terms |= dict.fromkeys(physical_library(degree, column is not None))
+            terms |= dict.fromkeys(physical_library_terms(degree, column is not None))
         elif name == "driven" and column is None:
             raise InputError("library = 'driven' needs an input; name its column with input=")
         else:
-            terms |= dict.fromkeys(custom_terms(LIBRARIES[name][0], column))
-    terms |= dict.fromkeys(custom_terms(texts, column))
+            terms |= dict.fromkeys(parse_custom_terms(LIBRARIES[name][0], column))
+    terms |= dict.fromkeys(parse_custom_terms(texts, column))
     if not terms:
         raise InputError("there are no terms to choose from; give library= or terms=")
     return tuple(sort_terms(terms))
 
 
-def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
+def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     """Terms of texts that users write.
 
     Raises
@@ -123,7 +123,7 @@ def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
         If a text is no term.
     """
     all_terms: list[AnyTerm] = []
-    for text, expression in zip(texts, read_terms(texts, column), strict=True):
+    for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
         terms = split_terms(expression)
         if terms is None:
             raise InputError(f"the term {quote(text)} is no function of z and z' with exact numbers")
@@ -131,7 +131,7 @@ def custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
     return all_terms
 
 
-def program_functions(names: Sequence[str], method: str) -> tuple[str, ...]:
+def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
     """Functions by the names that a method's program knows them by.
 
     Raises
@@ -162,14 +162,14 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
     for z in (motion.z, motion.smooth):
         if not np.isfinite(term.values(z, motion.velocity, drive)).all():
             return "is not finite"
-        if has_pole(term, z, motion.velocity, drive):
+        if term_has_pole(term, z, motion.velocity, drive):
             return "has a pole"
     if not all(np.isfinite(slope).all() for slope in _term_derivatives(motion, term)):
         return "has no finite slope"
     return ""
 
 
-def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
+def term_has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) -> bool:
     """Return true for a term that grows without bound between finite samples.
 
     1/z of a motion through zero is finite at every sample, and says nothing but how near to zero
@@ -201,14 +201,14 @@ def has_pole(term: AnyTerm, z: np.ndarray, v: np.ndarray, u: np.ndarray | None) 
 
 def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
     """Return the derivatives by which the record's noise enters the term's integrals."""
-    if term.total:
-        return [term.by_primitive(motion.z)]
-    if term.still:
-        return [np.asarray(term.by_height(motion.z, motion.velocity, motion.drive))]
-    if not term.moving:
+    if term.is_total_derivative:
+        return [term.height_factor(motion.z)]
+    if term.is_speed_independent:
+        return [np.asarray(term.derivative_by_height(motion.z, motion.velocity, motion.drive))]
+    if not term.varies_with_speed:
         return []
     here = motion.smooth, motion.velocity, motion.drive
-    return [np.asarray(term.by_speed(*here)), np.asarray(term.by_height(*here))]
+    return [np.asarray(term.derivative_by_speed(*here)), np.asarray(term.derivative_by_height(*here))]
 
 
 AUTO = "auto"
@@ -230,7 +230,7 @@ _WHY = {
 }
 
 
-class Proposal(NamedTuple):
+class LibraryProposal(NamedTuple):
     """A library for some records.
 
     Attributes
@@ -260,7 +260,7 @@ def propose_library(
     *,
     map_is_given: bool,
     angle: bool,
-) -> Proposal:
+) -> LibraryProposal:
     """Library whose best sum of terms has the least information criterion along some motions.
 
     Libraries that mean something by z = 0 are looked at where the records are of an angle, or swing
@@ -283,13 +283,13 @@ def propose_library(
 
     Returns
     -------
-    Proposal
+    LibraryProposal
         Library with its terms, map and weak form.
     """
     plain = usual_map == HeightMap() or map_is_given
     weak = weak_form_of(usual_map)
     usual = _physical_proposal(weak, column, degree)
-    proposals = [Proposal(PHYSICAL, usual, usual_map, weak, "")]
+    proposals = [LibraryProposal(PHYSICAL, usual, usual_map, weak, "")]
     for name in LIBRARIES:
         height_map_here, weak_form_here = usual_map, weak
         if name == PHYSICAL or (name == "driven" and column is None):
@@ -303,22 +303,26 @@ def propose_library(
             continue
         terms = library_terms(name, (), 3, column)
         if not any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
-            proposals.append(Proposal(name, terms, height_map_here, weak_form_here, ""))
+            proposals.append(LibraryProposal(name, terms, height_map_here, weak_form_here, ""))
     return _choose_proposal(proposals)
 
 
-def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
-    """Proposal whose best sum has the least criterion, with a note why."""
+def _choose_proposal(proposals: Sequence[LibraryProposal]) -> LibraryProposal:
+    """LibraryProposal whose best sum has the least criterion, with a note why."""
     scored = [
-        score_subsets(proposal.weak, proposal.terms, proposal.terms, all_subsets(len(proposal.terms)))
+        score_subsets(proposal.weak, proposal.terms, proposal.terms, all_index_subsets(len(proposal.terms)))
         for proposal in proposals
     ]
-    judges = common_unit_judges([judge for _, judge in scored])
+    scorers = scorers_in_common_unit([scorer for _, scorer in scored])
     sums = [ranked[0] for ranked, _ in scored]
     terms = [tuple(sort_terms(item.terms)) for item in sums]
-    squares = [judge.squares(item.misfit, len(item.terms)) for item, judge in zip(sums, judges, strict=True)]
+    squares = [
+        scorer.squares_from_misfit(item.misfit, len(item.terms))
+        for item, scorer in zip(sums, scorers, strict=True)
+    ]
     criteria = [
-        judge.criterion(value, len(term)) for judge, value, term in zip(judges, squares, terms, strict=True)
+        scorer.information_criterion(value, len(term))
+        for scorer, value, term in zip(scorers, squares, terms, strict=True)
     ]
     best = int(np.argmin(criteria))
     gain = criteria[0] - criteria[best]
@@ -331,7 +335,7 @@ def _choose_proposal(proposals: Sequence[Proposal]) -> Proposal:
             f"(information criterion {f'{gain:.0f}' if gain < 1e4 else 'far'} below that of "
             f"{PHYSICAL!r}); another library: library="
         )
-        if (squares[0] - squares[best]) / judges[0].excess < _CLEAR:
+        if (squares[0] - squares[best]) / scorers[0].excess < _CLEAR:
             notes.append(
                 f"the data cannot tell whether it is that or {structure_text(terms[0])}, which fits "
                 f"as well with {len(terms[0])} numbers for {len(terms[best])}"
@@ -355,20 +359,20 @@ def _physical_proposal(weak: WeakForm, column: str | None, least_degree: int) ->
     least = math.inf
     for degree in (least_degree, *(degree for degree in _DEGREES if degree > least_degree)):
         terms = library_terms(PHYSICAL, (), degree, column)
-        error = test_error_of_terms(weak, terms)
+        error = held_out_error_of_terms(weak, terms)
         if chosen and error > _BETTER * least:
             break
         chosen, least = terms, error
     return chosen
 
 
-def test_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
+def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
     """Rms of every third white residual, with coefficients that have not seen it.
 
     Infinite where there are fewer integrals than terms.
     """
-    whitening = weak.whitening((), np.zeros(0))
-    matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
+    whitening = weak.whitening_matrix((), np.zeros(0))
+    matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     held = np.arange(len(target)) % 3 == 2
     if int((~held).sum()) <= len(terms):
         return math.inf

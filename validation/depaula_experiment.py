@@ -24,8 +24,8 @@ from granular.effects.wall_experimental import force
 from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
-from validation.runner import PlainData, Section, Task
-from validation.table import WIDTH, TextTable, legend_below, text_table
+from validation.report_tasks import PlainData, Section, Task
+from validation.text_tables import WIDTH, TextTable, legend_below, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,7 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from validation.exact import Problem
 from validation.exact.problem import BOTTOM_ONLY, single_grain_scene
-from validation.hard_cases.case import (
+from validation.hard_cases.hard_case import (
     BROKEN,
     HardCase,
     Measure,
@@ -255,7 +255,7 @@ def near_stability_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Ca
     tuple of function and float
         Function that makes the scene, and the step [s].
     """
-    from validation.exact.oscillation import harmonic_period, oscillation_problem
+    from validation.exact.bounce import harmonic_period, oscillation_problem
 
     scene = oscillation_problem(amplitude).scene
     step = fraction * harmonic_period(scene) / math.pi

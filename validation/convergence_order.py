@@ -26,7 +26,7 @@ import numpy as np
 from granular.methods import METHODS, method_named
 from granular.methods.method import COMPENSATED
 from granular.shared.errors import InputError, RunError
-from validation import outside
+from validation import external_integrators
 from validation.convergence_result import (
     CLEAR,
     HIGH_ORDER,
@@ -38,7 +38,7 @@ from validation.convergence_result import (
 )
 from validation.exact import NAMES, bounce, exact_problem
 from validation.exact.problem import Problem, Snapshot
-from validation.runner import Plain, Section, Task
+from validation.report_tasks import Plain, Section, Task
 
 if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
@@ -280,7 +280,9 @@ def convergence_tasks(full: bool) -> list[Task]:
     ]
     problems = OUTSIDE_PROBLEMS if full else OUTSIDE_PROBLEMS[:1]
     return tasks + [
-        convergence_task(reference, name, full) for name in problems for reference in outside.ORDERS
+        convergence_task(reference, name, full)
+        for name in problems
+        for reference in external_integrators.ORDERS
     ]
 
 
@@ -303,13 +305,13 @@ def method_to_plot(name: str) -> str:
 def _measure_convergence(name: str, method: str, full: bool) -> Plain:
     # Methods of order one would need too many steps for all of de Paula's 2 s; those of high
     # order have too few steps that are short enough for every turn and still clear of rounding.
-    reference = method in outside.ORDERS
+    reference = method in external_integrators.ORDERS
     short = not full or reference or _is_shown_briefly(method)
     problem = exact_problem(name)
     if short and name == "bounce":
         problem = bounce.bounce_problem(time=bounce.SHORT)
     if reference:
-        solve, order = outside.outside_solver(method), outside.ORDERS[method]
+        solve, order = external_integrators.outside_solver(method), external_integrators.ORDERS[method]
         # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
         counts = step_counts(dataclasses.replace(problem, fewest=2 * problem.fewest), solve, order)
         return convergence(problem, method, counts, solver=solve, order=order).to_plain()

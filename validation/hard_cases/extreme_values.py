@@ -8,7 +8,7 @@ from typing import Any
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.case import HardCase, cut_to_few_grains
+from validation.hard_cases.hard_case import HardCase, cut_to_few_grains
 
 
 def _count(number: int) -> Scene:

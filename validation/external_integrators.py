@@ -130,7 +130,7 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]
 
 
 def outside_solver(name: str) -> Callable[[Problem, int], Snapshot]:
-    """Outside reference at equal steps, to see its order with `validation.order`."""
+    """Outside reference at equal steps, to see its order with `validation.convergence_order`."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
     def fixed(problem: Problem, count: int) -> Snapshot:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.messages import format_factor
-from reduced_models.discovery.polishing import parametrise
+from reduced_models.discovery.polishing import replace_numbers_by_symbols
 from reduced_models.discovery.result import CandidateEquation, pareto_front
-from reduced_models.discovery.selection import Judge, normalise_columns, score_terms
-from reduced_models.discovery.structures import make_candidate
+from reduced_models.discovery.structure_proposals import candidate_from_terms
+from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
 from reduced_models.discovery.terms import AnyTerm, sort_terms, structure_text
 
 _POOR = 2.0
@@ -23,11 +23,11 @@ _MOST_TRIED = 20
 _HOPELESS = 15.0  # a criterion that is so much worse is not made good by fitting
 
 
-def polish_front(
+def polish_and_choose_candidate(
     candidates: list[CandidateEquation],
     polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
-    judge: Judge,
+    scorer: EquationScorer,
     others: Sequence[CandidateEquation] = (),
 ) -> tuple[list[CandidateEquation], int]:
     """Pareto front, with all polished candidates, and the index of the chosen one.
@@ -40,13 +40,13 @@ def polish_front(
     ]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
-        done += _best_polishable(
+        done += _first_polishable_candidate(
             [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)], polish
         )
-    done = _with_pruned_candidates(done, polish, judge)
+    done = _add_pruned_candidates(done, polish, scorer)
     fitted = [candidate_ for candidate_ in done if candidate_.models]
     if fitted:
-        best = _simplest_candidate(fitted, _solution_criteria(fitted, judge))
+        best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
     else:
         left = [*done, *order[len(done) :]]
         best = _simplest_candidate(left, [candidate_.criterion for candidate_ in left])
@@ -62,7 +62,7 @@ def polish_front(
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
 
-def _best_polishable(
+def _first_polishable_candidate(
     order: Sequence[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation]
 ) -> list[CandidateEquation]:
     """Best of those that come next which can be polished; none where none of many can."""
@@ -73,15 +73,17 @@ def _best_polishable(
     return []
 
 
-def _with_pruned_candidates(
-    done: list[CandidateEquation], polish: Callable[[CandidateEquation], CandidateEquation], judge: Judge
+def _add_pruned_candidates(
+    done: list[CandidateEquation],
+    polish: Callable[[CandidateEquation], CandidateEquation],
+    scorer: EquationScorer,
 ) -> list[CandidateEquation]:
     """Polished candidates, and what is left of them without the terms that may be zero."""
     candidates = list(done)
     for candidate in candidates:  # which grows: what is left may have such terms as well
-        needed = _needed_terms(candidate)
+        needed = _significant_terms(candidate)
         if needed:
-            simpler = make_candidate(score_terms(judge, needed))
+            simpler = candidate_from_terms(score_terms(scorer, needed))
             if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates
@@ -97,7 +99,7 @@ def _has_same_structure(candidate: CandidateEquation, others: Sequence[Candidate
     )
 
 
-def _needed_terms(candidate: CandidateEquation) -> list[AnyTerm]:
+def _significant_terms(candidate: CandidateEquation) -> list[AnyTerm]:
     """Terms whose coefficients' intervals leave out zero."""
     if candidate.model is None or candidate.terms is None:
         return []
@@ -113,34 +115,37 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
     near = [
         (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
     ]
-    return min(near, key=lambda pair: (_number_count(pair[0]), pair[1]))[0]
+    return min(near, key=lambda pair: (_parameter_count(pair[0]), pair[1]))[0]
 
 
-def _number_count(candidate: CandidateEquation) -> int:
+def _parameter_count(candidate: CandidateEquation) -> int:
     if candidate.models:  # numbers within terms, and a hidden state's, count too
         return len(candidate.models[0].parameters)
-    return len(parametrise(candidate.expression)[1])
+    return len(replace_numbers_by_symbols(candidate.expression)[1])
 
 
-def _solution_criteria(fitted: list[CandidateEquation], judge: Judge) -> list[float]:
+def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
     """Criterion with the residuals of the solutions instead of the weak ones."""
-    weighing = dataclasses.replace(judge, excess=1.0)
+    weighing = dataclasses.replace(scorer, excess=1.0)
     squares = np.zeros(len(fitted))
-    for k, motion in enumerate(judge.weak.motions):
+    for k, motion in enumerate(scorer.weak.motions):
         models = [fit.models[k] for fit in fitted]
         residuals = np.array([model.quality.residual for model in models])
         noise = max(motion.noise * abs(models[0].map.scale), float(residuals.min()), 1e-300)
         squares += len(motion.time) * (residuals / noise) ** 2
     counts = [len(fit.models[0].parameters) for fit in fitted]
-    return [weighing.criterion(float(square), count) for square, count in zip(squares, counts, strict=True)]
+    return [
+        weighing.information_criterion(float(square), count)
+        for square, count in zip(squares, counts, strict=True)
+    ]
 
 
-def candidate_notes(best: CandidateEquation, judge: Judge) -> tuple[str, ...]:
+def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple[str, ...]:
     notes = []
     left = best.error
     if best.models:
         # The solution itself tells more than integrals with an estimate of z' in them.
-        noises = [motion.noise for motion in judge.weak.motions]
+        noises = [motion.noise for motion in scorer.weak.motions]
         left = max(
             model.quality.residual / (noise * abs(model.map.scale))
             for model, noise in zip(best.models, noises, strict=True)
@@ -161,7 +166,7 @@ _LEAST_SHARE = 0.1
 """Of the resamples: a structure that wins less often is no rival."""
 
 
-class Evidence(NamedTuple):
+class StructureEvidence(NamedTuple):
     """Evidence for a structure, by stability selection.
 
     Halves of the integrals are drawn at random, and each chooses anew (Meinshausen & Buhlmann 2010,
@@ -169,7 +174,7 @@ class Evidence(NamedTuple):
 
     Attributes
     ----------
-    prices : dict of str to float
+    criterion_increases : dict of str to float
         By how much the information criterion rises where a term is left out.
     fraction : float
         Of random halves of the integrals, that choose this structure or it with more terms.
@@ -177,12 +182,12 @@ class Evidence(NamedTuple):
         Structures that the others choose, the most frequent first.
     """
 
-    costs: dict[str, float]
+    criterion_increases: dict[str, float]
     fraction: float
     rivals: tuple[str, ...]
 
     @property
-    def note(self) -> str:
+    def rival_note(self) -> str:
         """That the data cannot tell, where they cannot; empty otherwise."""
         if not self.rivals:
             return ""
@@ -192,16 +197,16 @@ class Evidence(NamedTuple):
         )
 
 
-def weigh_evidence(
-    chosen: CandidateEquation, candidates: Sequence[CandidateEquation], judge: Judge, seed: int
-) -> Evidence | None:
+def weigh_structure_evidence(
+    chosen: CandidateEquation, candidates: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
+) -> StructureEvidence | None:
     """Weigh a chosen sum of terms against other candidates; None where it is no such sum."""
     if chosen.terms is None or not chosen.terms:
         return None
     own = sort_terms(chosen.terms)
-    total = score_terms(judge, own).criterion
-    costs = {
-        term.text: (score_terms(judge, rest).criterion if rest else _empty_candidate(judge)) - total
+    total = score_terms(scorer, own).criterion
+    increases = {
+        term.text: (score_terms(scorer, rest).criterion if rest else _criterion_without_terms(scorer)) - total
         for term in own
         if (rest := [item for item in own if item != term]) is not None
     }
@@ -210,7 +215,7 @@ def weigh_evidence(
         terms = None if candidate.terms is None else tuple(sort_terms(candidate.terms))
         if terms and terms not in structures:
             structures.append(terms)
-    fractions = _selection_fractions(judge, structures, seed)
+    fractions = _selection_fractions(scorer, structures, seed)
     order = np.argsort(-fractions[1:], kind="stable") + 1
     # With a further term the structure holds as well: that is no other one.
     rivals = tuple(
@@ -221,20 +226,22 @@ def weigh_evidence(
     fraction = sum(
         value for value, terms in zip(fractions, structures, strict=True) if set(terms) >= set(own)
     )
-    return Evidence(costs, float(fraction), rivals)
+    return StructureEvidence(increases, float(fraction), rivals)
 
 
-def _empty_candidate(judge: Judge) -> float:
-    target = judge.whitening @ judge.weak.target
-    return judge.criterion(float(target @ target), 0)
+def _criterion_without_terms(scorer: EquationScorer) -> float:
+    target = scorer.whitening @ scorer.weak.target
+    return scorer.information_criterion(float(target @ target), 0)
 
 
-def _selection_fractions(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]], seed: int) -> np.ndarray:
+def _selection_fractions(
+    scorer: EquationScorer, structures: Sequence[tuple[AnyTerm, ...]], seed: int
+) -> np.ndarray:
     """Fraction of the resamples of the white integrals in which each structure is best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
-    columns, _ = normalise_columns(judge.whitening @ judge.weak.matrix(union))
-    target = judge.whitening @ judge.weak.target
+    columns, _ = normalise_columns(scorer.whitening @ scorer.weak.term_integral_matrix(union))
+    target = scorer.whitening @ scorer.weak.target
     chosen = [np.array([index[term] for term in terms]) for terms in structures]
     random = np.random.default_rng(seed)
     wins = np.zeros(len(structures))
@@ -242,12 +249,14 @@ def _selection_fractions(judge: Judge, structures: Sequence[tuple[AnyTerm, ...]]
         half = random.permutation(len(target))[: len(target) // 2]
         matrix, vector = columns[half], target[half]
         gram, moment, total = matrix.T @ matrix, matrix.T @ vector, float(vector @ vector)
-        criteria = [_criterion(judge, gram, moment, total, quantity) for quantity in chosen]
+        criteria = [_subset_criterion(scorer, gram, moment, total, quantity) for quantity in chosen]
         wins[int(np.argmin(criteria))] += 1.0
     return wins / _RESAMPLES
 
 
-def _criterion(judge: Judge, gram: np.ndarray, moment: np.ndarray, total: float, chosen: np.ndarray) -> float:
+def _subset_criterion(
+    scorer: EquationScorer, gram: np.ndarray, moment: np.ndarray, total: float, chosen: np.ndarray
+) -> float:
     inner = gram[np.ix_(chosen, chosen)] + 1e-12 * np.eye(len(chosen))
     gain = float(moment[chosen] @ np.linalg.solve(inner, moment[chosen]))
-    return judge.criterion(total - gain, len(chosen))
+    return scorer.information_criterion(total - gain, len(chosen))

@@ -221,7 +221,7 @@ def score_drops(
         raise InputError("give at least one law")
     level = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
     _check_falls(record, unseen, level)  # before the fits, which take minutes
-    return judge_fits(record, fit_drops(record, laws, scene, starts), unseen, level)
+    return score_fitted_laws(record, fit_laws_to_fall(record, laws, scene, starts), unseen, level)
 
 
 def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], level: float) -> None:
@@ -236,17 +236,17 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], level
             )
 
 
-def fit_drops(
+def fit_laws_to_fall(
     record: PistonRecord, laws: Sequence[str | Law], scene: Scene | None, starts: int
 ) -> list[DropScore]:
     """Laws fitted to one fall, as of `score_drops`, not judged yet."""
-    return [_fit_drop(resolve_law(law, record), record, scene, starts) for law in laws]
+    return [_fit_law_to_fall(resolve_law(law, record), record, scene, starts) for law in laws]
 
 
-def judge_fits(
+def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], level: float
 ) -> DropScores:
-    """Laws of `fit_drops`, judged on falls that they have not seen.
+    """Laws of `fit_laws_to_fall`, judged on falls that they have not seen.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def judge_fits(
         row
         if (model := row.model) is None
         else dataclasses.replace(
-            row, errors=tuple(fall_error(model, fall, level) for fall in unseen.values())
+            row, errors=tuple(fall_prediction_error(model, fall, level) for fall in unseen.values())
         )
         for row in fits
     ]
@@ -272,7 +272,7 @@ def judge_fits(
     return DropScores(record, level, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
-def _fit_drop(law: Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
+def _fit_law_to_fall(law: Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the model keeps its notes
@@ -294,15 +294,15 @@ def _scene_starts(law: Law, scene: Scene | None) -> dict[str, float] | None:
     """Start values by the scene of a fall."""
     if scene is None or law.name != "elastoplastic-bed":
         return None
-    from reduced_models.falls.theory import bed_parameters
+    from reduced_models.falls.predicted_law import predict_bed_parameters
 
     try:
-        return bed_parameters(scene)
+        return predict_bed_parameters(scene)
     except InputError:
         return None
 
 
-def fall_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
+def fall_prediction_error(model: ReducedModel, fall: PistonRecord, level: float) -> float:
     """Rms error of a fall that a law predicts from the first height alone, over the drop.
 
     Infinite where the law diverges.

@@ -20,10 +20,10 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import RunError
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.exact import bounce, oscillation
-from validation.runner import PlainData, Section, Task
-from validation.table import WIDTH, TextTable, legend_below, text_table
-from validation.trend import BLOCKS, SIGNIFICANCE, Trend, energy_trend
+from validation.exact import bounce
+from validation.report_tasks import PlainData, Section, Task
+from validation.text_tables import WIDTH, TextTable, legend_below, text_table
+from validation.trend_significance import BLOCKS, SIGNIFICANCE, Trend, energy_trend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,8 +124,8 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 
 def wall_oscillation(method: str, periods: int) -> EnergyRun:
     """Grain that swings above the wall, with a method and so many periods."""
-    start, dt = oscillation.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
-    time = periods * oscillation.harmonic_period(start.scene, 0.5)
+    start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
+    time = periods * bounce.harmonic_period(start.scene, 0.5)
     return EnergyRun("swing above the wall", _with_records(start.scene, dt, time), method, dt, time)
 
 

@@ -17,8 +17,13 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.falls.lattice import touching_density
-from reduced_models.falls.theory import LAW, OutsideRangeWarning, accelerated_mass, bed_parameters
+from reduced_models.falls.lattice_pressure import touching_lattice_density
+from reduced_models.falls.predicted_law import (
+    LAW,
+    OutsideRangeWarning,
+    accelerated_mass,
+    predict_bed_parameters,
+)
 from reduced_models.laws.equation import compile_rates
 
 if TYPE_CHECKING:
@@ -35,7 +40,7 @@ SAMPLES = 3001
 TOLERANCE = 1e-8
 
 
-class WholeFall(NamedTuple):
+class FallSummary(NamedTuple):
     """Figures of a fall that begins at rest.
 
     Attributes
@@ -53,7 +58,7 @@ class WholeFall(NamedTuple):
         Energy that the drag of grains takes that follow the piston affinely [J].
     excess_loss : float
         Energy lost beyond that, by grains that rearrange [J].
-    simulated : WholeFall or None
+    simulated : FallSummary or None
         The same of a simulation, where one was run.
     """
 
@@ -64,7 +69,7 @@ class WholeFall(NamedTuple):
     deepest: float
     affine_loss: float
     excess_loss: float
-    simulated: WholeFall | None = None
+    simulated: FallSummary | None = None
 
     @property
     def excess(self) -> float:
@@ -88,9 +93,9 @@ class WholeFall(NamedTuple):
         return text if simulated is None else f"by the law: {text}\nsimulated: {simulated}"
 
 
-def whole_fall(
+def predict_fall(
     scene: Scene, height: float | None = None, *, simulate: bool | None = None, progress: bool = True
-) -> WholeFall:
+) -> FallSummary:
     """Return figures of a fall by the law of `predict`, and simulate it where the law is uncertain.
 
     Parameters
@@ -106,7 +111,7 @@ def whole_fall(
 
     Returns
     -------
-    WholeFall
+    FallSummary
         Heights of start and rest and the least one [m], settling time [s], greatest force [N] and
         energies lost [J]; and the same of the simulation, where one was run.
 
@@ -126,20 +131,20 @@ def whole_fall(
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        values = bed_parameters(scene, refuse=False)
+        values = predict_bed_parameters(scene, refuse=False)
     for warning in caught:
         warnings.warn(warning.message, stacklevel=2)
     outside = any(warning.category is OutsideRangeWarning for warning in caught)
-    result = _fall_by_law(scene, values, height)
-    if pressed := _pressed_text(scene, result.deepest):
+    result = _summarise_fall_by_law(scene, values, height)
+    if pressed := _touching_discs_text(scene, result.deepest):
         outside = True
         warnings.warn(pressed, OutsideRangeWarning, stacklevel=2)
     if not (outside if simulate is None else simulate):
         return result
-    return result._replace(simulated=_simulated_fall(scene, result.height, progress))
+    return result._replace(simulated=_summarise_simulated_fall(scene, result.height, progress))
 
 
-def _fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> WholeFall:
+def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> FallSummary:
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -150,14 +155,14 @@ def _fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -
             f"the fall begins at {start:g} m, not above the level of rest, {values['rest']:g} m; "
             "give a greater height"
         )
-    times = np.linspace(0.0, _followed_time(scene), SAMPLES)
+    times = np.linspace(0.0, _fall_duration(scene), SAMPLES)
     z, v, w, affine, excess = _solve_fall(values, start, times)
     moved = accelerated_mass(scene, values)
     numbers = [values[name] for name in LAW.parameters]
     acceleration = np.asarray(compile_rates(LAW.equation, (), "numpy")(z, v, w, *numbers)[0])
     force = piston.mass * (gravity.acceleration + acceleration)
     rest = values["rest"]
-    return WholeFall(
+    return FallSummary(
         start,
         rest,
         _settling_time(times, z, rest),
@@ -168,10 +173,12 @@ def _fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -
     )
 
 
-def _pressed_text(scene: Scene, deepest: float) -> str:
+def _touching_discs_text(scene: Scene, deepest: float) -> str:
     """Say that a fall presses discs together, which the law does not know; empty where it does not."""
     grains = scene.grains
-    touching = grains.count * grains.species[0].diameter ** 2 / (scene.cell.width * touching_density(grains))
+    touching = (
+        grains.count * grains.species[0].diameter ** 2 / (scene.cell.width * touching_lattice_density(grains))
+    )
     if grains.magnets == "dipoles" or deepest > TOUCHING * touching:
         return ""
     return (
@@ -180,7 +187,7 @@ def _pressed_text(scene: Scene, deepest: float) -> str:
     )
 
 
-def _followed_time(scene: Scene) -> float:
+def _fall_duration(scene: Scene) -> float:
     return DURATION * (scene.grains.count / 368) ** 0.25
 
 
@@ -190,7 +197,7 @@ def _settling_time(times: np.ndarray, z: np.ndarray, rest: float) -> float:
     return float(times[last]) if last < len(times) else math.inf
 
 
-def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
+def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> FallSummary:
     """Figures of the same fall in a simulation, which takes its last tenth for rest."""
     from granular import simulate
 
@@ -201,7 +208,7 @@ def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
                 "piston.height": start,
                 "arrangement.height": start - diameter,
                 "output.record": None,
-                "protocol": [{"kind": "free", "name": "drop", "duration": _followed_time(scene)}],
+                "protocol": [{"kind": "free", "name": "drop", "duration": _fall_duration(scene)}],
             }
         ),
         dt="auto*2",
@@ -219,7 +226,7 @@ def _simulated_fall(scene: Scene, start: float, progress: bool) -> WholeFall:
     losses = [name for name in ("drag_loss", "contact_loss") if name in run.dataset]
     lost = sum(float(run.dataset[name].values[-1]) for name in losses)
     rest = float(motion.height[-len(motion.height) // 10 :].mean())
-    return WholeFall(
+    return FallSummary(
         start,
         rest,
         _settling_time(motion.time, motion.height, rest),

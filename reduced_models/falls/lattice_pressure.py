@@ -38,7 +38,7 @@ _THINNEST = 3.5
 """Root of the greatest logarithm of the density of discs that touch over that of a lattice."""
 
 
-class Lattice(NamedTuple):
+class PressedLattice(NamedTuple):
     """A lattice under a pressure.
 
     Attributes
@@ -62,7 +62,7 @@ class Lattice(NamedTuple):
         return (self.power - 2.0) / (POWER - 2.0)
 
 
-def lattice_under(grains: Grains, pressure: float) -> Lattice:
+def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
     """Return the lattice of grains under a pressure [F*/D].
 
     Raises
@@ -72,11 +72,11 @@ def lattice_under(grains: Grains, pressure: float) -> Lattice:
     """
     if grains.magnets == "dipoles" or pressure < _LEAST:
         moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
-        return Lattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
+        return PressedLattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
     from scipy.optimize import brentq
 
-    touching = touching_density(grains)
-    logarithm = _tabulated_pressure(_with_shares(grains), touching)
+    touching = touching_lattice_density(grains)
+    logarithm = _tabulated_pressure(_discs_with_moment_fractions(grains), touching)
     greatest = math.exp(logarithm(0.0))
     if not pressure < greatest:
         raise InputError(
@@ -84,10 +84,10 @@ def lattice_under(grains: Grains, pressure: float) -> Lattice:
             "law of a fall is known for magnets that repel: give less piston.mass, or stronger ones"
         )
     root = brentq(lambda x: logarithm(x) - math.log(pressure), 0.0, _THINNEST, xtol=1e-9)
-    return Lattice(touching * math.exp(-(root**2)), -0.5 * float(logarithm(root, 1)) / root)
+    return PressedLattice(touching * math.exp(-(root**2)), -0.5 * float(logarithm(root, 1)) / root)
 
 
-def touching_density(grains: Grains) -> float:
+def touching_lattice_density(grains: Grains) -> float:
     """Density of the lattice in which grains of the mean diameter touch [1/D^2]."""
     diameter = float(np.array(grains.fractions()) @ np.sqrt(grains.face_ratios()))
     return 1.0 / (math.sqrt(0.75) * diameter**2)
@@ -114,10 +114,10 @@ def lattice_pressure(grains: Grains, density: float) -> float:
     if grains.magnets == "dipoles":
         moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
         return PRESSURE * moment**2 * density**POWER
-    return _disc_pressure(_with_shares(grains), density)
+    return _disc_pressure(_discs_with_moment_fractions(grains), density)
 
 
-def _with_shares(grains: Grains) -> tuple[tuple[Disc, float], ...]:
+def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ...]:
     """Discs of each species, and what its moments have of a grain's mean moment."""
     from granular.effects.dipole import grain_discs
 
@@ -132,7 +132,7 @@ def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> flo
     third, fifth = hexagonal_lattice_sum(3.0) / spacing**3, hexagonal_lattice_sum(5.0) / spacing**5
     total = 0.0
     for (first, weight), (second, other) in itertools.product(discs, repeat=2):
-        shift, rest = _rest(first, second, spacing)
+        shift, rest = _short_range_sum(first, second, spacing)
         total += weight * other * (3.0 * third + 7.5 * shift * fifth + rest)
     return density / 16.0 * total
 
@@ -150,7 +150,7 @@ def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) 
     return CubicSpline(x, np.log(pressures))
 
 
-def _rest(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
+def _short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
     """Shift b of two discs, and the sum of r F(r) less 3 r^-3 + 7.5 b r^-5, over that scale of dipoles.
 
     Below contact the force goes on with its slope, as in a run.

@@ -12,14 +12,14 @@ from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.plotting import figure
-from validation.cost.point import USUAL, SolverSettings
+from validation.cost.advised_setting import USUAL, SolverSettings
 from validation.cost.work_precision import candidate_settings, work_precisions
 from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import exact_problem
-from validation.outside import ORDERS
-from validation.runner import Plain, Section, Task
-from validation.scenes import compression_scene, disturbed_lattice, frictionless_bed
-from validation.table import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.external_integrators import ORDERS
+from validation.report_scenes import compression_scene, disturbed_lattice, frictionless_bed
+from validation.report_tasks import Plain, Section, Task
+from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page

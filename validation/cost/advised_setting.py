@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from validation.outside import ORDERS
+from validation.external_integrators import ORDERS
 
 SURE = 0.95
 """Probability, of one side, with which an error is to lie below its bound."""
@@ -20,7 +20,7 @@ class SolverSettings(NamedTuple):
     Attributes
     ----------
     method : str
-        Name of a method, or of an outside reference, one of `validation.outside.ORDERS`.
+        Name of a method, or of an outside reference, one of `validation.external_integrators.ORDERS`.
     dt : float or str
         Time step [s], or a rule such as ``"auto"``; for an outside reference its tolerance, without
         unit.

@@ -25,7 +25,7 @@ import numpy as np
 from granular.formulas import Function
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
-from reduced_models.discovery.symbolic import scale_samples
+from reduced_models.discovery.operon_search import scale_samples
 
 if TYPE_CHECKING:
     import sympy
@@ -56,7 +56,7 @@ _SERIES = {
 _RANGE = (1e-6, 0.9999)
 
 
-def _scipy_function(index: int) -> Callable[..., Any]:
+def _scipy_elliptic_function(index: int) -> Callable[..., Any]:
     """SciPy's sn, cn or dn of u and m."""
 
     def value(u: Any, m: Any) -> Any:
@@ -67,11 +67,11 @@ def _scipy_function(index: int) -> Callable[..., Any]:
     return value
 
 
-ELLIPTIC = {name: Function(_scipy_function(k), 2, 2) for k, name in enumerate(_SERIES)}
+ELLIPTIC = {name: Function(_scipy_elliptic_function(k), 2, 2) for k, name in enumerate(_SERIES)}
 """Jacobi's functions by the names that PySR knows them by."""
 
 
-def elliptic_operators() -> list[str]:
+def elliptic_julia_operators() -> list[str]:
     """Jacobi's sn, cn, dn of u and m as Julia functions of one line each.
 
     Six terms of the series in the nome q (Abramowitz & Stegun 16.23), for 1e-6 < m < 0.9999; NaN
@@ -87,16 +87,16 @@ def elliptic_operators() -> list[str]:
     ]
 
 
-def elliptic_mappings() -> dict[str, Callable[[Any, Any], Any]]:
+def elliptic_sympy_mappings() -> dict[str, Callable[[Any, Any], Any]]:
     """Return the same functions for SymPy, as symbols."""
     import sympy
 
     return {name: sympy.Function(name) for name in _SERIES}
 
 
-def require_julia() -> None:
+def require_pysr() -> None:
     """Raise `InputError`, with the commands that cure it, unless PySR can run."""
-    lack = missing_requirements()
+    lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
             f"method 'pysr' needs Julia 1.10 or newer, and {lack}; install it with: "
@@ -104,7 +104,7 @@ def require_julia() -> None:
         )
 
 
-def regressor_class() -> Any:
+def import_pysr_regressor() -> Any:
     """Class ``pysr.PySRRegressor``, imported so that Ctrl-C still comes to Python.
 
     Julia takes the signal over otherwise, and ends the process. Without its signals it may have
@@ -128,15 +128,15 @@ def regressor_class() -> Any:
     return PySRRegressor
 
 
-def regressor_settings(
+def pysr_regressor_settings(
     functions: Sequence[str] = (), elliptic: bool = False, effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
     """Keywords of ``pysr.PySRRegressor`` for a repeatable search."""
     binary = ["+", "-", "*", *(name for name in functions if name in _BINARY)]
     return {
-        "binary_operators": binary + (elliptic_operators() if elliptic else []),
+        "binary_operators": binary + (elliptic_julia_operators() if elliptic else []),
         "unary_operators": [name for name in functions if name not in _BINARY],
-        "extra_sympy_mappings": elliptic_mappings() if elliptic else None,
+        "extra_sympy_mappings": elliptic_sympy_mappings() if elliptic else None,
         "niterations": max(1, round(effort * _ITERATIONS)),
         "maxsize": _MOST_ELLIPTIC_NODES if elliptic else _MOST_NODES,
         "precision": 64,
@@ -150,7 +150,7 @@ def regressor_settings(
     }
 
 
-def pysr_expressions(
+def search_expressions_with_pysr(
     inputs: Mapping[str, np.ndarray],
     target: np.ndarray,
     noise: float,
@@ -159,7 +159,7 @@ def pysr_expressions(
     effort: float = 1.0,
     seed: int = 0,
 ) -> list[sympy.Expr]:
-    """Expressions of PySR's hall of fame; arguments as of `operon_expressions`.
+    """Expressions of PySR's hall of fame; arguments as of `search_expressions_with_operon`.
 
     Raises
     ------
@@ -168,19 +168,19 @@ def pysr_expressions(
     KeyboardInterrupt
         After Ctrl-C, also where Julia took it.
     """
-    require_julia()
+    require_pysr()
     samples = scale_samples(inputs, target)
     with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
-        search = regressor_class()(
+        search = import_pysr_regressor()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,
             output_directory=folder,
-            **regressor_settings(functions, elliptic, effort, seed),
+            **pysr_regressor_settings(functions, elliptic, effort, seed),
         )
         search.fit(samples.matrix, samples.target, variable_names=list(samples.names))
         if getattr(search, "interrupted_", False):
             raise KeyboardInterrupt
         # Not the column of SymPy's objects: PySR evaluates its texts to make them.
-        return samples.read(search.equations_["equation"], ELLIPTIC if elliptic else {})
+        return samples.parse_expressions(search.equations_["equation"], ELLIPTIC if elliptic else {})
 
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
@@ -192,14 +192,14 @@ _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
-def missing_requirements() -> str | None:
+def missing_pysr_requirements() -> str | None:
     """Return what PySR lacks here; None where it can run. Never downloads anything."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
     if (julia or project) and _juliacall_version() >= _READS_BOTH:
         return _missing_from_named_julia(julia, project)
-    if _has_resolved():
+    if _has_resolved_julia_packages():
         return None
     if julia or project:
         return f"{EXE} and {PROJECT} are read by juliacall 0.9.28 and newer only"
@@ -214,14 +214,14 @@ def _missing_from_named_julia(julia: str | None, project: str | None) -> str | N
         return f"there is no Julia at {quote(julia)}"
     if not os.path.isdir(project):
         return f"there is no Julia project at {quote(project)}"
-    installed = _project_packages(Path(project))
+    installed = _julia_project_packages(Path(project))
     lack = [name for name in _PACKAGES if name not in installed]
     if lack:
         return f"the Julia project at {quote(project)} lacks {' and '.join(lack)}"
     return None
 
 
-def _project_packages(project: Path) -> set[str]:
+def _julia_project_packages(project: Path) -> set[str]:
     """Return the packages of a project's manifests: Julia takes the one of its version."""
     names: set[str] = set()
     for path in project.iterdir():
@@ -244,7 +244,7 @@ def _juliacall_version() -> tuple[int, ...]:
     return tuple(map(int, words[0].split("."))) if words else (0,)
 
 
-def _has_resolved() -> bool:
+def _has_resolved_julia_packages() -> bool:
     """Return true where juliapkg has all in place; a dry run looks without installing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:

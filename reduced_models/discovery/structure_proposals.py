@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from reduced_models.discovery.hidden_states import Memory
+from reduced_models.discovery.hidden_states import ScaledHiddenState
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.selection import (
+from reduced_models.discovery.subset_selection import (
     MOST_TERMS,
-    Judge,
+    EquationScorer,
     ScoredTerms,
-    all_subsets,
+    all_index_subsets,
     eliminate_backward,
-    group_by_size,
+    group_subsets_by_size,
     normalise_columns,
     score_subsets,
 )
@@ -26,7 +26,7 @@ from reduced_models.discovery.terms import (
     AnyTerm,
     CustomTerm,
     complexity,
-    join_terms,
+    linear_combination,
     sort_terms,
     split_terms,
     state_symbols,
@@ -43,7 +43,7 @@ _MOST_UNION = 120
 _ENSEMBLES = (0.01, 0.03, 0.1)  # thresholds
 
 
-class Search(NamedTuple):
+class SymbolicSearch(NamedTuple):
     """A symbolic regression by one of the programs for it.
 
     Attributes
@@ -62,7 +62,7 @@ class Search(NamedTuple):
     effort: float = 1.0
     seed: int = 0
 
-    def expressions(
+    def find_expressions(
         self, inputs: Mapping[str, np.ndarray], target: np.ndarray, noise: float, elliptic: bool = False
     ) -> list[sympy.Expr]:
         """Return expressions for a target (n,) with such noise, in inputs (n,) by name.
@@ -70,49 +70,51 @@ class Search(NamedTuple):
         PySR is given Jacobi's functions too, where ``elliptic``.
         """
         if self.method == "pysr":
-            from reduced_models.discovery.julia import pysr_expressions
+            from reduced_models.discovery.pysr_search import search_expressions_with_pysr
 
-            return pysr_expressions(inputs, target, noise, self.functions, elliptic, self.effort, self.seed)
-        from reduced_models.discovery.symbolic import operon_expressions
+            return search_expressions_with_pysr(
+                inputs, target, noise, self.functions, elliptic, self.effort, self.seed
+            )
+        from reduced_models.discovery.operon_search import search_expressions_with_operon
 
-        return operon_expressions(inputs, target, noise, self.functions, self.effort, self.seed)
+        return search_expressions_with_operon(inputs, target, noise, self.functions, self.effort, self.seed)
 
 
-class Structures(NamedTuple):
-    """Candidates, and what judges them.
+class ProposedStructures(NamedTuple):
+    """Candidate equations, and what scores them.
 
     Attributes
     ----------
     candidates : list of CandidateEquation
-    judge : Judge
-    inclusion : mapping of str to float
+    scorer : EquationScorer
+    inclusion_fractions : mapping of str to float
         Fraction of the members of an ensemble that held each term.
     others : list of CandidateEquation
         With other hidden states, to be shown only.
     notes : tuple of str
         On the hidden state.
-    memory : Memory or None
+    hidden_state : ScaledHiddenState or None
         The hidden state of all candidates, if any.
     """
 
     candidates: list[CandidateEquation]
-    judge: Judge
-    inclusion: Mapping[str, float] = MappingProxyType({})
+    scorer: EquationScorer
+    inclusion_fractions: Mapping[str, float] = MappingProxyType({})
     others: Sequence[CandidateEquation] = ()
     notes: tuple[str, ...] = ()
-    memory: Memory | None = None
+    hidden_state: ScaledHiddenState | None = None
 
 
 def propose_structures(
     weak: WeakForm,
     terms: Sequence[AnyTerm],
-    search: Search | None,
+    search: SymbolicSearch | None,
     *,
     sparse: bool = True,
     form: str = "weak",
     ensemble: bool = False,
     seed: int = 0,
-) -> Structures:
+) -> ProposedStructures:
     """Propose sums of terms, and what a symbolic regression finds, judged alike.
 
     Parameters
@@ -120,7 +122,7 @@ def propose_structures(
     weak : WeakForm
     terms : sequence of terms
         Of the library.
-    search : Search, optional
+    search : SymbolicSearch, optional
         Of the symbolic regression.
     sparse : bool
         Whether sums of terms are candidates.
@@ -131,51 +133,58 @@ def propose_structures(
     seed : int
         Of the resampling.
     """
-    supports, inclusion = list[np.ndarray](), dict[str, float]()
+    supports, inclusion_fractions = list[np.ndarray](), dict[str, float]()
     if sparse:
-        supports, inclusion = _sparse_supports(weak, terms, form, ensemble, seed)
+        supports, inclusion_fractions = _sparse_supports(weak, terms, form, ensemble, seed)
     if search is None:
-        ranked, judge = score_subsets(weak, terms, terms, supports)
-        return Structures([make_candidate(candidate) for candidate in ranked], judge, inclusion)
-    return Structures(*symbolic_candidates(weak, terms, search, supports), inclusion)
+        ranked, scorer = score_subsets(weak, terms, terms, supports)
+        return ProposedStructures(
+            [candidate_from_terms(candidate) for candidate in ranked], scorer, inclusion_fractions
+        )
+    return ProposedStructures(
+        *propose_symbolic_candidates(weak, terms, search, supports), inclusion_fractions
+    )
 
 
 def _sparse_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], form: str, ensemble: bool, seed: int
 ) -> tuple[list[np.ndarray], dict[str, float]]:
     if form == "weak" and not ensemble:
-        return all_subsets(len(terms)), {}
-    from reduced_models.discovery.structures import ensemble_supports, strong_regression, weak_regression
+        return all_index_subsets(len(terms)), {}
 
-    regression = weak_regression(weak, terms) if form == "weak" else strong_regression(weak.motions, terms)
-    supports = regression.supports()
-    inclusion: dict[str, float] = {}
+    regression = (
+        weak_form_regression(weak, terms) if form == "weak" else strong_form_regression(weak.motions, terms)
+    )
+    supports = regression.supports_by_threshold()
+    inclusion_fractions: dict[str, float] = {}
     if ensemble:
         ensembles = [ensemble_supports(regression, threshold, seed) for threshold in _ENSEMBLES]
         supports = [support for item, _ in ensembles for support in item]
         fractions = ensembles[len(ensembles) // 2][1]
-        inclusion = {term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)}
-    return _add_eliminated_supports(weak, terms, supports), inclusion
+        inclusion_fractions = {
+            term.text: float(fraction) for term, fraction in zip(terms, fractions, strict=True)
+        }
+    return _add_eliminated_supports(weak, terms, supports), inclusion_fractions
 
 
 def _add_eliminated_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
     """Supports, and all that backward elimination makes of them."""
-    whitening = weak.whitening((), np.zeros(0))
-    matrix, target = whitening @ weak.matrix(terms), whitening @ weak.target
+    whitening = weak.whitening_matrix((), np.zeros(0))
+    matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     paths = (path for support in supports if support for path in eliminate_backward(matrix, target, support))
-    return group_by_size(paths)
+    return group_subsets_by_size(paths)
 
 
-def symbolic_candidates(
-    weak: WeakForm, terms: Sequence[AnyTerm], search: Search, subsets: Sequence[np.ndarray] = ()
-) -> tuple[list[CandidateEquation], Judge]:
+def propose_symbolic_candidates(
+    weak: WeakForm, terms: Sequence[AnyTerm], search: SymbolicSearch, subsets: Sequence[np.ndarray] = ()
+) -> tuple[list[CandidateEquation], EquationScorer]:
     """Expressions of a symbolic regression; of sums of terms also what can be left out of them.
 
     ``subsets`` of the terms stand next to them, judged alike.
     """
-    expressions = _expressions(weak.motions, terms, search)
+    expressions = _find_motion_expressions(weak.motions, terms, search)
     sums = [(expression, split_terms(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MOST_UNION:
@@ -183,14 +192,14 @@ def symbolic_candidates(
         union = [*terms, *more][:_MOST_UNION]
     index = {term: k for k, term in enumerate(union)}
     supports = [[index[term] for term in parts if term in index] for _, parts in sums if parts is not None]
-    groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_subsets(1)
-    ranked, judge = score_subsets(weak, terms, union, groups)
-    candidates = [make_candidate(item) for item in _unique_subsets(ranked)]
-    candidates += [left for item, parts in sums if parts is None for left in _pruned(item, judge)]
-    return candidates, judge
+    groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_index_subsets(1)
+    ranked, scorer = score_subsets(weak, terms, union, groups)
+    candidates = [candidate_from_terms(item) for item in _unique_subsets(ranked)]
+    candidates += [left for item, parts in sums if parts is None for left in _prune_expression(item, scorer)]
+    return candidates, scorer
 
 
-def _pruned(expression: sympy.Expr, judge: Judge) -> list[CandidateEquation]:
+def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
     """Candidates of an expression that is no sum of terms, and of it with fewer addends.
 
     The addends' coefficients are fitted again each time; numbers within them stay as they are.
@@ -198,17 +207,19 @@ def _pruned(expression: sympy.Expr, judge: Judge) -> list[CandidateEquation]:
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
-    candidates = [_judge_expression(expression, judge)]
+    candidates = [_score_expression(expression, scorer)]
     if not 1 < len(addends) <= MOST_TERMS:
         return candidates
-    columns = judge.whitening @ np.stack([judge.weak.integral(item) for item in addends], axis=1)
+    columns = scorer.whitening @ np.stack(
+        [scorer.weak.expression_integrals(item) for item in addends], axis=1
+    )
     if not np.isfinite(columns).all():
         return candidates
-    target = judge.whitening @ judge.weak.target
+    target = scorer.whitening @ scorer.weak.target
     for chosen in eliminate_backward(columns, target, range(len(addends))):
         factors = np.linalg.lstsq(columns[:, chosen], target, rcond=1e-12)[0]
         parts = (sympy.Float(factor) * addends[k] for k, factor in zip(chosen, factors, strict=True))
-        candidates.append(_judge_expression(sympy.Add(*parts), judge))
+        candidates.append(_score_expression(sympy.Add(*parts), scorer))
     return candidates
 
 
@@ -218,8 +229,8 @@ def _unique_subsets(ranked: Sequence[ScoredTerms]) -> list[ScoredTerms]:
     return sorted(unique.values(), key=lambda item: item.criterion)
 
 
-def _expressions(
-    motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm], search: Search
+def _find_motion_expressions(
+    motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm], search: SymbolicSearch
 ) -> list[sympy.Expr]:
     import sympy
 
@@ -234,7 +245,7 @@ def _expressions(
         sympy.Symbol("direction", real=True): sympy.sign(v),
     }
     replaced |= {sympy.Symbol(f"own{k}", real=True): item.expression for k, item in enumerate(own)}
-    return [expression.xreplace(replaced) for expression in search.expressions(samples, target, noise)]
+    return [expression.xreplace(replaced) for expression in search.find_expressions(samples, target, noise)]
 
 
 def _search_samples(
@@ -261,23 +272,26 @@ def _search_samples(
     return {name: values[rows] for name, values in samples.items()}
 
 
-def make_candidate(scored_terms: ScoredTerms) -> CandidateEquation:
-    expression = join_terms(scored_terms.terms, list(scored_terms.coefficients))
+def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
+    expression = linear_combination(scored_terms.terms, list(scored_terms.coefficients))
     return CandidateEquation(expression, complexity(expression), scored_terms.misfit, scored_terms.criterion)
 
 
-def _judge_expression(expression: sympy.Expr, judge: Judge) -> CandidateEquation:
+def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
     """Candidate that is no sum of terms, by the residuals of its present form."""
     import sympy
 
-    weak = judge.weak
-    left = judge.whitening @ (weak.target - weak.integral(expression))
+    weak = scorer.weak
+    left = scorer.whitening @ (weak.target - weak.expression_integrals(expression))
     count = len(expression.atoms(sympy.Float))
     squares = float(left @ left)
     if not math.isfinite(squares):
         squares = math.inf
     return CandidateEquation(
-        expression, complexity(expression), judge.misfit(squares, count), judge.criterion(squares, count)
+        expression,
+        complexity(expression),
+        scorer.misfit_from_squares(squares, count),
+        scorer.information_criterion(squares, count),
     )
 
 
@@ -288,7 +302,7 @@ _INCLUDED = (0.9, 0.75, 0.5, 0.25)
 _MOST_ROWS = 4000
 
 
-class Regression:
+class SparseRegression:
     """A linear regression for PySINDy's optimizers, with columns and target of unit size.
 
     Sparse regression says which terms z'' calls for (Brunton, Proctor & Kutz 2016,
@@ -300,26 +314,28 @@ class Regression:
         self.matrix = normalise_columns(matrix)[0] * np.sqrt(len(matrix))
         self.target = target / max(float(np.sqrt((target**2).mean())), 1e-300)
 
-    def threshold_terms(self, threshold: float) -> Any:
+    def thresholded_optimizer(self, threshold: float) -> Any:
         import pysindy
 
         return pysindy.STLSQ(threshold=float(threshold), alpha=1e-8)
 
-    def supports(self) -> list[list[int]]:
+    def supports_by_threshold(self) -> list[list[int]]:
         """Supports along a ladder of thresholds (sequentially thresholded least squares)."""
         supports = []
         for threshold in _THRESHOLDS:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that a high threshold leaves nothing
-                fitted = self.threshold_terms(threshold).fit(self.matrix, self.target[:, None])
+                fitted = self.thresholded_optimizer(threshold).fit(self.matrix, self.target[:, None])
             supports.append(np.flatnonzero(fitted.coef_[0]).tolist())
         return supports
 
-    def inclusion(self, threshold: float, seed: int) -> np.ndarray:
+    def inclusion_fractions(self, threshold: float, seed: int) -> np.ndarray:
         """Share (p,) of bootstrap resamples whose fit keeps each term."""
         import pysindy
 
-        ensemble = pysindy.EnsembleOptimizer(self.threshold_terms(threshold), bagging=True, n_models=_MODELS)
+        ensemble = pysindy.EnsembleOptimizer(
+            self.thresholded_optimizer(threshold), bagging=True, n_models=_MODELS
+        )
         state = np.random.get_state()  # noqa: NPY002  PySINDy draws from NumPy's global generator
         np.random.seed(seed)  # noqa: NPY002
         try:
@@ -331,11 +347,11 @@ class Regression:
         return np.asarray(np.mean(np.stack(ensemble.coef_list)[:, 0] != 0.0, axis=0))
 
 
-def strong_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> Regression:
+def strong_form_regression(motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]) -> SparseRegression:
     """Estimates of z'' against the terms, sample by sample, away from the ends."""
     rows = [_interior_samples(motion, terms, len(motions)) for motion in motions]
     matrices, targets = zip(*rows, strict=True)
-    return Regression(np.concatenate(matrices), np.concatenate(targets))
+    return SparseRegression(np.concatenate(matrices), np.concatenate(targets))
 
 
 def _interior_samples(
@@ -348,15 +364,15 @@ def _interior_samples(
     return matrix[rows], motion.acceleration[rows]
 
 
-def weak_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> Regression:
+def weak_form_regression(weak: WeakForm, terms: Sequence[AnyTerm]) -> SparseRegression:
     """Weak form, whitened for the noise of z''."""
-    whitening = weak.whitening((), np.zeros(0))
-    return Regression(whitening @ weak.matrix(terms), whitening @ weak.target)
+    whitening = weak.whitening_matrix((), np.zeros(0))
+    return SparseRegression(whitening @ weak.term_integral_matrix(terms), whitening @ weak.target)
 
 
 def ensemble_supports(
-    regression: Regression, threshold: float, seed: int
+    regression: SparseRegression, threshold: float, seed: int
 ) -> tuple[list[list[int]], np.ndarray]:
     """Supports of the terms that most resamples keep, and the shares (p,) that keep each."""
-    fractions = regression.inclusion(threshold, seed)
+    fractions = regression.inclusion_fractions(threshold, seed)
     return [np.flatnonzero(fractions >= least).tolist() for least in _INCLUDED], fractions
