@@ -19,6 +19,7 @@ import pytest
 
 from granular import Scene, load_scene
 from granular.commands.console import launch
+from granular.shared.garbage import RARE
 
 ROOT = Path(__file__).parent.parent
 
@@ -74,7 +75,7 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
+    gc.set_threshold(*RARE)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

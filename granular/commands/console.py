@@ -37,6 +37,7 @@ from typing import Any, NamedTuple, NoReturn
 from granular.schema.sections import unknown
 from granular.shared.errors import GranularError, InputError, Interrupted, Terminated, missing_module_message
 from granular.shared.files import finite_or_none
+from granular.shared.garbage import rare_garbage_collection
 from granular.shared.messages import one_line, printable, sanitize
 from granular.shared.stops import handle_sigterm
 from granular.shared.version import __version__
@@ -70,7 +71,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
             stream.reconfigure(errors="backslashreplace")  # where the terminal knows no µ
     try:
         _check_working_directory()
-        with handle_sigterm():
+        with handle_sigterm(), rare_garbage_collection():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
     except InputError as error:

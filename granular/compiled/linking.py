@@ -15,6 +15,8 @@ from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
+from granular.shared.garbage import rare_garbage_collection
+
 
 def _libraries_below(libraries: list[Any]) -> list[Any]:
     """Libraries and those that they link, each once, callers before what they call."""
@@ -116,6 +118,10 @@ class EntryCompiler(Compiler):
         state.library = EntryLibrary(codegen, state.func_id.func_qualname)
         state.library.enable_object_caching()
         return super().define_pipelines()
+
+    def _compile_core(self) -> Any:
+        with rare_garbage_collection():  # all kernels below are compiled in here
+            return super()._compile_core()
 
 
 def _entry_point(library: Any, fndesc: Any, env: Any) -> Any:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from types import CodeType
+from typing import Any
 
 PACKAGE = Path(__file__).parent.parent
 FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
 """The folders of the package with the kernels and all that kernels take from other files."""
 
-_DECORATORS = {"compiled", "entry", "intrinsic"}
+_KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
 
 def read_compiled_sources() -> dict[str, bytes]:
@@ -33,56 +36,66 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
 
     Comments, docstrings and the places of lines are left out.
     """
-    trees = {name: ast.parse(content) for name, content in files.items()}
+    waiting = [name for name, content in files.items() if _KERNEL.search(content)]
+    trees: dict[str, ast.Module] = {}
+    while waiting:
+        name = waiting.pop()
+        if name not in trees:
+            trees[name] = ast.parse(files[name])
+            waiting += [other for other in _remove_docstrings(trees[name]) if other in files]
     digest = hashlib.sha256()
-    for name in sorted(_reachable_files(trees)):
-        _remove_docstrings(trees[name])
-        digest.update(f"{name}\0{ast.dump(trees[name])}\0".encode())
+    for name in sorted(trees):
+        digest.update(f"{name}\0".encode())
+        _add_code(digest, compile(trees[name], name, "exec", dont_inherit=True))
     return digest.hexdigest()
 
 
-def _reachable_files(trees: dict[str, ast.Module]) -> set[str]:
-    """Files that hold kernels, and those that they import from, all the way."""
-    waiting = [name for name, tree in trees.items() if _has_kernels(tree)]
-    result: set[str] = set()
+def _remove_docstrings(tree: ast.Module) -> list[str]:
+    """Take out docstrings, and return the package's files that the file may import from.
+
+    Only statements are visited: they are a small part of a tree.
+    """
+    imports: list[str] = []
+    waiting: list[Any] = [tree]
     while waiting:
-        name = waiting.pop()
-        if name not in result:
-            result.add(name)
-            waiting += [module for module in _imports_of(trees[name]) if module in trees]
-    return result
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom | ast.Import):
+            imports += _imports_of(node)
+            continue
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            inner = getattr(node, part, None)
+            if isinstance(inner, list):
+                nothing = [ast.copy_location(ast.Pass(), one) for one in inner[:1]]
+                inner[:] = [one for one in inner if not _is_docstring(one)] or nothing
+                waiting += inner
+    return imports
 
 
-def _has_kernels(tree: ast.Module) -> bool:
-    for node in ast.walk(tree):
-        for decorator in getattr(node, "decorator_list", ()):
-            called = decorator.func if isinstance(decorator, ast.Call) else decorator
-            if isinstance(called, ast.Name) and called.id in _DECORATORS:
-                return True
-    return False
+def _add_code(digest: Any, code: CodeType) -> None:
+    """Add what a code object does, without where it stands in its file."""
+    # The order in a set differs from process to process.
+    plain = [sorted(one, key=repr) if isinstance(one, frozenset) else one for one in code.co_consts]
+    constants = [one for one in plain if not isinstance(one, CodeType)]
+    names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    seen = names, counts, code.co_code, code.co_exceptiontable, constants
+    digest.update(repr(seen).encode())
+    for one in code.co_consts:
+        if isinstance(one, CodeType):
+            _add_code(digest, one)
 
 
-def _imports_of(tree: ast.Module) -> Iterator[str]:
-    """Files of this package that a file may import from."""
-    for node in ast.walk(tree):
-        modules: list[str] = []
-        if isinstance(node, ast.ImportFrom) and node.module:
-            modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        for module in modules:
-            package, *rest = module.split(".")
-            if package == PACKAGE.name:
-                base = "/".join(rest)
-                yield from (f"{base}.py", f"{base}/__init__.py")
-
-
-def _remove_docstrings(tree: ast.Module) -> None:
-    """Take out docstrings: texts that stand as statements of their own."""
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            body[:] = [statement for statement in body if not _is_docstring(statement)]
+def _imports_of(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
+    """Files of this package that a statement may import from."""
+    modules = [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        base = node.module or ""
+        modules = [base, *(f"{base}.{name}" for name in modules)]
+    for module in modules:
+        package, *rest = module.split(".")
+        if package == PACKAGE.name:
+            path = "/".join(rest)
+            yield from (f"{path}.py", f"{path}/__init__.py")
 
 
 def _is_docstring(node: ast.stmt) -> bool:

@@ -19,7 +19,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_side import Side
@@ -268,6 +267,8 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
 
 def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Energy of two discs over that of dipoles at D, quickly at many distances."""
+    from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
+
     pair, contact = (disc, magnet), contact_distance(disc, magnet)
     shift, slope = pair_squared_distance_shift(disc, magnet), force_slope_at_contact(disc, magnet)
     # With r = contact / (1 - t^2) what is singular at contact is smooth.
@@ -290,6 +291,8 @@ def _pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]
 
 def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Coefficients of a quintic spline, in the fraction of a piece that is passed (PIECES, 6)."""
+    from scipy.interpolate import make_interp_spline
+
     spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0
     columns = []
     for order in range(6):

@@ -26,7 +26,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ellipe, ellipkm1
 
 __all__ = ["Disc", "disc_energy_and_force"]
 
@@ -158,6 +157,8 @@ def _ring_potential_and_slope(
     r: Samples, v: Samples, apart: Samples, z: float, amounts: Samples
 ) -> tuple[Samples, Samples]:
     """Potential of rings of radii v at a distance r of their axis, and its derivative."""
+    from scipy.special import ellipe, ellipkm1
+
     r = r[:, None]
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
     a = np.sqrt(a2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Scene
-from granular.scene.arrangement import Arrangement, initial_motion
+from granular.scene.arrangement import Arrangement, check_positions, initial_motion
 from granular.schema.parts import Cell, Grains, Piston, Species
 from granular.shared.errors import SceneError
 
@@ -50,3 +50,21 @@ def test_a_grid_without_height_needs_a_piston() -> None:
         initial_motion(Arrangement(), GRAINS, CELL, None, overlapping=False)
     plan = Arrangement(height=0.03)
     assert len(initial_motion(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
+
+
+@pytest.mark.parametrize("height", [None, 0.03])
+def test_overlaps_are_those_of_all_pairs(height: float | None, random: np.random.Generator) -> None:
+    cell = Cell(width=0.03) if height is None else Cell(width=0.03, sides="periodic", height=height)
+    five, overlapping = dataclasses.replace(GRAINS, count=5), 0
+    for _ in range(300):
+        positions = 0.003 + 0.024 * random.random((5, 2))
+        if height is not None:
+            positions = 0.03 * random.random((5, 2))
+        gaps = np.linalg.norm(cell.nearest(positions[:, None] - positions), axis=2) + np.eye(5)
+        if gaps.min() < 0.006:
+            overlapping += 1
+            with pytest.raises(SceneError, match="overlap"):
+                check_positions(positions, five, cell, None, overlapping=False)
+        else:
+            check_positions(positions, five, cell, None, overlapping=False)
+    assert 30 < overlapping < 290
