@@ -65,8 +65,8 @@ def _remove_docstrings(tree: ast.Module) -> list[str]:
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
             inner = getattr(node, part, None)
             if isinstance(inner, list):
-                nothing = [ast.copy_location(ast.Pass(), one) for one in inner[:1]]
-                inner[:] = [one for one in inner if not _is_docstring(one)] or nothing
+                nothing = [ast.copy_location(ast.Pass(), statement) for statement in inner[:1]]
+                inner[:] = [statement for statement in inner if not _is_docstring(statement)] or nothing
                 waiting += inner
     return imports
 
@@ -74,15 +74,18 @@ def _remove_docstrings(tree: ast.Module) -> list[str]:
 def _add_code(digest: Any, code: CodeType) -> None:
     """Add what a code object does, without where it stands in its file."""
     # The order in a set differs from process to process.
-    plain = [sorted(one, key=repr) if isinstance(one, frozenset) else one for one in code.co_consts]
-    constants = [one for one in plain if not isinstance(one, CodeType)]
+    plain = [
+        sorted(constant, key=repr) if isinstance(constant, frozenset) else constant
+        for constant in code.co_consts
+    ]
+    constants = [constant for constant in plain if not isinstance(constant, CodeType)]
     names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     seen = names, counts, code.co_code, code.co_exceptiontable, constants
     digest.update(repr(seen).encode())
-    for one in code.co_consts:
-        if isinstance(one, CodeType):
-            _add_code(digest, one)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            _add_code(digest, constant)
 
 
 def _imports_of(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
