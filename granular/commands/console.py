@@ -307,10 +307,10 @@ def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     if as_json:
         print(json.dumps(finite_or_none(result), allow_nan=False))
     else:
-        print("\n".join(map(_fit_note, printable(text).split("\n"))))
+        print("\n".join(map(_wrap_note, printable(text).split("\n"))))
 
 
-def _fit_note(line: str) -> str:
+def _wrap_note(line: str) -> str:
     """Return a line, a note in several of at most a hundred columns."""
     if not line.lstrip().startswith("note: "):
         return line

@@ -45,12 +45,12 @@ def export(options: Any) -> None:
 
     import_user_code(options.user_files)
     if options.format == "lammps":
-        _export_deck(options)
+        _export_lammps_deck(options)
     else:
         _export_frames(options)
 
 
-def _export_deck(options: Any) -> None:
+def _export_lammps_deck(options: Any) -> None:
     from granular.export import to_lammps
     from granular.run.directory import is_run_directory
 

@@ -100,7 +100,7 @@ def defects(options: Any) -> None:
         times = motion["frame_time"].values
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
         positions = run.scene.cell.inside(run.dataset["position"].values[last])
-        _write(Path(options.out), motion, positions)
+        _write_defect_tables(Path(options.out), motion, positions)
     result = {
         "tracks": tracks.to_dict("list"),
         "events": events.to_dict("list"),
@@ -141,7 +141,7 @@ def _path_rows(motion: xarray.Dataset) -> pandas.DataFrame:
     return table.rename(columns={"x": "x [m]", "y": "y [m]"}).reset_index()
 
 
-def _write(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
+def _write_defect_tables(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
     from granular.observables.plots import plot_defect_paths
     from granular.render.still import save_picture
     from granular.shared.plotting import figure

@@ -23,8 +23,8 @@ from granular.shared.files import make_directory, write_text
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
-    from granular.response.response import Response
-    from granular.response.transients import Impulse
+    from granular.response.response import FrequencyResponse
+    from granular.response.transients import ImpulseResponse
     from granular.scene.scene import Scene
 
 POINTS, SINE = 25, 20.0
@@ -127,7 +127,11 @@ def _measure_frequency_response(options: Any) -> None:
             "two frequencies, the lower one first, and at least 2 points"
         )
     scene, sizes = _driven_scene(options)
-    result = _run_stepped(options, scene, sizes) if options.sweep is None else _run_swept(options, scene)
+    result = (
+        _run_stepped_sines(options, scene, sizes)
+        if options.sweep is None
+        else _run_frequency_sweep(options, scene)
+    )
     lines, figures = [result.table], {"peaks": result.peaks(), "out": options.out}
     if options.sweep is not None:
         from granular.response.transients import sweep_rate_at_peak
@@ -163,19 +167,21 @@ def _measure_impulse_response(options: Any) -> None:
         progress=not options.quiet,
     )
     figures: dict[str, Any] = {
-        "seconds": result.seconds,
-        "alone": result.alone if math.isfinite(result.alone) else None,
+        "seconds": result.settling_time,
+        "alone": result.settling_time_without_damper
+        if math.isfinite(result.settling_time_without_damper)
+        else None,
         "fraction": result.fraction,
         "peak": result.peak,
         "out": options.out,
     }
     lines = [str(result)]
     if options.out is not None:
-        lines.append(_write_impulse(result, Path(options.out)))
+        lines.append(_write_impulse_response(result, Path(options.out)))
     print_result(figures, "\n".join(lines), options.json)
 
 
-def _write_impulse(result: Impulse, path: Path) -> str:
+def _write_impulse_response(result: ImpulseResponse, path: Path) -> str:
     from granular.shared.plotting import figure
 
     make_directory(path)
@@ -212,7 +218,7 @@ def _driven_scene(options: Any) -> tuple[Scene, list[float] | None]:
     return scene, next(iter(given.values()), None)
 
 
-def _run_stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Response:
+def _run_stepped_sines(options: Any, scene: Scene, sizes: list[float] | None) -> FrequencyResponse:
     import numpy as np
 
     from granular.response.response import frequency_response
@@ -230,16 +236,16 @@ def _run_stepped(options: Any, scene: Scene, sizes: list[float] | None) -> Respo
     )
 
 
-def _run_swept(options: Any, scene: Scene) -> Response:
+def _run_frequency_sweep(options: Any, scene: Scene) -> FrequencyResponse:
     from granular.response.steady import POINTS as READ
-    from granular.response.transients import run_sweep
+    from granular.response.transients import run_frequency_sweep
 
     for name in ("duration", "workers"):
         if getattr(options, name) is not None:
             raise InputError(
                 f"--{name} is for sines; a sweep is one run as long as --sweep says: leave it out"
             )
-    return run_sweep(
+    return run_frequency_sweep(
         scene,
         options.lowest,
         options.highest,
@@ -251,7 +257,7 @@ def _run_swept(options: Any, scene: Scene) -> Response:
     )
 
 
-def _write_response(result: Response, path: Path) -> str:
+def _write_response(result: FrequencyResponse, path: Path) -> str:
     from granular.response.page import response_page
     from granular.response.response import save_response
     from granular.shared.plotting import figure

@@ -23,7 +23,7 @@ from granular.shared.plotting import SIDES
 SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
 
 
-class View(NamedTuple):
+class ColouringInput(NamedTuple):
     """State of the bed from which a colouring computes its values.
 
     Attributes
@@ -49,7 +49,7 @@ class Colouring(NamedTuple):
     ----------
     label : str
         With the unit; the title of the colour bar or the legend.
-    values : function of View
+    values : function of ColouringInput
         One value a grain (k,), in the label's unit; NaN where there is none. For classes the index
         of the class.
     map : str
@@ -63,7 +63,7 @@ class Colouring(NamedTuple):
     """
 
     label: str
-    values: Callable[[View], np.ndarray]
+    values: Callable[[ColouringInput], np.ndarray]
     map: str = ""
     needs_cells: bool = False
     on_cells: bool = False
@@ -71,34 +71,34 @@ class Colouring(NamedTuple):
     upper: float | None = None
 
 
-def _voronoi_cells_of_view(view: View) -> VoronoiCells:
+def _required_voronoi_cells(view: ColouringInput) -> VoronoiCells:
     assert view.cells is not None
     return view.cells
 
 
-def _side_counts(view: View) -> np.ndarray:
-    cells = _voronoi_cells_of_view(view)
+def _voronoi_side_counts(view: ColouringInput) -> np.ndarray:
+    cells = _required_voronoi_cells(view)
     return np.where(cells.interior, np.clip(cells.sides, 4, 8) - 4.0, np.nan)
 
 
-def _fluctuation_values(view: View) -> np.ndarray:
+def _fluctuation_values(view: ColouringInput) -> np.ndarray:
     sizes = np.linalg.norm(view.frame.interaction, axis=1)
-    return relative_fluctuation(np.where(_voronoi_cells_of_view(view).interior, sizes, np.nan), view.species)
+    return relative_fluctuation(np.where(_required_voronoi_cells(view).interior, sizes, np.nan), view.species)
 
 
-def _positions_with_absent(view: View) -> np.ndarray:
+def _positions_with_absent(view: ColouringInput) -> np.ndarray:
     """Positions of all grains of the scene (n, 2) [m]; NaN for absent ones."""
     positions = np.full((view.scene.grains.count, 2), np.nan)
     positions[view.frame.grains] = view.frame.position
     return positions
 
 
-def _compression_values(view: View) -> np.ndarray:
+def _compression_values(view: ColouringInput) -> np.ndarray:
     result = compressive_forces(view.scene, _positions_with_absent(view), view.frame.height)
     return result[view.frame.grains]
 
 
-def _pressure_values(view: View) -> np.ndarray:
+def _pressure_values(view: ColouringInput) -> np.ndarray:
     result = grain_pressures(view.scene, _positions_with_absent(view), view.frame.height)
     return result[view.frame.grains]
 
@@ -122,10 +122,10 @@ COLOURINGS: Mapping[str, Colouring] = {
         on_cells=True,
         lower=None,
     ),
-    "sides": Colouring("sides of the Voronoi cell", _side_counts, needs_cells=True, on_cells=True),
+    "sides": Colouring("sides of the Voronoi cell", _voronoi_side_counts, needs_cells=True, on_cells=True),
     "regularity": Colouring(
         "regularity of the hexagons (white: others)",
-        lambda view: hexagon_regularity(_voronoi_cells_of_view(view)),
+        lambda view: hexagon_regularity(_required_voronoi_cells(view)),
         "viridis",
         needs_cells=True,
         on_cells=True,
@@ -147,7 +147,7 @@ interior if it lies in the box of the outermost centres [D, 4.2.4].
 """
 
 
-def colouring(name: str) -> Colouring:
+def colouring_by_name(name: str) -> Colouring:
     """Colouring by its name.
 
     Raises

@@ -6,17 +6,17 @@ import contextlib
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from granular.export.frames import BedFrame, iterate_frames, open_run
-from granular.render.colourings import colouring
-from granular.render.interpolation import interpolate_bed, movie_times
-from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point
+from granular.render.colourings import colouring_by_name
+from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point_of_bed
 from granular.run.trajectory import Trajectory
+from granular.schema.parts import Cell
 from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, write_atomically
 from granular.shared.messages import quote
@@ -89,7 +89,7 @@ def movie(
     UserWarning
         If frames lie so far apart that the paths between them are guesses.
     """
-    colouring(colour)
+    colouring_by_name(colour)
     path = Path(path)
     write = _movie_writer(path, fps)
     if speed is not None and not 0.0 < speed < math.inf:
@@ -99,12 +99,12 @@ def movie(
     if not NARROWEST <= width <= WIDTH:
         raise InputError(f"width {width} is not within {NARROWEST} to {WIDTH} pixels")
     run = open_run(run)
-    numbers = stage_frames(run, stage)
+    numbers = stage_frame_indices(run, stage)
     check_output_file(path, overwrite)
     times = run.dataset["frame_time"].values[numbers]
     if speed is not None:
-        times = movie_times(times, speed, fps)
-    top = highest_point(run, iterate_frames(run, numbers))
+        times = movie_picture_times(times, speed, fps)
+    top = highest_point_of_bed(run, iterate_frames(run, numbers))
     limits = colour_limits(run, colour, iterate_frames(run, numbers))
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
@@ -118,7 +118,7 @@ def movie(
     return path
 
 
-def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
+def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
     """Return the indices of the frames of a stage, or of the whole run.
 
     Raises
@@ -144,7 +144,7 @@ def stage_frames(run: Trajectory, stage: str | None) -> list[int]:
 def _render_images(picture: BedPicture, beds: Iterator[BedFrame], stop: Stop) -> Iterator[np.ndarray]:
     """Pictures as bytes (height, width, 3), up to the last or to Ctrl-C."""
     for frame in beds:
-        picture.show(frame)
+        picture.show_frame(frame)
         yield picture.pixels()
         if stop.asked:
             return
@@ -207,3 +207,118 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
 
 WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
 """What writes a movie, and the most pictures a second that it can hold."""
+
+
+FARTHEST = 0.25
+"""How far [diameters] a grain's path may bend away from a straight line between two frames."""
+
+
+def movie_picture_times(times: np.ndarray, speed: float, fps: float) -> np.ndarray:
+    """Return the times [s] of the pictures of a movie over frames (m,) at such times [s]."""
+    start, length = float(times[0]), float(times[-1] - times[0])
+    return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
+
+
+def interpolate_bed(
+    run: Trajectory, numbers: Sequence[int], times: np.ndarray, bar: str | None = None
+) -> Iterator[BedFrame]:
+    """Bed at increasing times [s] (n,) within some frames of a run.
+
+    Grains go between two frames on the cubic paths that have their positions and velocities there,
+    forces and velocities change evenly; a grain that is not in both frames is left out. The piston
+    is where it was recorded. With ``bar``, a progress bar of that name is shown.
+
+    Warns
+    -----
+    UserWarning
+        If frames lie so far apart that the paths between them are guesses.
+    """
+    frames = iterate_frames(run, numbers, bar)
+    before = after = next(frames)
+    heights = _RecordedPistonHeight(run)
+    bent = 0.0
+    for time in times:
+        while after.time < time:
+            following = next(frames, None)
+            if following is None:
+                break
+            before, after = after, following
+            bent = max(bent, _largest_path_deviation(before, after))
+        yield _interpolate_between(before, after, float(time), heights, run.scene.cell)
+    if bent > FARTHEST * run.scene.grains.diameters().max(initial=0.0):
+        warnings.warn(
+            f"between two frames a grain leaves the straight line by {1e3 * bent:.2g} mm, so the "
+            "paths that the movie shows there are guesses; lower output.frames for true ones",
+            stacklevel=2,
+        )
+
+
+class _RecordedPistonHeight:
+    """The recorded height of the piston at any time."""
+
+    def __init__(self, run: Trajectory) -> None:
+        data = run.dataset
+        self.known = "piston_height" in data and data.sizes["time"] > 0
+        if self.known:
+            self._times = data["time"].values
+            self._heights = data["piston_height"].values
+
+    def height_at(self, time: float) -> float:
+        return float(np.interp(time, self._times, self._heights))
+
+
+def _common_grains(before: BedFrame, after: BedFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Grains that are in both frames, and their indices in each."""
+    return np.intersect1d(before.grains, after.grains, return_indices=True)
+
+
+def _largest_path_deviation(before: BedFrame, after: BedFrame) -> float:
+    """Most by which a cubic path is off the straight line midway [m]."""
+    _, first, second = _common_grains(before, after)
+    change = before.velocity[first] - after.velocity[second]
+    off = (after.time - before.time) / 8.0 * np.hypot(*change.T)
+    return float(off.max(initial=0.0))
+
+
+def _interpolate_between(
+    before: BedFrame, after: BedFrame, time: float, heights: _RecordedPistonHeight, cell: Cell
+) -> BedFrame:
+    duration = after.time - before.time
+    fraction = min(max((time - before.time) / duration, 0.0), 1.0) if duration > 0.0 else 0.0
+    if fraction in (0.0, 1.0):
+        frame = after if fraction else before
+        return (
+            frame._replace(time=time)
+            if not heights.known
+            else _set_recorded_piston_height(frame, time, heights)
+        )
+    grains, first, second = _common_grains(before, after)
+
+    def evenly(name: str) -> np.ndarray:
+        ends = getattr(before, name)[first], getattr(after, name)[second]
+        return (1.0 - fraction) * ends[0] + fraction * ends[1]
+
+    start = before.position[first]
+    end = start + cell.nearest(after.position[second] - start)
+    leaving, arriving = duration * before.velocity[first], duration * after.velocity[second]
+    rest = 1.0 - fraction
+    position = (
+        rest * rest * (1.0 + 2.0 * fraction) * start
+        + fraction * fraction * (3.0 - 2.0 * fraction) * end
+        + fraction * rest * (rest * leaving - fraction * arriving)
+    )
+    frame = BedFrame(
+        before.number,
+        time,
+        before.height,
+        grains,
+        cell.inside(position),
+        evenly("velocity"),
+        evenly("force"),
+        evenly("interaction"),
+    )
+    return _set_recorded_piston_height(frame, time, heights) if heights.known else frame
+
+
+def _set_recorded_piston_height(frame: BedFrame, time: float, heights: _RecordedPistonHeight) -> BedFrame:
+    return frame._replace(time=time, height=heights.height_at(time))

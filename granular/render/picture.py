@@ -10,7 +10,7 @@ import numpy as np
 from granular.effects.walls import Wall
 from granular.export.frames import BedFrame
 from granular.observables.voronoi import cell_polygons, voronoi_cells
-from granular.render.colourings import View, colour_classes, colouring
+from granular.render.colourings import ColouringInput, colour_classes, colouring_by_name
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.plotting import COLOURS, GREY, plain_label
@@ -71,7 +71,7 @@ def new_figure_to_scale(
     return figure, axes, side
 
 
-def axes_below(figure: Figure, bed: Axes) -> Axes:
+def axes_below_bed(figure: Figure, bed: Axes) -> Axes:
     """Axes in the space that a page has left free below the bed."""
     position = bed.get_position()
     tall = figure.get_figheight()
@@ -104,11 +104,11 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
     if bottom is None:
         axes.plot([0.0, width], [0.0, 0.0], ":", color=WALL, linewidth=1.0, zorder=0)
         return
-    for start, end in _bottom_segments(bottom, width, thickness):
+    for start, end in _bottom_wall_segments(bottom, width, thickness):
         axes.add_patch(Rectangle((start, -thickness), end - start, thickness, color=WALL, linewidth=0.0))
 
 
-def _bottom_segments(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
+def _bottom_wall_segments(wall: Wall, width: float, thickness: float) -> list[tuple[float, float]]:
     """Stretches of the bottom along x [mm]."""
     start, end = -thickness, width + thickness
     if wall.gap_start is None or wall.gap_end is None:
@@ -120,7 +120,7 @@ MOST = 4000
 """Points of the curve: more than there are pixels."""
 
 
-class PistonCurve:
+class PistonHeightCurve:
     """The curve of the whole movie, and what of it has been so far."""
 
     def __init__(self, run: Trajectory, start: float, end: float, axes: Axes) -> None:
@@ -138,7 +138,7 @@ class PistonCurve:
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(length=2.5, width=0.6, color=INK)
 
-    def show(self, time: float) -> None:
+    def show_until(self, time: float) -> None:
         """Bring it up to date."""
         past = self._time <= time
         self._past.set_data(self._time[past], self._height[past])
@@ -176,7 +176,7 @@ class BedPicture:
     ) -> None:
         import matplotlib as mpl
 
-        self.run, self.colour = run, colouring(colour)
+        self.run, self.colour = run, colouring_by_name(colour)
         self._species = run.scene.grains.assignment()
         self._diameters = 1e3 * run.scene.grains.diameters()
         self._classes = colour_classes(colour, run.scene)
@@ -189,13 +189,13 @@ class BedPicture:
             )
             self._curve = None
             if duration is not None and curve:
-                self._curve = PistonCurve(run, *duration, axes_below(self.figure, self._axes))
+                self._curve = PistonHeightCurve(run, *duration, axes_below_bed(self.figure, self._axes))
             draw_walls(self._axes, run.scene, top)
             self._draw_moving_parts()
             if self._classes:
                 self._draw_legend(side)
             else:
-                self._draw_bar(side, limits)
+                self._draw_colour_bar(side, limits)
 
     def _draw_moving_parts(self) -> None:
         from matplotlib.collections import EllipseCollection, PolyCollection
@@ -248,7 +248,7 @@ class BedPicture:
             handleheight=1.1,
         )
 
-    def _draw_bar(self, side: Axes, limits: tuple[float, float]) -> None:
+    def _draw_colour_bar(self, side: Axes, limits: tuple[float, float]) -> None:
         import matplotlib as mpl
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
@@ -269,7 +269,7 @@ class BedPicture:
         bar.set_label(self.colour.label)
         bar.outline.set_linewidth(0.6)
 
-    def show(self, frame: BedFrame) -> None:
+    def show_frame(self, frame: BedFrame) -> None:
         """Bring the picture up to date."""
         from matplotlib.colors import to_rgba
 
@@ -278,7 +278,7 @@ class BedPicture:
         self._grains.set_widths(diameters)
         self._grains.set_heights(diameters)
         self._grains.set_angles(np.zeros(len(diameters)))
-        view = frame_view(self.run, self.colour.needs_cells, frame)
+        view = colouring_input(self.run, self.colour.needs_cells, frame)
         colours = self._map_to_colours(self.colour.values(view))
         if view.cells is not None:
             polygons = cell_polygons(view.cells)
@@ -290,12 +290,12 @@ class BedPicture:
             if on_cells:
                 colours = np.where(view.cells.interior[:, None], to_rgba(DISC), to_rgba(ABSENT))
         self._grains.set_facecolor(colours)
-        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage_at(frame.time)))
-        self._where.set_text(self._state_text(frame))
+        self._when.set_text(f"t = {frame.time:.3f} s" + plain_label(self._stage_label_at(frame.time)))
+        self._where.set_text(self._piston_text(frame))
         if frame.height is not None:
             self._piston.set_y(1e3 * frame.height)
         if self._curve is not None:
-            self._curve.show(frame.time)
+            self._curve.show_until(frame.time)
 
     def pixels(self) -> np.ndarray:
         """Picture as bytes (height, width, 3)."""
@@ -318,13 +318,13 @@ class BedPicture:
             colours[known] = self._scale.to_rgba(values[known])
         return colours
 
-    def _stage_at(self, time: float) -> str:
+    def _stage_label_at(self, time: float) -> str:
         for stage in self.run.stages:
             if stage.start <= time <= stage.end and stage.end > stage.start:
                 return f"   {stage.name}"
         return ""
 
-    def _state_text(self, frame: BedFrame) -> str:
+    def _piston_text(self, frame: BedFrame) -> str:
         if frame.height is None:
             return ""
         words = f"piston at {1e3 * frame.height:.1f} mm"
@@ -334,27 +334,27 @@ class BedPicture:
         return words
 
 
-def frame_view(run: Trajectory, with_cells: bool, frame: BedFrame) -> View:
+def colouring_input(run: Trajectory, with_cells: bool, frame: BedFrame) -> ColouringInput:
     """Frame as the colourings see it."""
     cells = voronoi_cells(frame.position) if with_cells else None
-    return View(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
+    return ColouringInput(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:
     """Return the ends of the colours over some frames; (0, 1) where nothing has a value."""
-    colouring_used = colouring(colour)
-    if not colouring_used.map:
+    used = colouring_by_name(colour)
+    if not used.map:
         return 0.0, 1.0
-    result = [colouring_used.values(frame_view(run, colouring_used.needs_cells, frame)) for frame in frames]
+    result = [used.values(colouring_input(run, used.needs_cells, frame)) for frame in frames]
     values = np.concatenate(result) if result else np.empty(0)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, ENDS) if len(values) else (0.0, 1.0)
-    low = low if colouring_used.lower is None else colouring_used.lower
-    high = high if colouring_used.upper is None else colouring_used.upper
+    low = low if used.lower is None else used.lower
+    high = high if used.upper is None else used.upper
     return (float(low), float(high)) if high > low else (float(low), float(low) + 1.0)
 
 
-def highest_point(run: Trajectory, frames: Iterable[BedFrame]) -> float:
+def highest_point_of_bed(run: Trajectory, frames: Iterable[BedFrame]) -> float:
     """Height that holds piston and grains in all the frames [m]; that of a periodic cell."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height

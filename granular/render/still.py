@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.export.frames import iterate_frames, open_run
-from granular.render.colourings import colouring
-from granular.render.picture import BedPicture, colour_limits, highest_point
+from granular.render.colourings import colouring_by_name
+from granular.render.picture import BedPicture, colour_limits, highest_point_of_bed
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.shared.files import write_atomically
@@ -50,11 +50,13 @@ def still(
     InputError
         If the run cannot be read, has no such frame, or the colour is unknown.
     """
-    colouring(colour)
+    colouring_by_name(colour)
     run = open_run(run)
     (chosen,) = iterate_frames(run, [frame_index(run, frame, time)])
-    picture = BedPicture(run, colour, colour_limits(run, colour, [chosen]), highest_point(run, [chosen]))
-    picture.show(chosen)
+    picture = BedPicture(
+        run, colour, colour_limits(run, colour, [chosen]), highest_point_of_bed(run, [chosen])
+    )
+    picture.show_frame(chosen)
     return picture.figure
 
 

@@ -2,13 +2,13 @@
 
 from granular.response.response import frequency_response, load_response, save_response
 from granular.response.steady import swept_response
-from granular.response.transients import run_impulse, run_sweep, settling_time
+from granular.response.transients import run_frequency_sweep, run_impulse, settling_time
 
 __all__ = [
     "frequency_response",
     "load_response",
+    "run_frequency_sweep",
     "run_impulse",
-    "run_sweep",
     "save_response",
     "settling_time",
     "swept_response",

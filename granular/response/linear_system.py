@@ -22,7 +22,7 @@ from granular.effects.host import Host
 from granular.scene.scene import Scene
 
 
-def tuned_mass(host: Host, mass: float) -> tuple[float, float]:
+def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
     """Spring [N/m] and dashpot [kg/s] of Den Hartog's tuned mass [kg], on the last body."""
     body = host.bodies[-1]
     ratio = mass / body.mass
@@ -31,7 +31,9 @@ def tuned_mass(host: Host, mass: float) -> tuple[float, float]:
     return mass * omega**2, 2.0 * zeta * mass * omega
 
 
-def hanging_mass_stiffness(frequencies: Any, mass: float, spring: float, dashpot: float) -> np.ndarray:
+def dynamic_stiffness_of_hanging_mass(
+    frequencies: Any, mass: float, spring: float, dashpot: float
+) -> np.ndarray:
     """Dynamic stiffness (f,) [N/m] of a mass on spring and dashpot, at frequencies [Hz]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
@@ -61,7 +63,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
     excited = count - 1 if host.excited is None else host.excited
     for position, rate in enumerate(omega):
         held = [body.stiffness + 1j * rate * body.damping for body in host.bodies]
-        matrix = _chain_stiffness(held) - np.diag([rate**2 * body.mass for body in host.bodies])
+        matrix = _chain_stiffness_matrix(held) - np.diag([rate**2 * body.mass for body in host.bodies])
         matrix[-1, -1] += attached[position]
         force = np.zeros(count, dtype=np.complex128)
         drive = host.excitation
@@ -77,11 +79,11 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> np.nda
     return result
 
 
-def slowest_decay(host: Host) -> float:
+def slowest_decay_rate(host: Host) -> float:
     """Decay rate [1/s] of the host's mode that rings longest; c/(2 M) of one body."""
     count = len(host.bodies)
-    springs = _chain_stiffness([body.stiffness for body in host.bodies])
-    dashpots = _chain_stiffness([body.damping for body in host.bodies])
+    springs = _chain_stiffness_matrix([body.stiffness for body in host.bodies])
+    dashpots = _chain_stiffness_matrix([body.damping for body in host.bodies])
     masses = np.array([body.mass for body in host.bodies])[:, None]
     rates = np.block(
         [[np.zeros((count, count)), np.eye(count)], [-springs.real / masses, -dashpots.real / masses]]
@@ -89,7 +91,7 @@ def slowest_decay(host: Host) -> float:
     return float(-np.linalg.eigvals(rates).real.max())
 
 
-def _chain_stiffness(held: Sequence[complex]) -> np.ndarray:
+def _chain_stiffness_matrix(held: Sequence[complex]) -> np.ndarray:
     """Return the stiffness matrix (n, n) of a chain of bodies, each held by the one before."""
     matrix = np.zeros((len(held), len(held)), dtype=np.complex128)
     for k, coefficient in enumerate(held):
@@ -110,13 +112,13 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def scene_with_amplitude(host: Host, key: str, size: float) -> Host:
+def host_with_amplitude(host: Host, key: str, size: float) -> Host:
     """Host with another amplitude of its excitation."""
     plain = host.to_plain()
     return Host.from_plain(plain | {"excitation": plain["excitation"] | {key: size}})
 
 
-def compare_linear(
+def linear_host_comparison(
     scene: Scene,
     host: Host,
     key: str,
@@ -126,9 +128,9 @@ def compare_linear(
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """Curves without damper and with the tuned mass, and what the damper is to the host."""
     omega, mass = math.tau * np.array(frequencies), damper_mass(scene)
-    spring, dashpot = tuned_mass(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
-    tuned = hanging_mass_stiffness(frequencies, mass, spring, dashpot)
-    hosts = [scene_with_amplitude(host, key, size) for size in sizes]
+    spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
+    tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
+    hosts = [host_with_amplitude(host, key, size) for size in sizes]
     alone = np.array([np.abs(linear_response(host, frequencies)[:, -1]) for host in hosts])
     ideal = np.array([np.abs(linear_response(host, frequencies, tuned)[:, -1]) for host in hosts])
     result = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from granular.response.response import Response
+from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, READABLE, figure, plain_numbers
@@ -56,15 +56,17 @@ class PageComparison:
     notes: Sequence[str] = ()
 
 
-def response_page(response: Response, comparison: PageComparison | None = None, missing: str = "") -> Page:
+def response_page(
+    response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
+) -> Page:
     """Report as a page: what is left, what the damper is to the machine, how it was simulated.
 
     ``missing`` says why there is nothing to compare with, where there could be.
     """
-    page = Page(f"The response of scene {response.scene.name!r}", answer_sentence(response))
+    page = Page(f"The response of scene {response.scene.name!r}", peak_summary_sentence(response))
     _add_curves(page, response, comparison)
-    _add_peaks(page, response)
-    add_steadiness(page, response)
+    _add_peak_table(page, response)
+    add_steadiness_notes(page, response)
     if comparison is not None:
         page.section(comparison.title)
         page.table(comparison.header, comparison.rows)
@@ -73,8 +75,8 @@ def response_page(response: Response, comparison: PageComparison | None = None, 
             page.note(words)
     elif missing:
         page.note(missing)
-    add_damper(page, response)
-    add_energy(page, response)
+    add_damper_section(page, response)
+    add_energy_section(page, response)
     _add_settings(page, response)
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     made = versions(("matplotlib", "scipy", "xarray"))
@@ -82,22 +84,22 @@ def response_page(response: Response, comparison: PageComparison | None = None, 
     return page
 
 
-def answer_sentence(response: Response) -> str:
+def peak_summary_sentence(response: FrequencyResponse) -> str:
     """Answer in one sentence, at the greatest amplitude."""
     row = max(response.peaks(), key=lambda peak: peak["amplitude"])
     words = (
-        f"{amplitude_phrase(response, row['amplitude'])}: {_in_mm(row['peak'])} mm at most, at "
+        f"{amplitude_phrase(response, row['amplitude'])}: {_format_in_mm(row['peak'])} mm at most, at "
         f"{row['frequency']:.3g} Hz"
     )
     if "alone" not in row:
         return f"{words}."
     return (
-        f"{words}; {_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
-        f"much, and {_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
+        f"{words}; {_format_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
+        f"much, and {_format_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
     )
 
 
-def _add_curves(page: Page, response: Response, comparison: PageComparison | None) -> None:
+def _add_curves(page: Page, response: FrequencyResponse, comparison: PageComparison | None) -> None:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -108,7 +110,7 @@ def _add_curves(page: Page, response: Response, comparison: PageComparison | Non
             line.set(color=COLOURS[k % len(COLOURS)], linestyle="-", linewidth=1.6)
             if response.dataset.sizes["frequency"] < _DENSE:
                 line.set(marker="o", markersize=5)
-        names = _comparison_lines(axes, response, comparison)
+        names = _draw_comparison_curves(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend(
             [*handles, *names.values()],
@@ -119,8 +121,8 @@ def _add_curves(page: Page, response: Response, comparison: PageComparison | Non
         page.figure(drawing, _curve_caption(response, comparison))
 
 
-def _comparison_lines(
-    axes: Axes, response: Response, comparison: PageComparison | None
+def _draw_comparison_curves(
+    axes: Axes, response: FrequencyResponse, comparison: PageComparison | None
 ) -> Mapping[str, object]:
     """Draw the curves to compare; return a line of each name for the legend."""
     from matplotlib.lines import Line2D
@@ -137,7 +139,7 @@ def _comparison_lines(
     return handles
 
 
-def _curve_caption(response: Response, comparison: PageComparison | None) -> str:
+def _curve_caption(response: FrequencyResponse, comparison: PageComparison | None) -> str:
     words = "Displacement of the machine"
     if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
@@ -148,18 +150,18 @@ def _curve_caption(response: Response, comparison: PageComparison | None) -> str
     return f"{words}."
 
 
-def _add_peaks(page: Page, response: Response) -> None:
+def _add_peak_table(page: Page, response: FrequencyResponse) -> None:
     page.section("The peaks")
     rows = response.peaks()
-    head = [amplitude_labels(response)[0], "at [Hz]", "peak [mm]"]
+    head = [amplitude_header_and_scale(response)[0], "at [Hz]", "peak [mm]"]
     keys = ["alone", "ideal"] if "alone" in rows[0] else []
     head += ["alone [mm]", "ideal [mm]", "times lower"] if keys else []
     cells = [
         [
             f"{row['amplitude']:g}",
             format_number(row["frequency"]),
-            _in_mm(row["peak"]),
-            *(_in_mm(row[key]) for key in keys),
+            _format_in_mm(row["peak"]),
+            *(_format_in_mm(row[key]) for key in keys),
             *([format_number(row["reduction"], 3)] if keys else []),
         ]
         for row in rows
@@ -179,7 +181,7 @@ def _add_peaks(page: Page, response: Response) -> None:
             )
 
 
-def add_steadiness(page: Page, response: Response) -> None:
+def add_steadiness_notes(page: Page, response: FrequencyResponse) -> None:
     """Add notes on swings that are not steady, and on a sweep that was too fast."""
     data = response.dataset
     rate = sweep_rate_at_peak(response)
@@ -202,7 +204,7 @@ def add_steadiness(page: Page, response: Response) -> None:
         )
 
 
-def _add_settings(page: Page, response: Response) -> None:
+def _add_settings(page: Page, response: FrequencyResponse) -> None:
     page.section("Settings")
     rows = [("time step", str(response.settings.get("dt", "not told")))]
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
@@ -214,12 +216,12 @@ def _add_settings(page: Page, response: Response) -> None:
         rows.append(("each sine acts for", f"{lasts:g} s, of which the last 0.4 are taken"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     page.table(("setting", "value"), rows)
-    if shown_frequency_count(response) < response.dataset.sizes["frequency"]:
+    if table_frequency_count(response) < response.dataset.sizes["frequency"]:
         page.text("The tables show some of the frequencies; response.csv holds all.")
     page.preformat(response.scene.to_toml())
 
 
-def _in_mm(metres: float) -> str:
+def _format_in_mm(metres: float) -> str:
     return format_number(1e3 * metres, 3)
 
 
@@ -236,12 +238,12 @@ LOSSES = {
 }
 
 
-def add_damper(page: Page, response: Response) -> None:
+def add_damper_section(page: Page, response: FrequencyResponse) -> None:
     """Add what the damper is to the machine, over frequency and over the machine's displacement."""
     page.section("The swings, and what the damper is to the machine")
     data = response.dataset
     if "added_damping" in data:
-        _equivalent_values(page, response)
+        _add_equivalent_damping_figure(page, response)
         page.text(
             "What the damper adds to the machine is the mass, and the dashpot, that would leave it "
             "the same displacement. The added stiffness is the added mass, times -omega². The loss "
@@ -249,14 +251,14 @@ def add_damper(page: Page, response: Response) -> None:
             "next to nothing swings, it is large and says little."
         )
     for size in data.amplitude.values.tolist():
-        _swing_rows(page, response, size)
+        _add_swing_table(page, response, size)
     words = "Piston is the amplitude of the piston over the cell"
     if "unsteady" in data:
         words += "; unsteady says by how much the machine's amplitude changes while it is taken"
     page.text(f"{words}.")
 
 
-def _equivalent_values(page: Page, response: Response) -> None:
+def _add_equivalent_damping_figure(page: Page, response: FrequencyResponse) -> None:
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         for k, size in enumerate(response.dataset.amplitude.values.tolist()):
             part = response.dataset.sel(amplitude=size)
@@ -276,8 +278,8 @@ def _equivalent_values(page: Page, response: Response) -> None:
         )
 
 
-def _swing_rows(page: Page, response: Response, size: float) -> None:
-    part, diameter = shown_response(response, size), response.scene.grains.species[0].diameter
+def _add_swing_table(page: Page, response: FrequencyResponse, size: float) -> None:
+    part, diameter = response_at_table_frequencies(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
         "mm": (part.displacement, 1e3, 3),
@@ -288,7 +290,7 @@ def _swing_rows(page: Page, response: Response, size: float) -> None:
         "unsteady": (part.get("unsteady"), 1.0, 2),
     }
     known = {
-        head: [_number_text(scale * float(x), digits) for x in values.values]
+        head: [_format_table_number(scale * float(x), digits) for x in values.values]
         for head, (values, scale, digits) in columns.items()
         if values is not None
     }
@@ -296,7 +298,7 @@ def _swing_rows(page: Page, response: Response, size: float) -> None:
     page.table(tuple(known), list(zip(*known.values(), strict=True)))
 
 
-def _number_text(value: float, digits: int) -> str:
+def _format_table_number(value: float, digits: int) -> str:
     """Return the number for a table; without an exponent where it can be."""
     if value == 0.0 or not np.isfinite(value) or not 1e-3 <= abs(value) < 1e6:
         return format_number(value, digits)
@@ -304,20 +306,20 @@ def _number_text(value: float, digits: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def add_energy(page: Page, response: Response) -> None:
+def add_energy_section(page: Page, response: FrequencyResponse) -> None:
     """Add where the energy of a period goes, at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
     page.section("Where the energy of a period goes")
     for size in response.dataset.amplitude.values.tolist():
-        part = shown_response(response, size)
-        losses = losses_per_period(part)
+        part = response_at_table_frequencies(response, size)
+        losses = energy_losses_per_period(part)
         columns = {"work": part.work_a_period.values, **losses}
         head = ["Hz", *(f"{name} [mJ]" for name in columns)]
         rows = [
             [
-                _number_text(float(f), 4),
-                *(_number_text(1e3 * float(column[k]), 3) for column in columns.values()),
+                _format_table_number(float(f), 4),
+                *(_format_table_number(1e3 * float(column[k]), 3) for column in columns.values()),
             ]
             for k, f in enumerate(part.frequency.values)
         ]
@@ -331,7 +333,7 @@ def add_energy(page: Page, response: Response) -> None:
     )
 
 
-def losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
+def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
     """Energies (f,) that are lost in a period [J], by their names, without those that are 0."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
@@ -352,31 +354,31 @@ _NAMES = {
 }
 
 
-def amplitude_labels(response: Response) -> tuple[str, float]:
+def amplitude_header_and_scale(response: FrequencyResponse) -> tuple[str, float]:
     """Head of the column of amplitudes, and what they are multiplied by for it."""
     head, _, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return head, scale
 
 
-def amplitude_phrase(response: Response, size: float) -> str:
+def amplitude_phrase(response: FrequencyResponse, size: float) -> str:
     """Amplitude, as a sentence begins with it."""
     _, words, scale = _NAMES[str(response.dataset.amplitude.attrs["long_name"])]
     return words.format(size=scale * size)
 
 
-def shown_frequency_count(response: Response) -> int:
+def table_frequency_count(response: FrequencyResponse) -> int:
     """Return the number of frequencies that the tables show."""
     return min(response.dataset.sizes["frequency"], MOST_ROWS)
 
 
-def shown_response(response: Response, size: float) -> xarray.Dataset:
+def response_at_table_frequencies(response: FrequencyResponse, size: float) -> xarray.Dataset:
     """Response at an amplitude, at the frequencies that tables show; its peak is one of them.
 
     On ``frequency``.
     """
     part = response.dataset.sel(amplitude=size)
     count = part.sizes["frequency"]
-    indices = np.unique(np.linspace(0, count - 1, shown_frequency_count(response)).round().astype(int))
+    indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))
     peak = int(part.displacement.values.argmax())
     indices[int(np.abs(indices - peak).argmin())] = peak
     return part.isel(frequency=indices)

@@ -13,12 +13,12 @@ import numpy as np
 
 from granular.effects.host import Host
 from granular.response.linear_system import (
-    compare_linear,
     damper_mass,
-    hanging_mass_stiffness,
+    dynamic_stiffness_of_hanging_mass,
+    host_with_amplitude,
+    linear_host_comparison,
     linear_response,
-    scene_with_amplitude,
-    tuned_mass,
+    tuned_mass_spring_and_dashpot,
 )
 from granular.response.steady import steady_figures
 from granular.scene.scene import Scene
@@ -40,7 +40,7 @@ AMPLITUDES = ("force", "acceleration", "displacement")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Response:
+class FrequencyResponse:
     """A host's response to sines.
 
     Attributes
@@ -87,10 +87,10 @@ class Response:
         """Return fine ``frequency`` [Hz], and the amplitude ``alone`` and with ``ideal`` [m]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
-        host = scene_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
+        host = host_with_amplitude(host, str(self.dataset.amplitude.attrs["long_name"]), size)
         dense = np.geomspace(known.min(), known.max(), DENSE)
         mass = damper_mass(self.scene)
-        attached = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))
+        attached = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
         return {
             "frequency": dense,
             "alone": np.abs(linear_response(host, dense)[:, -1]),
@@ -139,7 +139,7 @@ def frequency_response(
     out: str | Path | None = None,
     workers: int | None = None,
     progress: bool = True,
-) -> Response:
+) -> FrequencyResponse:
     """Run a scene for each frequency of the sine that shakes its host.
 
     The sine begins at the excitation's ``start`` and acts for ``duration``; the last 0.4 of that
@@ -168,7 +168,7 @@ def frequency_response(
 
     Returns
     -------
-    Response
+    FrequencyResponse
         Amplitudes [m] and phases [rad] at each frequency [Hz].
 
     Raises
@@ -178,7 +178,7 @@ def frequency_response(
     GranularError
         If a run failed.
     """
-    host = _checked_frequencies(scene, frequencies, duration)
+    host = _require_host_under_sine(scene, frequencies, duration)
     assert host.excitation is not None
     (key,) = (name for name in AMPLITUDES if getattr(host.excitation, name) is not None)
     sizes = [getattr(host.excitation, key)] if amplitudes is None else list(amplitudes)
@@ -203,10 +203,10 @@ def frequency_response(
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
     result = _steady_dataset(scene, host, key, sizes, frequencies, made.outcomes)
-    return Response(scene, result, {"dt": dt, "duration": duration})
+    return FrequencyResponse(scene, result, {"dt": dt, "duration": duration})
 
 
-def _checked_frequencies(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
+def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duration: float) -> Host:
     host = scene.effects.host
     if host is None or host.excitation is None or host.excitation.kind != "sine":
         raise InputError(
@@ -252,7 +252,7 @@ def _steady_dataset(
             result[name] = ("J", f"{what} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        result |= compare_linear(scene, host, key, sizes, frequencies, swing)
+        result |= linear_host_comparison(scene, host, key, sizes, frequencies, swing)
     if host.excitation is not None and host.excitation.is_base_motion:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
         total = swing - shake / omega**2
@@ -288,14 +288,14 @@ FILE = "response.json"
 MOST_BYTES = 64 * 2**20
 
 
-def save_response(response: Response, directory: str | Path) -> Path:
+def save_response(response: FrequencyResponse, directory: str | Path) -> Path:
     """Write a response to ``response.json`` in a directory; the path of the file.
 
     Its numbers keep every bit.
 
     Parameters
     ----------
-    response : Response
+    response : FrequencyResponse
         Measured response.
     directory : str or Path
         Directory of the result.
@@ -321,7 +321,7 @@ def save_response(response: Response, directory: str | Path) -> Path:
     return path
 
 
-def load_response(directory: str | Path) -> Response:
+def load_response(directory: str | Path) -> FrequencyResponse:
     """Read a response that `save_response` or the command ``response`` wrote.
 
     Parameters
@@ -331,7 +331,7 @@ def load_response(directory: str | Path) -> Response:
 
     Returns
     -------
-    Response
+    FrequencyResponse
         The response, in SI units.
 
     Raises
@@ -349,29 +349,29 @@ def load_response(directory: str | Path) -> Response:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise _damage_error(path, str(error)) from None
+        raise _damaged_file_error(path, str(error)) from None
     return _response_from_plain(plain, path)
 
 
-def _response_from_plain(plain: Any, path: Path) -> Response:
+def _response_from_plain(plain: Any, path: Path) -> FrequencyResponse:
     import xarray
 
     try:
         data = xarray.Dataset.from_dict(plain["dataset"])
-        response = Response(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
+        response = FrequencyResponse(Scene.from_plain(plain["scene"]), data, dict(plain["settings"]))
         fields = [data["displacement"], data["amplitude"], data["frequency"]]
         sound = data["displacement"].dims == ("amplitude", "frequency") and all(
             np.issubdtype(field.dtype, np.number) and field.size for field in fields
         )
         sound = sound and {"units", "long_name"} <= set(data["amplitude"].attrs)
     except InputError as error:
-        raise _damage_error(path, str(error)) from None
+        raise _damaged_file_error(path, str(error)) from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _damage_error(path, f"{type(error).__name__} {error}") from None
+        raise _damaged_file_error(path, f"{type(error).__name__} {error}") from None
     if not sound:
-        raise _damage_error(path, "it has no amplitudes over frequencies")
+        raise _damaged_file_error(path, "it has no amplitudes over frequencies")
     return response
 
 
-def _damage_error(path: Path, why: str) -> InputError:
+def _damaged_file_error(path: Path, why: str) -> InputError:
     return InputError(f"{sanitize(path)} cannot be read: {why}; write it anew by granular-damper response")

@@ -29,7 +29,7 @@ def complex_amplitude(time: np.ndarray, values: np.ndarray, frequency: float) ->
     return complex(sine, cosine)
 
 
-def whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
+def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
     """Last whole periods of the last part of a time [s]; at least `LEAST_PERIODS` of them."""
     count = max(math.floor(FRACTION * (end - start) * frequency), LEAST_PERIODS)
     return max(start, end - count / frequency), end
@@ -48,7 +48,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
     assert host.excitation is not None
     frequency, began = float(host.excitation.frequency or 0.0), host.excitation.start
     time = data.time.values
-    first, last = whole_periods(began, float(time[-1]), frequency)
+    first, last = last_whole_periods(began, float(time[-1]), frequency)
     inside = time >= first - 1e-9
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host import Host
-from granular.response.linear_system import compare_linear, slowest_decay
-from granular.response.response import AMPLITUDES, Response, response_dataset
+from granular.response.linear_system import linear_host_comparison, slowest_decay_rate
+from granular.response.response import AMPLITUDES, FrequencyResponse, response_dataset
 from granular.response.steady import PERIODS, POINTS, swept_response
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -28,7 +28,7 @@ LENGTH, DURATION = 0.02, 10.0
 """How long an impulse lasts, and how long it is looked at [s], if not given."""
 
 
-def run_sweep(
+def run_frequency_sweep(
     scene: Scene,
     lowest: float,
     highest: float,
@@ -38,7 +38,7 @@ def run_sweep(
     dt: float | str = "auto",
     out: str | Path | None = None,
     progress: bool = True,
-) -> Response:
+) -> FrequencyResponse:
     """Response of a scene's host, read off one run under a slow sweep.
 
     What shakes the host is that of the scene, a force on it or a motion of its base, with its
@@ -65,7 +65,7 @@ def run_sweep(
 
     Returns
     -------
-    Response
+    FrequencyResponse
         Amplitudes [m] and phases [rad] over the frequency [Hz].
 
     Raises
@@ -76,7 +76,7 @@ def run_sweep(
     RunError
         If the simulation fails, as where grains leave the cell.
     """
-    key, size, start = _host_drive(scene)
+    key, size, start = _host_drive_parameters(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
             f"a sweep from {lowest:g} Hz to {highest:g} Hz: give two frequencies above 0, the "
@@ -103,7 +103,7 @@ def run_sweep(
     return response_of_sweep(run, points)
 
 
-def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
+def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
     """Response of a host, read off a run under a sweep.
 
     Raises
@@ -126,12 +126,12 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> Response:
     if "stroke" in data:
         what = "amplitude of the piston over the cell"
         result["stroke"] = ("m", what, data.stroke.values[None])
-    result |= compare_linear(run.scene, host, key, sizes, frequencies, swing)
+    result |= linear_host_comparison(run.scene, host, key, sizes, frequencies, swing)
     settings = {"dt": run.settings()["dt"], "duration": drive.duration, "sweep": [drive.frequency, drive.to]}
-    return Response(run.scene, response_dataset(key, sizes, frequencies, result), settings)
+    return FrequencyResponse(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
-def sweep_rate_at_peak(response: Response) -> float | None:
+def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
     """Speed at which a sweep passed its peak: f' over delta^2/(2 pi), which should be far below 1.
 
     delta is the decay rate of the host with the mass and the damping that the damper had for it at
@@ -151,7 +151,7 @@ def sweep_rate_at_peak(response: Response) -> float | None:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Impulse:
+class ImpulseResponse:
     """Swing of a host after an impulse, and its settling time.
 
     Attributes
@@ -162,8 +162,8 @@ class Impulse:
     displacement : float64 (n,)
         Displacement of the last body from rest [m].
     fraction : float
-        Fraction of its peak below which it stays from ``seconds`` on.
-    seconds : float
+        Fraction of its peak below which it stays from ``settling_time`` on.
+    settling_time : float
         [s]
     """
 
@@ -171,17 +171,17 @@ class Impulse:
     time: np.ndarray
     displacement: np.ndarray
     fraction: float
-    seconds: float
+    settling_time: float
 
     @property
-    def alone(self) -> float:
+    def settling_time_without_damper(self) -> float:
         """Time that the host would take without the damper, ln(1/share)/delta [s].
 
         delta is the decay rate of its slowest mode; infinite where nothing damps the host.
         """
         host = self.scene.effects.host
         assert host is not None
-        delta = slowest_decay(host)
+        delta = slowest_decay_rate(host)
         return math.inf if delta <= 0.0 else math.log(1.0 / self.fraction) / delta
 
     @property
@@ -197,9 +197,13 @@ class Impulse:
         return pandas.DataFrame({"time": self.time, "displacement": self.displacement})
 
     def __str__(self) -> str:
-        alone = "never" if math.isinf(self.alone) else f"{self.alone:.3g} s"
+        alone = (
+            "never"
+            if math.isinf(self.settling_time_without_damper)
+            else f"{self.settling_time_without_damper:.3g} s"
+        )
         return (
-            f"{self.seconds:.3g} s until it swings less than {self.fraction:g} of its peak, "
+            f"{self.settling_time:.3g} s until it swings less than {self.fraction:g} of its peak, "
             f"{1e3 * self.peak:.3g} mm; without the damper {alone}"
         )
 
@@ -211,7 +215,7 @@ class Impulse:
         ax.plot(self.time, 1e3 * self.displacement, color=COLOURS[0], lw=0.9)
         for side in (-1.0, 1.0):
             ax.axhline(1e3 * side * self.fraction * self.peak, color=GREY, linestyle="--", lw=0.9)
-        ax.axvline(self.seconds, color=COLOURS[1], lw=1.2, label=f"{self.seconds:.3g} s")
+        ax.axvline(self.settling_time, color=COLOURS[1], lw=1.2, label=f"{self.settling_time:.3g} s")
         ax.set(xlabel="time since the impulse [s]", ylabel="displacement [mm]")
         ax.legend(frameon=False)
         return ax
@@ -227,7 +231,7 @@ def run_impulse(
     dt: float | str = "auto",
     out: str | Path | None = None,
     progress: bool = True,
-) -> Impulse:
+) -> ImpulseResponse:
     """Strike a scene's host, and measure its settling time.
 
     The impulse begins when what shakes the host in the scene begins.
@@ -255,7 +259,7 @@ def run_impulse(
 
     Returns
     -------
-    Impulse
+    ImpulseResponse
         Motion after the impulse, and the settling time [s].
 
     Raises
@@ -265,7 +269,7 @@ def run_impulse(
         the end, or ``out`` holds another run.
     """
     host = _require_host(scene)
-    check_fraction(fraction)
+    check_peak_fraction(fraction)
     if not 0.0 < abs(force) < math.inf:
         raise InputError(f"an impulse of {force:g} N; give a force that is not 0")
     if not 0.0 < length < duration < math.inf:
@@ -279,7 +283,7 @@ def run_impulse(
     run = _simulate_driven(scene, start + duration, dt, out, progress)
     time, swing = run.dataset.time.values - start - length, run.dataset.host_displacement.values
     seconds, behind = settling_time(run, fraction), time >= 0.0
-    return Impulse(scene, time[behind], swing[behind], fraction, seconds)
+    return ImpulseResponse(scene, time[behind], swing[behind], fraction, seconds)
 
 
 def _require_host(scene: Scene) -> Host:
@@ -292,7 +296,7 @@ def _require_host(scene: Scene) -> Host:
     return host
 
 
-def _host_drive(scene: Scene) -> tuple[str, float, float]:
+def _host_drive_parameters(scene: Scene) -> tuple[str, float, float]:
     """Drive of the host: its key, its amplitude and when it begins [s]."""
     host = _require_host(scene)
     if host.excitation is None:
@@ -375,7 +379,7 @@ def settling_time_of_samples(
     time: np.ndarray, displacement: np.ndarray, ends: float, fraction: float
 ) -> float:
     """As `settling_time`, of times [s] and displacements [m] (n,)."""
-    check_fraction(fraction)
+    check_peak_fraction(fraction)
     behind = time >= ends
     if not behind.any():
         raise InputError(f"the run ends at {time[-1]:g} s, before the impulse does, {ends:g} s")
@@ -390,7 +394,7 @@ def settling_time_of_samples(
     return float(time[behind][last + 1] - ends)
 
 
-def check_fraction(fraction: float) -> None:
+def check_peak_fraction(fraction: float) -> None:
     """Refuse a number that is no fraction of the peak."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; give 0.1 for a tenth")

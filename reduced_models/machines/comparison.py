@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.response.page import PageComparison, response_page
-from granular.response.response import Response
+from granular.response.response import FrequencyResponse
 from granular.shared.errors import InputError
 from granular.shared.html import Page, format_number
 from granular.shared.tables import align_columns
@@ -79,12 +79,12 @@ class ResponseComparison:
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
 
 
-def compare_response(response: Response) -> ResponseComparison:
+def compare_response(response: FrequencyResponse) -> ResponseComparison:
     """Solve the law for a response's scene and forces, between its frequencies.
 
     Parameters
     ----------
-    response : Response
+    response : FrequencyResponse
         Measured response.
 
     Returns
@@ -119,7 +119,7 @@ def compare_response(response: Response) -> ResponseComparison:
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def law_page(response: Response) -> tuple[Page, ResponseComparison | None, str]:
+def law_page(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
     """Report of a response with the law; the law; and why, where there is none."""
     try:
         law = compare_response(response)

@@ -14,8 +14,12 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host import Host
-from granular.response.linear_system import hanging_mass_stiffness, linear_response, tuned_mass
-from granular.response.response import DURATION, Response, frequency_response
+from granular.response.linear_system import (
+    dynamic_stiffness_of_hanging_mass,
+    linear_response,
+    tuned_mass_spring_and_dashpot,
+)
+from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.beds import damper
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
@@ -63,7 +67,7 @@ class DamperDesign:
         Of piston and grains [kg].
     outside : str
         Why the law is not to be trusted; empty where it is.
-    simulated : Response or None
+    simulated : FrequencyResponse or None
         Response of the scene near the peak by the law, where it was simulated.
     seconds : float
         That the simulation took.
@@ -76,7 +80,7 @@ class DamperDesign:
     stroke: float
     mass: float
     outside: str
-    simulated: Response | None = None
+    simulated: FrequencyResponse | None = None
     seconds: float = 0.0
 
     @property
@@ -230,7 +234,7 @@ def design_for(
     alone_host = Host(bodies=host.bodies, excitation=excitation)
     dense = own * np.linspace(0.6, 1.4, 801)
     alone = float(np.abs(linear_response(alone_host, dense)[:, -1]).max())
-    tuned = hanging_mass_stiffness(dense, mass, *tuned_mass(host, mass))
+    tuned = dynamic_stiffness_of_hanging_mass(dense, mass, *tuned_mass_spring_and_dashpot(host, mass))
     ideal = float(np.abs(linear_response(alone_host, dense, tuned)[:, -1]).max())
     stroke = float(response.stroke[int(response.displacement.argmax())])
     outside = _outside_text(stroke / best.grains.species[0].diameter)

@@ -21,7 +21,7 @@ from granular.observables import (
     per_lag,
     track_defects,
 )
-from granular.render.interpolation import interpolate_bed
+from granular.render.movie import interpolate_bed
 from granular.run.trajectory import Trajectory
 
 from .conftest import MakeRun

@@ -14,8 +14,8 @@ from PIL import Image
 
 from granular.export.frames import BedFrame, iterate_frames
 from granular.render import movie
-from granular.render.interpolation import interpolate_bed
-from granular.render.picture import BedPicture, highest_point
+from granular.render.movie import interpolate_bed
+from granular.render.picture import BedPicture, highest_point_of_bed
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 
@@ -50,10 +50,10 @@ def test_a_picture_a_frame(short: Trajectory, tmp_path: Path, ending: str) -> No
     path = movie(short, tmp_path / f"bed.{ending}", fps=10.0, speed=None, progress=False)
     found = pictures(path)
     assert len(found) == 12
-    top, total_duration = highest_point(short, iterate_frames(short)), (0.0, 0.0055)
+    top, total_duration = highest_point_of_bed(short, iterate_frames(short)), (0.0, 0.0055)
     picture = BedPicture(short, "species", (0.0, 1.0), top, total_duration)
     for frame, image in zip(iterate_frames(short), found, strict=True):
-        picture.show(frame)
+        picture.show_frame(frame)
         error = np.abs(image.astype(float) - picture.pixels())
         assert error.mean() < 4.0
     assert min(one[:4].min() for one in found) >= (255 if ending == "gif" else 253)  # white paper
@@ -87,7 +87,7 @@ def test_stage_alone(short: Trajectory, tmp_path: Path) -> None:
 def test_ctrl_c_keeps_what_was_made(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
-    shown, show = [], BedPicture.show
+    shown, show = [], BedPicture.show_frame
 
     def interrupted(self: BedPicture, frame: BedFrame) -> None:
         shown.append(frame)
@@ -95,7 +95,7 @@ def test_ctrl_c_keeps_what_was_made(
             os.kill(os.getpid(), signal.SIGINT)
         show(self, frame)
 
-    monkeypatch.setattr(BedPicture, "show", interrupted)
+    monkeypatch.setattr(BedPicture, "show_frame", interrupted)
     path = tmp_path / f"bed.{ending}"
     with pytest.warns(UserWarning, match="holds the 5 pictures of 12 made"), pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)

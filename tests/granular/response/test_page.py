@@ -14,13 +14,13 @@ from granular import Scene, load_scene
 from granular.effects.host import Host
 from granular.response import load_response, save_response
 from granular.response.linear_system import (
-    compare_linear,
-    hanging_mass_stiffness,
+    dynamic_stiffness_of_hanging_mass,
+    linear_host_comparison,
     linear_response,
-    slowest_decay,
+    slowest_decay_rate,
 )
-from granular.response.page import add_steadiness, losses_per_period, response_page
-from granular.response.response import Response, response_dataset
+from granular.response.page import add_steadiness_notes, energy_losses_per_period, response_page
+from granular.response.response import FrequencyResponse, response_dataset
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.errors import InputError
 from granular.shared.html import Page
@@ -30,11 +30,11 @@ HUNG = (7.0, 2500.0, 90.0)
 """Mass, spring and dashpot of what stands for a damper."""
 
 
-def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any) -> Response:
+def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any) -> FrequencyResponse:
     """As if a linear damper had been simulated on the scene's host."""
     host = scene.effects.host
     assert host is not None
-    hung = hanging_mass_stiffness(FREQUENCIES, *HUNG)
+    hung = dynamic_stiffness_of_hanging_mass(FREQUENCIES, *HUNG)
     swing = np.array([linear_response(host, FREQUENCIES, hung)[:, -1] * f / 10.0 for f in forces])
     still = np.full(swing.shape, 0.01)
     found = {
@@ -47,15 +47,15 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
         "friction_loss_a_period": ("J", "friction", 0.0 * still),
         "host_loss_a_period": ("J", "dashpots", 1.0 * still),
     }
-    found |= compare_linear(scene, host, "force", forces, FREQUENCIES, swing)
-    return Response(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
+    found |= linear_host_comparison(scene, host, "force", forces, FREQUENCIES, swing)
+    return FrequencyResponse(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
 def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
     found = made(load_scene("machine"), dt="auto*4", duration=12.0)
     data = found.dataset
     np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
-    hung = hanging_mass_stiffness(FREQUENCIES, *HUNG)
+    hung = dynamic_stiffness_of_hanging_mass(FREQUENCIES, *HUNG)
     omega = math.tau * np.array(FREQUENCIES)
     np.testing.assert_allclose(data.added_damping[0], hung.imag / omega, rtol=1e-9)
     page = response_page(found).render()
@@ -76,7 +76,7 @@ def test_a_page_tells_peaks_damper_energy_and_what_is_unsteady() -> None:
 
 
 def test_what_rearranges_is_drag_beyond_the_affine() -> None:
-    losses = losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
+    losses = energy_losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
 
@@ -106,15 +106,15 @@ def test_a_sweep_that_is_too_fast_is_told() -> None:
     assert paces[1] == pytest.approx(1000.0 * paces[0])
     for found, told in ((fast, True), (slow, False)):
         page = Page("")
-        add_steadiness(page, found)
+        add_steadiness_notes(page, found)
         assert ("too fast" in page.render()) == told
 
 
 def test_one_body_decays_by_half_its_damping_over_its_mass() -> None:
     body = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
-    assert slowest_decay(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
+    assert slowest_decay_rate(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
     stiff = {"mass": 0.01, "stiffness": 1e6, "damping": 100.0}
-    rate = slowest_decay(Host.from_plain({"bodies": [body, stiff]}))
+    rate = slowest_decay_rate(Host.from_plain({"bodies": [body, stiff]}))
     assert rate == pytest.approx(6.0 / 4.02, rel=1e-3)
 
 

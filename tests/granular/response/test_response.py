@@ -13,7 +13,11 @@ import pytest
 from granular import load_scene, simulate
 from granular.__main__ import main
 from granular.effects.host import Host
-from granular.response.linear_system import hanging_mass_stiffness, linear_response, tuned_mass
+from granular.response.linear_system import (
+    dynamic_stiffness_of_hanging_mass,
+    linear_response,
+    tuned_mass_spring_and_dashpot,
+)
 from granular.response.response import frequency_response
 from granular.response.steady import complex_amplitude, steady_figures
 from granular.scene.scene import Scene
@@ -57,7 +61,7 @@ def bench(**changes: Any) -> Scene:
 def test_the_response_is_that_of_two_degrees_of_freedom(tmp_path: Path) -> None:
     scene, frequencies = bench(), [ratio * RESONANCE for ratio in RATIOS]
     found = frequency_response(scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False)
-    hung = hanging_mass_stiffness(frequencies, 0.2, 75.0, 1.0)
+    hung = dynamic_stiffness_of_hanging_mass(frequencies, 0.2, 75.0, 1.0)
     host = scene.effects.host
     assert host is not None
     exact = np.abs(linear_response(host, frequencies, hung)[:, -1])
@@ -75,7 +79,7 @@ def test_den_hartogs_tuned_mass_makes_both_peaks_alike() -> None:
         {"bodies": [{"mass": 100.0, "stiffness": 4e4}], "excitation": {"force": 1.0, "frequency": 1.0}}
     )
     frequencies = np.linspace(2.0, 4.5, 4001)
-    hung = hanging_mass_stiffness(frequencies, 5.0, *tuned_mass(host, 5.0))
+    hung = dynamic_stiffness_of_hanging_mass(frequencies, 5.0, *tuned_mass_spring_and_dashpot(host, 5.0))
     swing = np.abs(linear_response(host, frequencies, hung)[:, 0])
     peaks = np.flatnonzero((swing[1:-1] > swing[:-2]) & (swing[1:-1] > swing[2:]))
     # sqrt(1 + 2/mu) over the static deflection, mu = 0.05

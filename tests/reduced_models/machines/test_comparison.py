@@ -12,18 +12,18 @@ import pytest
 
 from granular import Scene, load_scene
 from granular.response import save_response
-from granular.response.response import Response, response_dataset
+from granular.response.response import FrequencyResponse, response_dataset
 from granular.shared.errors import InputError
 from reduced_models.machines import compare_response, predicted_response
 
 FREQUENCIES = [2.7, 2.85, 3.0]
 
 
-def made(scene: Scene, key: str = "force") -> Response:
+def made(scene: Scene, key: str = "force") -> FrequencyResponse:
     """A response whose peak is 4 mm."""
     swing = np.array([[1e-3, 4e-3, 2e-3]])
     data = response_dataset(key, [10.0], FREQUENCIES, {"displacement": ("m", "amplitude", swing)})
-    return Response(scene, data)
+    return FrequencyResponse(scene, data)
 
 
 def test_errors_are_those_of_the_peaks() -> None:
