@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.engine import bed_of
 from benchmarks.handwritten_steps import KERNELS, Bed
 from benchmarks.timing import least_seconds
-from granular.effects.flow import Flow
+from granular.effects.dissipative_effect import Flow
 from validation.effect_costs import STEP, EngineSteps
 
 
@@ -24,7 +24,7 @@ def hand_and_engine(
     flows = (effect for effect in system.effects if isinstance(effect, Flow))
     rate = sum(flow.decay_rate(system.scales) for flow in flows)
     calls = {
-        "by hand": lambda: kernel(bed, system.pull, rate, STEP, steps),
+        "by hand": lambda: kernel(bed, system.downward_acceleration, rate, STEP, steps),
         "engine": lambda: engine.make(steps),
     }
     return bed, engine, calls

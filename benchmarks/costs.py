@@ -18,8 +18,8 @@ import numpy as np
 
 from granular.run.time_steps import validated_step
 from granular.run.work_precision import damping_kind
-from granular.scene.beds import damper
 from granular.scene.loading import load_scene
+from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text

@@ -65,7 +65,7 @@ class BuiltInSpring(Effect):
     def law(self, setting: EffectContext) -> BuiltInSpringLaw:
         """The law in natural units."""
         scales = setting.scales
-        return BuiltInSpringLaw(self.k / scales.unit("N/m"), self.height / scales.length)
+        return BuiltInSpringLaw(self.k / scales.natural_unit("N/m"), self.height / scales.length)
 
 
 class BuiltInSpringLaw(NamedTuple):

@@ -120,7 +120,7 @@ def method_errors(count: int) -> list[dict[str, Any]]:
     """What each method of summing pairs leaves of forces and energy."""
     bare = _BARE | {"arrangement.speed": "0.1 D/s"}
     scenes = {name: bed_of(count, bare | {"pairs.method": name}) for name in PAIR_METHODS}
-    positions, _ = scenes["direct"].initial_motion()
+    positions, _ = scenes["direct"].initial_positions_and_velocities()
     exact, scale = evaluate(scenes["direct"], positions), _magnitude(scenes["direct"], positions)
     rows = []
     for name, scene in scenes.items():
@@ -134,7 +134,7 @@ def method_errors(count: int) -> list[dict[str, Any]]:
 
 def _magnitude(scene: Scene, positions: np.ndarray) -> float:
     """Root mean square over the grains of the sum of |f| of their pairs [N]."""
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     index, sums = positions / scales.length, np.zeros(len(positions))
     for i in range(len(index)):
         r2 = ((index[i] - index) ** 2).sum(axis=1)
@@ -148,7 +148,7 @@ def _drift(scene: Scene) -> float:
 
     Of a run that was stopped for that, where it stopped.
     """
-    dt = 0.02 * Scales.of(scene.grains).time
+    dt = 0.02 * Scales.from_grains(scene.grains).time
     scene = scene.replace(
         **{
             "protocol": [{"kind": "hold", "name": "hold", "duration": DRIFT_STEPS * dt}],

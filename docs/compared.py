@@ -59,7 +59,7 @@ def frames(path: Path) -> list[np.ndarray]:
 def beside_lammps() -> str:
     """The packaged bed, settling for 0.05 s, by LAMMPS from the exported deck and here."""
     coarse, fine = (together(dt) for dt in (STEP, STEP / 2.0))
-    here = evaluate(SCENE, SCENE.initial_motion()[0]).force
+    here = evaluate(SCENE, SCENE.initial_positions_and_velocities()[0]).force
     force = np.abs(coarse.start - here).max() / np.linalg.norm(here, axis=1).max()
     return "\n".join(
         [

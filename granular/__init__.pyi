@@ -1,13 +1,13 @@
 from .effects.custom import effect, wall_law
 from .methods import Method
-from .protocol.custom import stage
+from .protocol.custom_stages import stage
 from .run.evaluation import Evaluation, evaluate
 from .run.record import PistonRecord
 from .run.simulation import simulate
 from .run.summary import run_text, scene_text
 from .run.trajectory import Trajectory, load_trajectory
-from .scene.beds import bidisperse, damper, mono_bed
 from .scene.loading import load_scene, scene_names
+from .scene.published_beds import bidisperse, damper, mono_bed
 from .scene.scene import Scene
 from .schema.sections import quantity
 from .shared.citing import cite

@@ -68,7 +68,7 @@ def compressed(ratio: float) -> Trajectory:
 
 runs = {0.5: compressed(0.5), 0.0: compressed(0.0)}
 for ratio, run in runs.items():
-    counts = dict(zip(("big", "small"), run.scene.grains.counts(), strict=False))
+    counts = dict(zip(("big", "small"), run.scene.grains.species_counts(), strict=False))
     height = float(run.dataset["piston_height"][-1])
     print(f"R = {ratio}: {counts}, piston at {height / BIG:.2f} D")
 

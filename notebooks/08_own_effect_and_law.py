@@ -83,7 +83,7 @@ class Spring:
 
 
 as_class = scene.replace(**{"effects.spring": {"k": "10 N/m"}})
-places, _ = scene.initial_motion()
+places, _ = scene.initial_positions_and_velocities()
 without = evaluate(scene, places).force[:, 1]
 pulls = {
     name: evaluate(one, places).force[:, 1] - without

@@ -114,7 +114,7 @@ for k, (name, scene) in enumerate(scenes.items()):
     data = simulate(push, dt=STEP, progress=False).dataset
     height, force = data["piston_height"].values, data["piston_force"].values
     pushed = data["time"].values > 0.3
-    scales, width = Scales.of(scene.grains), scene.cell.width
+    scales, width = Scales.from_grains(scene.grains), scene.cell.width
     density = scene.grains.count * DIAMETER**2 / (width * height[pushed])
     lattice = np.array([lattice_pressure(scene.grains, rho) for rho in density[::20]])
     lattice *= scales.force / scales.length * width

@@ -288,7 +288,7 @@ def depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
 
 def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     scene = bounce.bounce_problem().scene
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
     loop = _position_form if form == PLAIN else _compensated_form

@@ -23,7 +23,7 @@ from granular.methods import method_named
 from granular.run.run import Run
 from granular.run.summary import effect_names
 from granular.scene.scene import Scene
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.shared.errors import GranularError
 
 STEP = 0.02
@@ -35,7 +35,7 @@ class EngineSteps:
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         method = method_named("stormer-verlet")
-        system = natural_system(scene, threads=threads, method=method)
+        system = scene_in_natural_units(scene, threads=threads, method=method)
         self.threads, self.step = threads, step
         self.run = Run(scene, system, method, Step(), None)
         self.run.begin_stage()

@@ -188,7 +188,7 @@ def _study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy
     every = max(1, count // SHOWN)
     portrait: dict[str, tuple[float, ...]] = {}
     if run.scene.grains.count == 1:
-        heights = data["position"].values[:, 0, 1] / Scales.of(run.scene.grains).length
+        heights = data["position"].values[:, 0, 1] / Scales.from_grains(run.scene.grains).length
         portrait = {
             "heights": tuple(heights.tolist()),
             "velocities": tuple(data["velocity"].values[:, 0, 1].tolist()),

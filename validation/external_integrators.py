@@ -71,8 +71,8 @@ def initial_state(scene: Scene) -> Start:
             f"scene {scene.name!r} has more than grains of one kind, pairs, experimental walls, "
             "weight, drag and a piston that is held; an outside reference needs it without"
         )
-    scales = Scales.of(scene.grains)
-    positions, velocities = scene.initial_motion()
+    scales = Scales.from_grains(scene.grains)
+    positions, velocities = scene.initial_positions_and_velocities()
     state = [positions / scales.length, velocities / scales.velocity]
     return Start(np.concatenate([part.ravel() for part in state]), scales)
 
@@ -87,7 +87,7 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
     arrays : module
         ``numpy`` or ``jax.numpy``.
     """
-    scales, effects, count = Scales.of(scene.grains), scene.effects, scene.grains.count
+    scales, effects, count = Scales.from_grains(scene.grains), scene.effects, scene.grains.count
     weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
     decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
     alone = np.eye(count)

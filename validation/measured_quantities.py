@@ -52,7 +52,7 @@ def _energy(run: Trajectory) -> float:
 
 
 def _positions(run: Trajectory) -> np.ndarray:
-    return np.asarray(run.dataset["position"].values[-1]) / Scales.of(run.scene.grains).length
+    return np.asarray(run.dataset["position"].values[-1]) / Scales.from_grains(run.scene.grains).length
 
 
 def _rest_height(run: Trajectory) -> float:

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from granular.scene.beds import END, LOWEST_START, REFERENCE_COUNT, START
+from granular.scene.published_beds import END, LOWEST_START, REFERENCE_COUNT, START
 from granular.shared.errors import InputError
 
 __all__ = ["compression_duration", "published_value"]

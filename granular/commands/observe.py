@@ -99,7 +99,7 @@ def defects(options: Any) -> None:
     if options.out is not None:
         times = motion["frame_time"].values
         last = run.dataset["frame_time"].values.searchsorted(times[-1])
-        positions = run.scene.cell.inside(run.dataset["position"].values[last])
+        positions = run.scene.cell.wrap_positions(run.dataset["position"].values[last])
         _write_defect_tables(Path(options.out), motion, positions)
     result = {
         "tracks": tracks.to_dict("list"),

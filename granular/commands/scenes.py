@@ -83,7 +83,7 @@ def _list_methods(options: Any) -> None:
 
 def _warm_up(options: Any) -> None:
     """Compile what scenes need."""
-    from granular.compiled.cache import kernel_cache_folder
+    from granular.compiled.kernel_cache import kernel_cache_folder
     from granular.run.warm_up import warm_up
     from granular.scene.loading import load_scene, scene_names
 

@@ -17,16 +17,16 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.source import PACKAGE
+from granular.compiled.source_digest import PACKAGE
 
 PLAIN = os.environ.get("GRANULAR_PLAIN_NUMBA", "") not in ("", "0")
-"""Whether kernels are compiled by Numba's own ``njit``, without anything of `linking`, `reference`
-and `cache`: slower at each start, and of use where a new version of Numba has moved its insides."""
+"""Whether kernels are compiled by Numba's own ``njit``, without anything of `kernel_linking`, `by_reference`
+and `kernel_cache`: slower at each start, and of use where a new version of Numba has moved its insides."""
 if PLAIN:
     InnerCompiler = EntryCompiler = Compiler
 else:
-    from granular.compiled.cache import KernelCache
-    from granular.compiled.linking import EntryCompiler, InnerCompiler
+    from granular.compiled.kernel_cache import KernelCache
+    from granular.compiled.kernel_linking import EntryCompiler, InnerCompiler
 
 __all__ = ["Array", "compiled", "entry"]
 

@@ -25,15 +25,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import compiled, entry
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.flow import Flow
-from granular.effects.frame import Frame
+from granular.effects.moving_frame_effect import Frame
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.direct_vector_loops import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, integer, quantity
+from granular.schema.sections import FieldError, integer_field, quantity
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _FIRST, _SECOND = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -65,7 +65,7 @@ class Bath(Frame, Flow):
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)
-    seed: int = integer(default=1)
+    seed: int = integer_field(default=1)
 
     def decay_rate(self, scales: Scales) -> float:
         """Rate in natural units."""

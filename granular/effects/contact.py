@@ -18,9 +18,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.flow import Flow
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.cell_list import PLACES_A_GRAIN, ClosePairs, close_pairs_workspace, find_close_pairs

@@ -52,8 +52,9 @@ distance w (others feel it in the ratio of their moments):
     Force away from the wall, minus the slope of the energy; and minus its own slope.
 
 A scene names it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Either
-can be a formula as well: `granular.effects.field`, `granular.effects.pair_law`, and of the distance
-``w`` of a wall ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
+can be a formula as well: `granular.effects.formula_fields`, `granular.effects.formula_pair_laws`,
+and of the distance ``w`` of a wall:
+``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
 What is not there costs nothing. Compiled code is kept under a digest of the functions and of all
 that they use of their file, so a second process starts as fast as with a built-in effect, and an
@@ -77,17 +78,17 @@ from granular.effects.custom_functions import (
     DEFINITIONS,
     FUNCTIONS,
     WALL_FUNCTIONS,
+    CustomLawKind,
     Definition,
-    Kind,
     functions_digest,
 )
 from granular.effects.custom_law import CustomLaw, CustomWallLaw
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.flow import Flow
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.effects.registry import WALL_LAWS, register_effect
 from granular.schema.scales import Scales
-from granular.schema.sections import Integer, Quantity, Section, unknown
+from granular.schema.sections import IntegerKind, QuantityKind, Section, unknown
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from granular.shared.user_file import UserFile, user_definitions
@@ -122,8 +123,8 @@ class CustomSection(Section):
         values = []
         for field in dataclasses.fields(self):
             kind = field.metadata["kind"]
-            unit = kind.unit if isinstance(kind, Quantity) else "1"
-            values.append(float(getattr(self, field.name)) / scales.unit(unit))
+            unit = kind.unit if isinstance(kind, QuantityKind) else "1"
+            values.append(float(getattr(self, field.name)) / scales.natural_unit(unit))
         return self.definition.parameters(*values)
 
     def __reduce__(self) -> Any:
@@ -153,7 +154,7 @@ class CustomEffect(CustomSection, Force, Flow):
         check_functions(self.definition, p, setting)
         reach = self.definition.functions.get("reach")
         ends = math.inf if reach is None else float(reach(p))
-        return CustomLaw(Kind(self.definition.digest), tuple(p), ends, None)
+        return CustomLaw(CustomLawKind(self.definition.digest), tuple(p), ends, None)
 
     def check_compiling(self, setting: EffectContext) -> None:
         check_compiling(self.definition, self.natural(setting.scales))
@@ -180,7 +181,7 @@ class CustomWall(CustomSection):
         """
         values = self.natural(scales)
         check_wall_functions(self.definition, values)
-        return CustomWallLaw(Kind(self.definition.digest), tuple(values))
+        return CustomWallLaw(CustomLawKind(self.definition.digest), tuple(values))
 
 
 def effect(written: type) -> Any:
@@ -350,7 +351,7 @@ def make_section_class(
         del content[name]
     made = type(written.__name__, (base,), content | {"definition": definition, "written": written} | more)
     for field in dataclasses.fields(made):
-        if field.name in fields and not isinstance(field.metadata.get("kind"), Quantity | Integer):
+        if field.name in fields and not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
             raise InputError(f"{what} {key!r}: {field.name} must be a number; give quantity(unit)")
     return made
 

@@ -84,7 +84,7 @@ DEFINITIONS: dict[str, Definition] = {}
 """By their digests."""
 
 
-class Kind:
+class CustomLawKind:
     """An own effect in the type of its law: the digest is the name of the type."""
 
     def __init__(self, name: str) -> None:
@@ -92,11 +92,11 @@ class Kind:
 
 
 class CustomLawType(types.Dummy):  # type: ignore[misc]  # Numba is not typed
-    """Numba's type of a `Kind`."""
+    """Numba's type of a `CustomLawKind`."""
 
 
-@typeof_impl.register(Kind)
-def _typeof(kind: Kind, context: Any) -> CustomLawType:
+@typeof_impl.register(CustomLawKind)
+def _typeof(kind: CustomLawKind, context: Any) -> CustomLawType:
     return CustomLawType(kind.name)
 
 

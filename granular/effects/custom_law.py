@@ -23,7 +23,7 @@ class CustomLaw(NamedTuple):
 
     Attributes
     ----------
-    kind : Kind
+    kind : CustomLawKind
     values : tuple of float
         Its parameters.
     reach : float
@@ -276,7 +276,7 @@ class CustomWallLaw(NamedTuple):
 
     Attributes
     ----------
-    kind : Kind
+    kind : CustomLawKind
     values : tuple of float
     """
 

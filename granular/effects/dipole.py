@@ -8,9 +8,9 @@ Villani 1998, doi:10.1155/1998/79537]. The formula printed as [D, eq. 2.6] has 1
 from __future__ import annotations
 
 from granular.effects.effect import energy_variable
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.pairs.disc_law import Disc
-from granular.schema.parts import Grains
+from granular.schema.apparatus import Grains
 
 
 class Dipole(Force):
@@ -28,6 +28,6 @@ def grain_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
     """Return the disc of each species, in units of a length [m]."""
-    heights = grains.of_species("thickness") / length
+    heights = grains.species_values("thickness") / length
     radii = [0.5 * species.diameter / length for species in grains.species]
     return tuple(Disc(r, float(h)) for r, h in zip(radii, heights, strict=True))

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.flow import Flow
 from granular.kernel_data.compensation import add_to_velocity
 from granular.kernel_data.state import LOSSES, VX, VY, Bed, State
 from granular.pairs.direct_sum import pad_values
@@ -61,7 +61,7 @@ class Drag(Flow):
     def rates(self, setting: EffectContext) -> tuple[float, Array | None, RateTable | None]:
         """Return decay rates as the fields ``rate``, ``kind`` and ``rates`` of `DragLaw`."""
         rate, grains = self.decay_rate(setting.scales), setting.grains
-        slower = grains.face_ratios() / grains.mass_ratios()
+        slower = grains.face_area_ratios() / grains.mass_ratios()
         if (slower == 1.0).all():
             return rate, None, None
         distinct, kinds = np.unique(slower, return_inverse=True)

@@ -21,17 +21,17 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import grain_discs
+from granular.effects.dissipative_effect import Flow
 from granular.effects.eddy_mutual import MutualEddyLaw, make_mutual_eddy_law
 from granular.effects.eddy_tensor import Plate, lattice_drag_factor, lone_disc_drag_factor
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, VX, VY, Bed
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, choice, flag, integer, quantity
+from granular.schema.sections import FieldError, choice_field, flag_field, integer_field, quantity
 
 SPACING = 1.375
 """Spacing of the lattice by which `Eddy.mutual` is decided [D]: the packaged damper's at rest."""
@@ -72,9 +72,9 @@ class Eddy(Flow):
     conductivity: float = quantity("S/m", least=0.0)
     thickness: float = quantity("m", above=0.0)
     distance: float = quantity("m", above=0.0)
-    plates: int = integer(default=1, least=1, most=2)
-    plate: str = choice("thin", "thick", default="thin")
-    mutual: bool | None = flag(default=None, optional=True)
+    plates: int = integer_field(default=1, least=1, most=2)
+    plate: str = choice_field("thin", "thick", default="thin")
+    mutual: bool | None = flag_field(default=None, optional=True)
 
     def validate(self) -> None:
         if self.plate == "thick" and self.thickness >= 2.0 * self.distance:
@@ -87,7 +87,7 @@ class Eddy(Flow):
     def check(self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]) -> None:
         """Raise if discs reach into the plate."""
         half = 0.5 * self.thickness if self.plate == "thick" else 0.0
-        tallest = 0.5 * float(grains.of_species("thickness").max())
+        tallest = 0.5 * float(grains.species_values("thickness").max())
         if grains.magnets == "cylinders" and self.distance <= half + tallest:
             raise FieldError(
                 f"{self.distance:g} m must be above {half + tallest:g} m, where discs touch the "

@@ -8,9 +8,9 @@ What is not there costs nothing; ``law, workspace, index`` come before the other
 
 An effect is of one of three kinds, or of two, and subclasses what it is:
 
-- a force, `granular.effects.force`: it has an energy, and is minus its gradient;
-- a flow, `granular.effects.flow`: it takes energy, and is solved exactly;
-- a frame, `granular.effects.frame`: it acts on everything, the piston too.
+- a force, `granular.effects.force_effect`: it has an energy, and is minus its gradient;
+- a flow, `granular.effects.dissipative_effect`: it takes energy, and is solved exactly;
+- a frame, `granular.effects.moving_frame_effect`: it acts on everything, the piston too.
 
 ``workspace(size, count)``, where the law has it, makes the scratch arrays that the loop hands
 over as ``workspace``; its field ``persistent``, if it has one, is part of the run's state.
@@ -18,7 +18,7 @@ over as ``workspace``; its field ``persistent``, if it has one, is part of the r
 Where a grain, a pair or a wall's distance is all that counts, the loops over grains need not be
 written: a class with the functions of one of them, decorated with
 `granular.effects.custom.effect` as a user's own, becomes an effect of this form, and so does a
-formula. `granular.effects.gradient` is written so. The file's own test aside, nothing else has to
+formula. `granular.effects.magnetic_gradient` is written so. The file's own test aside, nothing else has to
 be touched: `granular.effects.registry` finds it.
 """
 
@@ -30,7 +30,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
 from granular.schema.sections import Section
 

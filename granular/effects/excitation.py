@@ -10,7 +10,15 @@ import numpy as np
 
 from granular.compiled import compiled
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, integer, numbers, quantity, text
+from granular.schema.sections import (
+    FieldError,
+    Section,
+    choice_field,
+    integer_field,
+    quantity,
+    quantity_list_field,
+    text_field,
+)
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
 
@@ -69,7 +77,7 @@ class Excitation(Section):
         File of a record, which becomes a table of the scene.
     """
 
-    kind: str = choice("sine", "sweep", "impulse", "noise", "table", "record", default="sine")
+    kind: str = choice_field("sine", "sweep", "impulse", "noise", "table", "record", default="sine")
     force: float | None = quantity("N", default=None, optional=True)
     acceleration: float | None = quantity("m/s^2", default=None, optional=True)
     displacement: float | None = quantity("m", default=None, optional=True)
@@ -77,10 +85,10 @@ class Excitation(Section):
     to: float | None = quantity("Hz", above=0.0, default=None, optional=True)
     start: float = quantity("s", default=0.0, least=0.0)
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
-    seed: int = integer(default=1)
-    times: tuple[float, ...] = numbers("s", default=(), least=0.0)
-    values: tuple[float, ...] = numbers("1", default=())
-    file: str | None = text(default=None, optional=True)
+    seed: int = integer_field(default=1)
+    times: tuple[float, ...] = quantity_list_field("s", default=(), least=0.0)
+    values: tuple[float, ...] = quantity_list_field("1", default=())
+    file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]

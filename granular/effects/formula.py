@@ -18,18 +18,18 @@ import numba
 from granular.compiled.hook_calls import OPTIONS
 from granular.effects.custom_functions import DEFINITIONS, Definition
 from granular.effects.effect import Effect
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.formulas import parse
-from granular.schema.parameters import Parametric
+from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, text
+from granular.schema.sections import FieldError, text_field
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
     import sympy
 
-    from granular.schema.parts import Cell, Grains, Piston
+    from granular.schema.apparatus import Cell, Grains, Piston
 
 Functions = dict[str, Callable[..., Any]]
 
@@ -37,7 +37,7 @@ _FORM = "2"
 """In the digest: to be raised with any change of what is derived from a text."""
 
 
-class Formula(Parametric):
+class Formula(SectionWithFormula):
     """An energy as a formula.
 
     Attributes
@@ -46,10 +46,10 @@ class Formula(Parametric):
         [J]
     """
 
-    written: ClassVar[str] = "energy"
+    formula_key: ClassVar[str] = "energy"
     unit: ClassVar[str] = "J"
 
-    energy: str = text()
+    energy: str = text_field()
 
     @staticmethod
     def derived(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Formula(Parametric):
         units = (scales.length, scales.mass, scales.time, scales.current)
         result = []
         for name, _ in self.values:
-            value, dimension = self.parameter(name)
+            value, dimension = self.parameter_value_and_dimension(name)
             for unit, power in zip(units, dimension, strict=True):
                 value /= unit ** float(power)
             result.append(value)

@@ -26,13 +26,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import Effect, EffectContext, Record, energy_variable
-from granular.effects.flow import Flow
 from granular.effects.friction_law import FrictionLaw
 from granular.kernel_data.state import LOSSES, State
 from granular.pairs.direct_sum import pad_values
-from granular.schema.parts import Cell, Grains, Piston
-from granular.schema.sections import FieldError, choice, quantity
+from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.sections import FieldError, choice_field, quantity
 
 SCHEMES = ("velocity", "regularised")
 
@@ -65,8 +65,8 @@ class Friction(Flow):
 
     static: float = quantity("1", default=0.6, least=0.0)
     dynamic: float = quantity("1", default=0.45, least=0.0)
-    torque: str = choice("first", "second", default="first")
-    scheme: str = choice(*SCHEMES, default="velocity")
+    torque: str = choice_field("first", "second", default="first")
+    scheme: str = choice_field(*SCHEMES, default="velocity")
     threshold: float = quantity("m/s", default=1.5e-10, above=0.0)
     load: float = quantity("N", default=0.0, least=0.0)
 
@@ -85,7 +85,7 @@ class Friction(Flow):
             If the grains of a species do not fit between the plates, or fall over.
         """
         diameter = np.array([specy.diameter for specy in grains.species])
-        thickness, gap = grains.of_species("thickness"), cell.separation
+        thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():
             raise FieldError(
                 f"{gap:g} m must be at least the grains' thickness, {thickness.max():g} m",

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.kernel_data.state import Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity
@@ -26,7 +26,7 @@ class Gravity(Force):
 
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 
-    def pull(self, scales: Scales) -> float:
+    def downward_acceleration(self, scales: Scales) -> float:
         """G = m g / F*, the acceleration in natural units."""
         return self.acceleration / scales.acceleration
 
@@ -34,7 +34,7 @@ class Gravity(Force):
         """Law in natural units."""
         host: Any = setting.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
-        pull = self.pull(setting.scales)
+        pull = self.downward_acceleration(setting.scales)
         return GravityLaw(-pull if upside_down else pull)
 
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.frame import Frame
+from granular.effects.moving_frame_effect import Frame
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.schema.scales import Scales
 from granular.schema.sections import quantity

@@ -16,12 +16,12 @@ from typing import Any, ClassVar, NamedTuple
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_hook
 from granular.effects import drag
+from granular.effects.dissipative_effect import Flow
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.flow import Flow
 from granular.kernel_data.constants import relative_moments
 from granular.kernel_data.state import LOSSES, Bed
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.sections import FieldError, quantity
 
 _SIDES = ("left", "right")

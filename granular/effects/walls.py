@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom_functions import Kind as OwnKind
+from granular.effects.custom_functions import CustomLawKind
 from granular.effects.custom_law import CustomWallLaw
 from granular.effects.dipole import species_discs
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.effects.formula import Formula, Functions
 from granular.effects.registry import WALL_LAWS, find_wall_law
 from granular.effects.wall_discs import DiscWall, disc_wall_tables
@@ -26,9 +26,17 @@ from granular.effects.wall_side import SIDES
 from granular.effects.wall_slab import SlabWall
 from granular.effects.walls_law import WallLaws
 from granular.formulas.dimensions import LENGTH, Dimension
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Kind, Section, nested, quantity, section_field, unknown
+from granular.schema.sections import (
+    FieldError,
+    FieldKind,
+    Section,
+    nested_section_field,
+    quantity,
+    section_field,
+    unknown,
+)
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
@@ -36,7 +44,7 @@ FORMULA = "formula"
 
 
 @dataclasses.dataclass(frozen=True)
-class WallLawName(Kind):
+class WallLawName(FieldKind):
     """The name of a law of a wall."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -46,7 +54,7 @@ class WallLawName(Kind):
         return value
 
 
-class MadeSection(Kind):
+class MadeSection(FieldKind):
     """A section that is made already."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
@@ -76,7 +84,7 @@ class WallFormula(Formula):
 
     def law(self, scales: Scales) -> CustomWallLaw:
         """Law in natural units."""
-        return CustomWallLaw(OwnKind(self.definition.digest), self.natural(scales))
+        return CustomWallLaw(CustomLawKind(self.definition.digest), self.natural(scales))
 
 
 class Wall(Section):
@@ -174,10 +182,10 @@ class Walls(Force):
     rank = 2
     energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
 
-    left: Wall | None = nested(Wall, default=Wall(), optional=True)
-    right: Wall | None = nested(Wall, default=Wall(), optional=True)
-    bottom: Wall | None = nested(Wall, default=Wall(), optional=True)
-    top: Wall | None = nested(Wall, default=Wall(), optional=True)
+    left: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
+    right: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
+    bottom: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
+    top: Wall | None = nested_section_field(Wall, default=Wall(), optional=True)
 
     def validate(self) -> None:
         for side in SIDES:
@@ -198,7 +206,7 @@ class Walls(Force):
             self._check_size(cell.width, None if piston is None else piston.height)
             self._check_pitch(grains.species[0].diameter)
         except FieldError as error:
-            raise error.within("effects", self.key) from None
+            raise error.with_outer_path("effects", self.key) from None
 
     def _check_size(self, width: float, height: float | None) -> None:
         bottom = self.bottom

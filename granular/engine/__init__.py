@@ -45,7 +45,7 @@ watch
     piston that the stage was to reach, a step that has grown too long, a grain that has left.
 far field
     Where pairs are summed with a mesh, the part of the force that varies slowly acts in impulses
-    (`far`): one kick opens an interval of at most ``far_every`` steps (``<``), one closes it
+    (`far_field_forces`): one kick opens an interval of at most ``far_every`` steps (``<``), one closes it
     (``>``), each with the field of that moment over half the interval. Intervals divide a tick, so
     that a look sees whole ones. The field at the stage's beginning is *held*: it acts in every
     step, like any other force, and the impulses give what the field differs from it by. (Where the
@@ -56,8 +56,8 @@ far field
 A run changes a `State` of plain arrays, and reads `Constants`
 (`granular.kernel_data`). In these stands, for every effect that acts, a law whose kernels the
 compiler writes into the loop (`granular.effects.effect`, `granular.compiled.hook_calls`); of what
-does not act nothing is there. A host that carries the cell moves all the others (`host`).
-`ledger` checks the energy of every record, `granular.run.snapshot` says what must be kept to go on
-with the same bits, `failures` puts what went wrong into words. Kernels are declared with
+does not act nothing is there. A host that carries the cell moves all the others (`host_motion`).
+`energy_ledger` checks the energy of every record, `granular.run.snapshot` says what must be kept to go on
+with the same bits, `run_errors` puts what went wrong into words. Kernels are declared with
 `granular.compiled`.
 """

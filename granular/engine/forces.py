@@ -5,7 +5,7 @@ from __future__ import annotations
 from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.compiled.hook_calls import sum_of_hooks
-from granular.engine.far import add_far_field, compute_far_field, far_energy, refresh_far_field
+from granular.engine.far_field_forces import add_far_field, compute_far_field, far_energy, refresh_far_field
 from granular.kernel_data.constants import Constants, divide_by_mass, relative_moments, stiffness_bound
 from granular.kernel_data.state import Bed, Measurement, State
 from granular.pairs.close_disc_corrections import CloseDiscList, add_close_disc_corrections

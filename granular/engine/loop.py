@@ -17,9 +17,9 @@ from granular.compiled import Array, compiled, entry
 from granular.compiled.by_reference import by_reference
 from granular.effects.wall_side import TOP
 from granular.engine import columns
-from granular.engine.far import compute_far_field, kick_by_far_field
+from granular.engine.far_field_forces import compute_far_field, kick_by_far_field
 from granular.engine.forces import compute_forces_and_sums, kinetic_energy, potential_energies
-from granular.engine.host import record_host
+from granular.engine.host_motion import record_host
 from granular.engine.piston import piston_energy
 from granular.engine.step import Plan, make_step
 from granular.engine.step_size import StepSchedule, steps_in_tick, tick_start_time
@@ -40,7 +40,7 @@ from granular.kernel_data.state import (
     Measurement,
     State,
 )
-from granular.protocol.motion import Motion
+from granular.protocol.piston_motion import Motion
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 """Why the loop returns: its ticks are made; a grain is where it cannot be; all is at rest; the step
@@ -160,7 +160,7 @@ class TickRange(NamedTuple):
 
 @compiled
 def _energy_turnover(watch: StopCriteria, laws: int, row: Array) -> float:
-    """Energy turned over since the start; see `granular.engine.ledger.Ledger`."""
+    """Energy turned over since the start; see `granular.engine.energy_ledger.Ledger`."""
     c = columns
     potential, lost = row[c.PAIR] - watch.potential, row[c.PISTON_LOSS]
     for law in range(laws):

@@ -8,7 +8,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import sum_of_hooks
 from granular.effects import drag
 from granular.effects.friction_law import sliding_factor
-from granular.effects.host import PULL, PUSH, HostWorkspace
+from granular.effects.host_structure import PULL, PUSH, HostWorkspace
 from granular.effects.wall_side import TOP
 from granular.kernel_data.compensation import compensated_sum
 from granular.kernel_data.constants import Constants, PistonResistance
@@ -22,7 +22,7 @@ from granular.kernel_data.state import (
     Bed,
     State,
 )
-from granular.protocol.motion import TABLE, Motion, outer_force, piston_path
+from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
 
 lift = sum_of_hooks("lift", "time", 0.0)
 """Upward acceleration of all that has a mass, at a time [tau]."""
@@ -146,8 +146,10 @@ def _prescribed_speed(motion: Motion, time: float, dt: float, opening: bool) -> 
     """
     if motion.kind == TABLE:
         before = time if opening else time - dt
-        return (piston_path(motion, before + dt)[0] - piston_path(motion, before)[0]) / dt
-    return piston_path(motion, time)[1]
+        return (
+            driven_height_and_velocity(motion, before + dt)[0] - driven_height_and_velocity(motion, before)[0]
+        ) / dt
+    return driven_height_and_velocity(motion, time)[1]
 
 
 @compiled(inline=True)
@@ -160,7 +162,7 @@ def kick_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float, 
     state, constants = bed.state, bed.constants
     if motion.free:
         swing = lift(constants.acting.laws, state.workspaces, start + time)
-        outer = outer_force(motion, time)
+        outer = outer_force_on_piston(motion, time)
         force = (
             state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         ) - _inertial_force(state.host, constants)
@@ -180,7 +182,7 @@ def drift_piston(dt: float, bed: Bed, motion: Motion, time: float, start: float)
         _add_to_piston_height(state.rounding, dt * state.piston[SPEED], state)
     else:
         before = piston_energy(bed, start + time)
-        height, velocity = piston_path(motion, time)
+        height, velocity = driven_height_and_velocity(motion, time)
         state.piston[HEIGHT] = height
         state.piston[SPEED] = velocity
         state.ledger[WORK] += piston_energy(bed, start + time) - before

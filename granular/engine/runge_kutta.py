@@ -22,7 +22,7 @@ from granular.kernel_data.state import (
     X,
     Y,
 )
-from granular.protocol.motion import Motion, outer_force, piston_path
+from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
 
 _slow = sum_of_hooks("damping_slope", "slopes dt bed")
 
@@ -55,7 +55,7 @@ def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed
     state, constants = bed.state, bed.constants
     if motion.free:
         swing = lift(constants.acting.laws, state.workspaces, start + time)
-        outer = outer_force(motion, time)
+        outer = outer_force_on_piston(motion, time)
         rate = _resistance_rate(constants.resistance)
         force = state.wall_forces[TOP] - constants.piston_weight + constants.piston_mass * swing + outer
         speed = state.piston[SPEED]
@@ -64,7 +64,7 @@ def _piston_slopes(slopes: Array, dt: float, time: float, start: float, bed: Bed
         state.ledger[WORK] += dt * outer * speed
         state.ledger[PISTON] += dt * constants.piston_mass * rate * speed * speed
     else:
-        state.ledger[WORK] -= dt * state.wall_forces[TOP] * piston_path(motion, time)[1]
+        state.ledger[WORK] -= dt * state.wall_forces[TOP] * driven_height_and_velocity(motion, time)[1]
     enter_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
@@ -101,7 +101,7 @@ def _move_to_stage(
             speed += h * weights[j] * slopes.piston[j, SPEED]
         state.piston[HEIGHT], state.piston[SPEED] = height, speed
     else:
-        state.piston[HEIGHT], state.piston[SPEED] = piston_path(motion, time)
+        state.piston[HEIGHT], state.piston[SPEED] = driven_height_and_velocity(motion, time)
 
 
 @compiled

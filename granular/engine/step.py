@@ -8,9 +8,9 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import call_last_hook
-from granular.effects.host import HostLaw, HostWorkspace
+from granular.effects.host_structure import HostLaw, HostWorkspace
 from granular.engine.forces import compute_forces, compute_forces_and_sums
-from granular.engine.host import drift_host, kick_host
+from granular.engine.host_motion import drift_host, kick_host
 from granular.engine.kick import kick_grains
 from granular.engine.piston import drift_piston, kick_piston
 from granular.engine.runge_kutta import runge_kutta_step
@@ -19,7 +19,7 @@ from granular.kernel_data.compensation import compensated_sum
 from granular.kernel_data.state import Bed, Measurement, State, X, Y
 from granular.methods import Method
 from granular.pairs.mesh_far_field import FarFieldSettings
-from granular.protocol.motion import Motion
+from granular.protocol.piston_motion import Motion
 
 
 class Plan(NamedTuple):

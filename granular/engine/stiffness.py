@@ -17,7 +17,7 @@ from granular.kernel_data.state import Bed, Measurement
 from granular.pairs.close_disc_corrections import head_on_disc_frequency_squared
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.disc_law_tables import DiscLaw
-from granular.protocol.motion import Motion
+from granular.protocol.piston_motion import Motion
 
 _collision = greatest_of_hooks("collision", "speed constants")
 

@@ -168,7 +168,7 @@ def _table_lines(table: np.ndarray) -> str:
 
 
 def _particle_files(run: Trajectory, cadence: DepaulaCadence, progress: bool) -> dict[str, Iterator[str]]:
-    units, unit = Scales.of(run.scene.grains), cadence.time_unit
+    units, unit = Scales.from_grains(run.scene.grains), cadence.time_unit
     speed, force = units.length / unit, units.mass * units.length / unit**2
     tables: dict[str, tuple[str, Callable[[BedFrame], np.ndarray]]] = {
         "posPart": ("x y [D]", lambda frame: frame.position / units.length),
@@ -263,7 +263,7 @@ def _mean_distance_lines(run: Trajectory, cadence: DepaulaCadence, progress: boo
 
 
 def _constant_files(run: Trajectory, cadence: DepaulaCadence) -> dict[str, Iterator[str]]:
-    units, unit = Scales.of(run.scene.grains), cadence.time_unit
+    units, unit = Scales.from_grains(run.scene.grains), cadence.time_unit
     sizes = (units.length, unit, units.mass, units.length / unit, units.mass * units.length / unit**2)
     scales = run.scene.grains.diameters() / units.length
     return {

@@ -68,7 +68,9 @@ def _grain_line_writer(run: Trajectory) -> Callable[[BedFrame], str]:
     grains = run.scene.grains
     names = ["_".join(specy.name.split()) or "grain" for specy in grains.species]
     numbers = " ".join(["%.17g"] * 11)
-    forms = [f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k in grains.assignment()]
+    forms = [
+        f"{names[k].replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k in grains.species_indices()
+    ]
     radius, mass = grains.diameters() / 2.0, grains.masses()
 
     def lines(frame: BedFrame) -> str:

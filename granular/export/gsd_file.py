@@ -87,7 +87,7 @@ def _constant_fields(run: Trajectory) -> dict[str, Any]:
     grains = run.scene.grains
     return {
         "types": [specy.name for specy in grains.species],
-        "typeid": grains.assignment().astype(np.uint32),
+        "typeid": grains.species_indices().astype(np.uint32),
         "diameter": grains.diameters(),
         "mass": grains.masses(),
         # About a closed cell as much again, so that no image of a grain is near.

@@ -124,7 +124,11 @@ def _start_of_scene(scene: Scene) -> _DeckStart:
     height = None if scene.piston is None else scene.piston.height
     everyone = np.arange(scene.grains.count)
     return _DeckStart(
-        0.0, height, everyone, *scene.initial_motion(), tuple(_remaining_stages(scene, 0, height))
+        0.0,
+        height,
+        everyone,
+        *scene.initial_positions_and_velocities(),
+        tuple(_remaining_stages(scene, 0, height)),
     )
 
 
@@ -158,7 +162,7 @@ def _make_deck(scene: Scene, start: _DeckStart, dt: float | str) -> LammpsDeck:
             "cell.sides = 'periodic': the script for LAMMPS has walls alone; write the frames as "
             "extended XYZ, whose lattice is periodic"
         )
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     paths = [stage.path for stage in start.remaining_stages if stage.path is not None]
     top = float(start.positions[:, 1].max()) if start.height is None else start.height
     deck = LammpsDeck(
@@ -193,7 +197,7 @@ def _mode_frequency_under_compression(deck: LammpsDeck, start: _DeckStart) -> fl
     """Highest frequency of the bed at present, and evenly squeezed by the piston [1/tau]."""
     unit = deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
-    species = deck.scene.grains.assignment()[start.grains]
+    species = deck.scene.grains.species_indices()[start.grains]
     cylinders = deck.scene.grains.magnets == "cylinders"
     charge, mass = np.array(deck.charges)[species], np.array(deck.masses)[species]
     height = deck.highest if start.height is None else start.height
@@ -232,7 +236,7 @@ def _highest_collision_frequency(deck: LammpsDeck, start: _DeckStart) -> float:
 
 def _data_file_lines(deck: LammpsDeck, start: _DeckStart) -> Iterator[str]:
     """Grains, in the order of the scene and counted from 1."""
-    species = deck.scene.grains.assignment()[start.grains] + 1
+    species = deck.scene.grains.species_indices()[start.grains] + 1
     depth = deck.scene.cell.separation
     yield f"Scene {deck.scene.name!r} at {start.time:.9g} s\n\n"
     yield f"{len(species)} atoms\n{len(deck.charges)} atom types\n\n"

@@ -189,7 +189,7 @@ def check_exportable_scene(scene: Scene) -> None:
                 f"effects.{name} cannot be exported to LAMMPS: {why}; leave it out "
                 f"(--set effects.{name}=none) or run the scene here"
             )
-    for effect in effects.all:
+    for effect in effects.acting:
         if effect.key not in CARRIED:
             raise InputError(
                 f"effects.{effect.key} cannot be exported to LAMMPS; leave it out "
@@ -266,7 +266,7 @@ class LammpsDeck(NamedTuple):
         in it. There is one group of all grains where drag over mass is the same for all species.
         """
         drag, grains = self.scene.effects.drag, self.scene.grains
-        if drag is None or (grains.face_ratios() == grains.mass_ratios()).all():
+        if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
         return [(str(k + 1), f"species{k + 1}", k) for k in range(len(self.masses))]
 
@@ -393,7 +393,7 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
     if drag is not None and moving:
         yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
-        faces = deck.scene.grains.face_ratios().tolist()
+        faces = deck.scene.grains.face_area_ratios().tolist()
         for suffix, _, species in deck.decay_rate_groups:
             relative = faces[species] / deck.masses[species]
             yield f"variable rate{suffix} equal {relative * drag.coefficient / deck.scales.mass!r}"

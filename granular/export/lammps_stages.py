@@ -66,11 +66,11 @@ def check_exportable_stage(stage: Stage) -> None:
         If the piston is free, or the stage ends at rest or at a force.
     """
     what, only = f"stage {stage.name!r} cannot be exported to LAMMPS", None
-    if stage.needs_mass:
+    if stage.needs_piston_mass:
         only = "its piston is free, LAMMPS takes a prescribed one; drive it (follow) or hold it"
     elif isinstance(stage, TimedStage) and stage.until is not None:
         only = f"it ends at {stage.until}, at no known time; give it a duration instead of 'until'"
-    elif stage.limits_force:
+    elif stage.ends_at_force:
         only = "it ends at a force, at no known time; leave until_force out"
     if only is not None:
         raise InputError(f"{what}: {only}")

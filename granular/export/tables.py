@@ -82,7 +82,7 @@ def _header_with_unit(name: str, unit: str) -> str:
 
 
 def _grain_tables(run: Trajectory, directory: Path, progress: bool) -> Iterator[pandas.DataFrame]:
-    species = run.scene.grains.assignment()
+    species = run.scene.grains.species_indices()
     for frame in iterate_frames(run, bar=directory.name if progress else None):
         yield _grain_table_of_frame(frame, species)
 

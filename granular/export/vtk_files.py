@@ -75,7 +75,7 @@ def _constant_fields(run: Trajectory) -> dict[str, np.ndarray]:
     return {
         "radius": grains.diameters() / 2.0,
         "mass": grains.masses(),
-        "species": np.asarray(grains.assignment(), dtype=np.int64),
+        "species": np.asarray(grains.species_indices(), dtype=np.int64),
     }
 
 

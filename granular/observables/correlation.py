@@ -85,7 +85,7 @@ def per_distance(
     import xarray
 
     chosen = run.dataset["position"].values[select_frames(run, start, stop)]
-    frames = box_spanning_frames(run.scene.cell.inside(chosen))
+    frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
     if edges is None:
         edges = min((default_bin_edges(frame) for frame in frames), key=lambda some: float(some[-1]))
     parts = [function(frame, edges) for frame in frames]

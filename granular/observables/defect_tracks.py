@@ -372,7 +372,7 @@ def track_defects(
     if least < 1:
         raise InputError(f"least {least}; take 1 frame or more")
     chosen = select_frames(run, start, stop)
-    frames = run.scene.cell.inside(run.dataset["position"].values[chosen])
+    frames = run.scene.cell.wrap_positions(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     defects = detect_defects_in_frames(frames)
     tracks = drop_short_tracks(link_defect_tracks(defects, reach, memory), least)

@@ -303,7 +303,7 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     result = np.full(frames.shape[:2], np.nan)
     for k in range(every, len(frames)):
         # To where the neighbours are, in a periodic cell; the displacements between frames stay.
-        home = run.scene.cell.inside(frames[k - every]) - frames[k - every]
+        home = run.scene.cell.wrap_positions(frames[k - every]) - frames[k - every]
         result[k] = non_affine_motion(frames[k - every] + home, frames[k] + home).d2min
     return xarray.DataArray(
         result,

@@ -225,7 +225,7 @@ def grain_stresses(
     InputError
         If the positions have another shape than the scene's grains.
     """
-    cells = voronoi_cells(scene.cell.inside(positions)) if cells is None else cells
+    cells = voronoi_cells(scene.cell.wrap_positions(positions)) if cells is None else cells
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
 
 

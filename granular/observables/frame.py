@@ -142,7 +142,7 @@ def frames(run: Trajectory, indices: Sequence[int] | np.ndarray | None = None) -
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     heights = None if run.scene.piston is None else data["frame_height"].values
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
-    positions = run.scene.cell.inside(data["position"].values)
+    positions = run.scene.cell.wrap_positions(data["position"].values)
     of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
     for k in range(len(times)):
         height = float("nan") if heights is None else float(heights[k])

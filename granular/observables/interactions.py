@@ -53,7 +53,7 @@ class BranchesAndForces(NamedTuple):
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
     """Effects of a scene whose part in the forces between grains is not known here."""
-    return tuple(effect.key for effect in scene.effects.all if effect.key not in (*KNOWN, *SILENT))
+    return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
 def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[BranchesAndForces]:
@@ -75,7 +75,7 @@ def iterate_pair_forces(scene: Scene, positions: np.ndarray) -> Iterator[Branche
     points = positions[here] / scales.length
     moments = relative_magnetic_moments(scene)[here]
     contact = _law_in_natural_units(system, "contact")
-    discs, species = grain_discs(scene.grains, scales.length), scene.grains.assignment()[here]
+    discs, species = grain_discs(scene.grains, scales.length), scene.grains.species_indices()[here]
     for start in range(0, len(here), BLOCK):
         some = np.arange(start, min(start + BLOCK, len(here)))
         branch = _nearest_image_branches(points[some, None] - points[None], scene, scales.length)
@@ -138,7 +138,7 @@ def iterate_wall_forces(
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
     """Positions, which grains are there, and the scene in natural units."""
-    from granular.scene.system import natural_system
+    from granular.scene.system import scene_in_natural_units
 
     positions = check_positions(positions)
     if len(positions) != scene.grains.count:
@@ -148,7 +148,7 @@ def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[
             f"effects.{foreign[0]}: what it does between grains is not taken apart; ask for the "
             "resulting force instead"
         )
-    return positions, np.flatnonzero(is_present(positions)), natural_system(scene)
+    return positions, np.flatnonzero(is_present(positions)), scene_in_natural_units(scene)
 
 
 def _law_in_natural_units(system: Any, key: str) -> Any:
@@ -162,7 +162,7 @@ def _law_in_natural_units(system: Any, key: str) -> Any:
 def relative_magnetic_moments(scene: Scene) -> np.ndarray:
     """Magnetic moment of each grain over that of the first species (n,)."""
     grains = scene.grains
-    return np.asarray(grains.moment_ratios()[grains.assignment()] * grains.spread_factors())
+    return np.asarray(grains.moment_ratios()[grains.species_indices()] * grains.spread_factors())
 
 
 def _dipole_pair_forces(r: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

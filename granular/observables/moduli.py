@@ -280,7 +280,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
 def _first_species_moment(scene: Scene) -> float:
     from granular.schema.scales import Scales
 
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     return scales.current * scales.length**2
 
 

@@ -79,7 +79,7 @@ def draw_bed(
         linewidths=0.0,
     )
     if colours is None:
-        grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.assignment()])
+        grains.set_facecolor([COLOURS[k % len(COLOURS)] for k in scene.grains.species_indices()])
     else:
         grains.set_array(colours)
     axes.add_collection(grains)

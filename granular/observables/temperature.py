@@ -150,7 +150,7 @@ def potential_laplacian(scene: Scene, positions: np.ndarray, piston_height: floa
 
 
 def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
-    other = [effect.key for effect in scene.effects.all if effect.key not in known]
+    other = [effect.key for effect in scene.effects.acting if effect.key not in known]
     if scene.grains.magnets != "dipoles":
         raise InputError("grains.magnets = 'cylinders': only dipoles are known here; take 'dipoles'")
     if other or scene.effects.dipole is None:
@@ -164,7 +164,7 @@ def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.
     """Return the forces, and the Laplacian of C/r^3, which is 9 C/r^5."""
     from granular.schema.scales import Scales
 
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     strength = dipole_pair_strength(scales.current * scales.length**2)
     here, moments = np.flatnonzero(np.isfinite(positions).all(axis=1)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from granular.pairs.verlet_list import RADIUS, SKIN, VerletSettings
-from granular.schema.sections import FieldError, Section, choice, integer, quantity
+from granular.schema.sections import FieldError, Section, choice_field, integer_field, quantity
 
 MESH_REACH = 0.39
 """Greatest radius of mesh and cut-off over the shorter side of a periodic cell: a pair is met in
@@ -61,11 +61,11 @@ class PairSumSettings(Section):
         many steps while they slide; with 1 it is computed at every step.
     """
 
-    method: str = choice(*METHODS, default="auto")
+    method: str = choice_field(*METHODS, default="auto")
     cut_off: float | None = quantity("m", above=0.0, default=None, optional=True)
     skin: float | None = quantity("m", above=0.0, default=None, optional=True)
     tolerance: float = quantity("1", default=TOLERANCE, least=1e-6, most=3e-3)
-    far_every: int | None = integer(least=1, default=None, optional=True)
+    far_every: int | None = integer_field(least=1, default=None, optional=True)
 
     def validate(self) -> None:
         with_radius = ("cut-off", "mesh", "verlet-list", "direct")

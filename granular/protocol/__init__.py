@@ -4,8 +4,8 @@ Every stage ends after its ``duration`` or, with ``until = "rest"``, when piston
 seen to rest; the duration is then the limit that may not be passed.
 """
 
-from granular.protocol.free import Force, Free, Push
-from granular.protocol.prescribed import Descend, Follow, Hold, Lift, Move, Oscillate, Path
+from granular.protocol.driven_piston_stages import Descend, Follow, Hold, Lift, Move, Oscillate, Path
+from granular.protocol.free_piston_stages import Force, Free, Push
 from granular.protocol.stage import Stage
 
 KINDS: dict[str, type[Stage]] = {

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from granular.formulas import parse
-from granular.protocol.motion import SPLINE, Motion, tabulated_motion
-from granular.schema.parameters import Parametric
+from granular.protocol.piston_motion import SPLINE, Motion, with_table_arrays
+from granular.schema.parameters import SectionWithFormula
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, quantity, text
+from granular.schema.sections import FieldError, Section, choice_field, quantity, text_field
 from granular.shared.messages import quote
 
 REST_LIMIT = 60.0
@@ -28,7 +28,7 @@ class Stage(Section):
         Unique in its protocol.
     """
 
-    name: str = text()
+    name: str = text_field()
 
     @property
     def needs_piston(self) -> bool:
@@ -40,7 +40,7 @@ class Stage(Section):
         return False
 
     @property
-    def needs_mass(self) -> bool:
+    def needs_piston_mass(self) -> bool:
         return False
 
     @property
@@ -49,11 +49,11 @@ class Stage(Section):
         return ()
 
     @property
-    def limits_force(self) -> bool:
+    def ends_at_force(self) -> bool:
         """True if the stage ends at a force on the piston."""
         return False
 
-    def jump(self, height: float) -> float:
+    def initial_jump(self, height: float) -> float:
         """Jump of the piston [m] upwards at the stage's start, from a height [m]."""
         return 0.0
 
@@ -65,7 +65,7 @@ class Stage(Section):
         """Piston's motion from the height [m] at the stage's start, in natural units."""
         raise NotImplementedError
 
-    def final_height(self) -> float | None:
+    def prescribed_final_height(self) -> float | None:
         """Height [m] that the stage ends at exactly; None where it is not prescribed."""
         return None
 
@@ -87,7 +87,7 @@ class TimedStage(Stage):
     """
 
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
-    until: str | None = choice("rest", default=None, optional=True)
+    until: str | None = choice_field("rest", default=None, optional=True)
     tolerance: float | None = quantity("m", above=0.0, default=None, optional=True)
     window: float = quantity("s", default=1.0, above=0.0)
 
@@ -108,7 +108,7 @@ class TimedStage(Stage):
 def stage_motion(protocol: Sequence[Stage], stage: Stage, height: float, scales: Scales) -> Motion:
     """Motion of one stage from a height [m], of the type that all stages of its protocol share."""
     motion = stage.motion(height, scales)
-    return tabulated_motion(motion) if any(stage.is_tabulated for stage in protocol) else motion
+    return with_table_arrays(motion) if any(stage.is_tabulated for stage in protocol) else motion
 
 
 CLOSE = 1e-11
@@ -128,13 +128,13 @@ class SampledStage(Stage):
     duration: float = quantity("s", above=0.0)
 
     @property
-    def function_name(self) -> str:
+    def driven_quantity(self) -> str:
         """Name of the function, ``"height"`` or ``"force"``."""
         raise NotImplementedError
 
     @property
-    def needs_mass(self) -> bool:
-        return self.function_name == "force"
+    def needs_piston_mass(self) -> bool:
+        return self.driven_quantity == "force"
 
     @property
     def is_tabulated(self) -> bool:
@@ -143,57 +143,61 @@ class SampledStage(Stage):
     def total_duration(self, height: float) -> float | None:
         return self.duration
 
-    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
+    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
         """Values and slopes (2, k) in SI, at equidistant times (k,) [s] since the stage's start."""
         raise NotImplementedError
 
     def motion(self, height: float, scales: Scales) -> Motion:
-        times, values = self._knots(height)
-        if not self.needs_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
+        times, values = self._resolving_knots(height)
+        if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
                 f"begins at {values[0, 0]:g} m and the piston stands at {height:g} m; let it begin "
                 "at the height of the stage's start, h0",
-                self.function_name,
+                self.driven_quantity,
             )
-        unit = scales.force if self.needs_mass else scales.length
+        unit = scales.force if self.needs_piston_mass else scales.length
         values = values * np.array([[1.0 / unit], [scales.time / unit]])
         return Motion(
-            free=self.needs_mass,
+            free=self.needs_piston_mass,
             kind=SPLINE,
             start=height / scales.length,
             times=times / scales.time,
             heights=values.ravel(),
         )
 
-    def _knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+    def _resolving_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
         """Equidistant times (k,) [s] so close that the spline through the samples (2, k) fits between."""
         count = LEAST_KNOTS
         while True:
             times = np.linspace(0.0, self.duration, count + 1)
-            knots = self.samples(times, height)
+            knots = self.sample_values_and_slopes(times, height)
             if not np.isfinite(knots).all():
-                raise FieldError("is not finite everywhere in the stage", self.function_name)
+                raise FieldError("is not finite everywhere in the stage", self.driven_quantity)
             h = self.duration / count
             middle = (knots[0, 1:] + knots[0, :-1]) / 2 + h * (knots[1, :-1] - knots[1, 1:]) / 8
-            off = np.abs(middle - self.samples((times[1:] + times[:-1]) / 2, height)[0]).max()
+            off = np.abs(
+                middle - self.sample_values_and_slopes((times[1:] + times[:-1]) / 2, height)[0]
+            ).max()
             if off <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
                 return times, knots
             count *= 2
             if count > MOST_KNOTS:
-                raise FieldError("changes too fast, or is not smooth; write it smoother", self.function_name)
+                raise FieldError(
+                    "changes too fast, or is not smooth; write it smoother", self.driven_quantity
+                )
 
 
-class FormulaStage(Parametric, SampledStage):
+class FormulaStage(SectionWithFormula, SampledStage):
     """A stage with a formula of time."""
 
     @property
-    def function_name(self) -> str:
-        return self.written
+    def driven_quantity(self) -> str:
+        return self.formula_key
 
-    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
-        given = [self.parameter(name)[0] for name, _ in self.values]
+    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
+        given = [self.parameter_value_and_dimension(name)[0] for name, _ in self.values]
         names_given = tuple(name for name, _ in self.values)
-        functions = _functions(self.formula, tuple(self.variables), names_given)
+        functions = _value_and_slope_functions(self.formula, tuple(self.variables), names_given)
         start = [height] if "h0" in self.variables else []
         with np.errstate(all="ignore"):
             values = [np.broadcast_to(of(times, *start, *given), times.shape) for of in functions]
@@ -201,7 +205,7 @@ class FormulaStage(Parametric, SampledStage):
 
 
 @functools.cache
-def _functions(
+def _value_and_slope_functions(
     formula: str, variables: tuple[str, ...], parameters: tuple[str, ...]
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     import sympy

@@ -16,7 +16,7 @@ from granular.export.frames import BedFrame, iterate_frames, open_run
 from granular.render.colourings import colouring_by_name
 from granular.render.picture import DPI, LEFT, RIGHT, BedPicture, colour_limits, highest_point_of_bed
 from granular.run.trajectory import Trajectory
-from granular.schema.parts import Cell
+from granular.schema.apparatus import Cell
 from granular.shared.errors import InputError
 from granular.shared.files import check_output_file, write_atomically
 from granular.shared.messages import quote
@@ -299,7 +299,7 @@ def _interpolate_between(
         return (1.0 - fraction) * ends[0] + fraction * ends[1]
 
     start = before.position[first]
-    end = start + cell.nearest(after.position[second] - start)
+    end = start + cell.nearest_image_displacements(after.position[second] - start)
     leaving, arriving = duration * before.velocity[first], duration * after.velocity[second]
     rest = 1.0 - fraction
     position = (
@@ -312,7 +312,7 @@ def _interpolate_between(
         time,
         before.height,
         grains,
-        cell.inside(position),
+        cell.wrap_positions(position),
         evenly("velocity"),
         evenly("force"),
         evenly("interaction"),

@@ -177,7 +177,7 @@ class BedPicture:
         import matplotlib as mpl
 
         self.run, self.colour = run, colouring_by_name(colour)
-        self._species = run.scene.grains.assignment()
+        self._species = run.scene.grains.species_indices()
         self._diameters = 1e3 * run.scene.grains.diameters()
         self._classes = colour_classes(colour, run.scene)
         self._times = run.dataset["time"].values
@@ -337,7 +337,7 @@ class BedPicture:
 def colouring_input(run: Trajectory, with_cells: bool, frame: BedFrame) -> ColouringInput:
     """Frame as the colourings see it."""
     cells = voronoi_cells(frame.position) if with_cells else None
-    return ColouringInput(frame, run.scene, run.scene.grains.assignment()[frame.grains], cells)
+    return ColouringInput(frame, run.scene, run.scene.grains.species_indices()[frame.grains], cells)
 
 
 def colour_limits(run: Trajectory, colour: str, frames: Iterable[BedFrame]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.response.linear_system import (
     damper_mass,
     dynamic_stiffness_of_hanging_mass,

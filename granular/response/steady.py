@@ -74,7 +74,7 @@ def steady_figures(run: Trajectory) -> Mapping[str, Any]:
             figures[f"{name}_a_period"] = float(values[-1] - values[0]) / periods
     drag = run.scene.effects.drag
     if drag is not None:
-        faces = run.scene.grains.face_ratios()[run.scene.grains.assignment()]
+        faces = run.scene.grains.face_area_ratios()[run.scene.grains.species_indices()]
         affine = drag.coefficient * float(faces.sum()) / 3.0
         figures["affine_loss_a_period"] = math.pi * math.tau * frequency * affine * abs(stroke) ** 2
     figures["last"] = last

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.response.linear_system import linear_host_comparison, slowest_decay_rate
 from granular.response.response import AMPLITUDES, FrequencyResponse, response_dataset
 from granular.response.steady import PERIODS, POINTS, swept_response

@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 
 from granular.effects.wall_side import SIDES, TOP
-from granular.engine.failures import raise_where_not_finite
-from granular.engine.far import force_with_far_field
+from granular.engine.far_field_forces import force_with_far_field
 from granular.engine.forces import evaluate_forces
 from granular.engine.new_state import new_measurement, new_state
+from granular.engine.run_errors import raise_where_not_finite
 from granular.kernel_data.state import State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
-from granular.scene.system import System, explain_compile_errors, natural_system
+from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
@@ -83,7 +83,7 @@ def evaluate(
     >>> print(evaluate(scene, places, piston_height=0.12).force[:, 0].round(3))  # [N]
     [-0.111  0.111]
     """
-    system = natural_system(scene)
+    system = scene_in_natural_units(scene)
     scales, constants = system.scales, system.constants
     coordinates = _si_field("positions", positions, constants.grains)
     speed = _si_field("velocities", velocities, constants.grains)
@@ -125,7 +125,7 @@ def _misplaced_positions_error() -> InputError:
     )
 
 
-def _normal_load_per_grain(state: State, system: System) -> np.ndarray:
+def _normal_load_per_grain(state: State, system: SceneInNaturalUnits) -> np.ndarray:
     grains = system.constants.grains
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         values = effect.grain_values(law, state)

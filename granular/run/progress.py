@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from granular.compiled.timer import report_compiled_kernels
+from granular.compiled.compile_timer import report_compiled_kernels
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.protocol.stage import TimedStage
 from granular.shared.progress import print_above_bar, progress_bar

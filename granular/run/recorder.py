@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.effects.effect import Effect
 from granular.engine.columns import record_width
-from granular.engine.far import force_with_far_field
+from granular.engine.far_field_forces import force_with_far_field
 from granular.kernel_data.constants import Constants
 from granular.kernel_data.state import HEIGHT, State
 from granular.run.variables import (

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.failures import not_at_rest_error, unbalanced_energy_error
-from granular.engine.far import update_held_far_field
-from granular.engine.ledger import Ledger
+from granular.engine.energy_ledger import Ledger
+from granular.engine.far_field_forces import update_held_far_field
 from granular.engine.loop import (
     HIGHEST,
     LATEST,
@@ -27,13 +26,14 @@ from granular.engine.loop import (
     advance_ticks,
 )
 from granular.engine.outflow import remove_outflow
+from granular.engine.run_errors import not_at_rest_error, unbalanced_energy_error
 from granular.engine.step_size import REVIEW, StepSchedule
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, WORK
-from granular.protocol.motion import piston_path
+from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage, stage_motion
 from granular.run.run_state import ARRANGE, RunState
 from granular.run.threads import Threads
-from granular.scene.dryness import has_coarse_friction
+from granular.scene.dry_friction import has_coarse_friction
 from granular.shared.errors import NotFiniteError
 
 CALL_SECONDS = 0.1
@@ -69,13 +69,13 @@ class Run(RunState):
         progress.schedule = None
         self.state.clock[TIME] = 0.0
         self._open_ledger()
-        by = stage.jump(float(self.state.piston[HEIGHT]) * scales.length)
+        by = stage.initial_jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
             self._jump_piston(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         self.motion = stage_motion(self.scene.protocol, stage, progress.height, scales)
         if not self.motion.free:
-            self._set_prescribed_speed(piston_path(self.motion, 0.0)[1])
+            self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
         row = self.look(ARRANGE)
         update_held_far_field(self.state)
         self.set_schedule(row)
@@ -250,7 +250,7 @@ class Run(RunState):
                 self.time * scales.time,
             )
         end = progress.last
-        final = stage.final_height() if reason == "duration" else None
+        final = stage.prescribed_final_height() if reason == "duration" else None
         if final is not None:
             self.state.piston[HEIGHT] = final / self.system.scales.length
         height, spread = float(self.state.piston[HEIGHT]), 0.0

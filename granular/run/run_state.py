@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.flow import Flow
-from granular.effects.frame import Frame
+from granular.effects.dissipative_effect import Flow
+from granular.effects.moving_frame_effect import Frame
 from granular.engine import columns
-from granular.engine.failures import misplaced_grain_error, too_many_steps_error
-from granular.engine.ledger import Ledger
+from granular.engine.energy_ledger import Ledger
 from granular.engine.loop import STIFFEST, TURNED, StopCriteria, record_present_state
 from granular.engine.new_state import new_measurement, new_state
+from granular.engine.run_errors import misplaced_grain_error, too_many_steps_error
 from granular.engine.step import make_plan
 from granular.engine.step_size import (
     MOST_COUNT,
@@ -30,11 +30,11 @@ from granular.engine.variable_step import initialise_step_density
 from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, STEPS, TIME, Measurement, State
 from granular.methods import Method
 from granular.protocol import Stage
-from granular.protocol.motion import Motion, drive_frequency, greatest_piston_speed
+from granular.protocol.piston_motion import Motion, drive_frequency, greatest_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
-from granular.scene.system import System
+from granular.scene.system import SceneInNaturalUnits
 from granular.shared.errors import NotFiniteError, RunError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
@@ -91,13 +91,15 @@ class Progress:
 class RunState:
     """State, progress and recorder of a run, and all that follows from them."""
 
-    def __init__(self, scene: Scene, system: System, method: Method, step: Step, t_end: float | None) -> None:
+    def __init__(
+        self, scene: Scene, system: SceneInNaturalUnits, method: Method, step: Step, t_end: float | None
+    ) -> None:
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if t_end is None else t_end / system.scales.time
         self.plan = make_plan(method, step, system.constants.acting.far)
         self.recorder = Recorder(scene.grains.count, system.effects)
         self.progress = Progress()
-        positions, velocities = scene.initial_motion()
+        positions, velocities = scene.initial_positions_and_velocities()
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
         self.state: State = new_state(
@@ -209,7 +211,7 @@ class RunState:
         A user's formula or function may be no number at some point or time; no step cures that, and
         one that resolves all swings has not led the grains astray.
         """
-        acting = self.scene.effects.all
+        acting = self.scene.effects.acting
         own = [effect.key for effect in acting if any(part.sources for part in effect.parts)]
         if not own or self.progress.schedule is None:
             return self.shorter_step_remedy
@@ -255,7 +257,7 @@ class RunState:
 
     def set_schedule(self, row: np.ndarray) -> None:
         """Cut the stage into ticks, by the speeds that the bed can reach from its first record."""
-        output, scales, gravity = self.scene.output, self.system.scales, self.system.pull
+        output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain what it loses in height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)

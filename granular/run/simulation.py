@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.compiled.timer import CompileTimer, measure_compile_time
-from granular.engine.failures import raise_where_not_finite
+from granular.compiled.compile_timer import CompileTimer, measure_compile_time
+from granular.engine.run_errors import raise_where_not_finite
 from granular.engine.step_size import Step
 from granular.methods.method import Method
 from granular.methods.registry import method_setting, resolve_method
@@ -29,9 +29,9 @@ from granular.run.store import Store
 from granular.run.threads import Threads, choose_threads, set_threads
 from granular.run.time_steps import check_end, check_method, check_step, validated_step
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
-from granular.scene.dryness import degraded_residual_limit
+from granular.scene.dry_friction import degraded_residual_limit
 from granular.scene.scene import Scene
-from granular.scene.system import System, explain_compile_errors, natural_system
+from granular.scene.system import SceneInNaturalUnits, explain_compile_errors, scene_in_natural_units
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stops import Stop, deferred_stop
 from granular.shared.version import versions
@@ -125,7 +125,7 @@ def simulate(
     check_step(step, scene, t_end)
     _warn_of_cadence(step, scene)
     count = choose_threads(scene, threads)
-    system = natural_system(scene, threads=count, method=plan)
+    system = scene_in_natural_units(scene, threads=count, method=plan)
     set_threads(count)
     settings = _settings(scene, dt, plan, system) | promised
     if resume and out is None:
@@ -215,7 +215,7 @@ class _Job:
         return make_trajectory(run.scene, data, self.settings, self._outcome(complete, until), None)
 
 
-def _dataset(scene: Scene, system: System, recorder: Recorder) -> xarray.Dataset:
+def _dataset(scene: Scene, system: SceneInNaturalUnits, recorder: Recorder) -> xarray.Dataset:
     """Return the recorded data in SI, from memory."""
     import xarray
 
@@ -240,7 +240,7 @@ def _warn_of_cadence(step: Step, scene: Scene) -> None:
         )
 
 
-def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> dict[str, Any]:
+def _settings(scene: Scene, dt: float | str, method: Method, system: SceneInNaturalUnits) -> dict[str, Any]:
     far = system.constants.acting.far
     asked = None if far is None else far.every or scene.pairs.far_every
     every = {} if asked is None else {"far_every": asked}
@@ -257,7 +257,7 @@ def _settings(scene: Scene, dt: float | str, method: Method, system: System) -> 
 
 def custom_code_digests(scene: Scene) -> list[str]:
     """Digests of a user's own functions in a scene, and of what is derived from formulas."""
-    own = [part.sources for part in scene.effects.laws] + [stage.sources for stage in scene.protocol]
+    own = [part.sources for part in scene.effects.in_loop_order] + [stage.sources for stage in scene.protocol]
     return sorted(digest for sources in own for digest in sources)
 
 

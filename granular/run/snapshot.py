@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.engine.ledger import Ledger
+from granular.engine.energy_ledger import Ledger
 from granular.engine.outflow import constants_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED, Stripes

@@ -29,7 +29,7 @@ from granular.run.directory import (
 )
 from granular.run.recorder import Recorder
 from granular.scene.scene import Scene
-from granular.scene.system import System
+from granular.scene.system import SceneInNaturalUnits
 from granular.shared.errors import StoreError
 
 
@@ -43,7 +43,7 @@ class Store:
         Records and frames that it holds.
     """
 
-    def __init__(self, path: Path, scene: Scene, system: System) -> None:
+    def __init__(self, path: Path, scene: Scene, system: SceneInNaturalUnits) -> None:
         self.path, self.scene, self.system = path, scene, system
         self.rows = self.frames = 0
         self._files: dict[str, str] = {}
@@ -53,7 +53,12 @@ class Store:
 
     @classmethod
     def create(
-        cls, path: Path, scene: Scene, system: System, settings: dict[str, Any], checkpoint: Mapping[str, Any]
+        cls,
+        path: Path,
+        scene: Scene,
+        system: SceneInNaturalUnits,
+        settings: dict[str, Any],
+        checkpoint: Mapping[str, Any],
     ) -> Store:
         """Start a run directory with its first checkpoint, in one step, and `hold` it.
 

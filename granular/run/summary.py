@@ -10,7 +10,7 @@ import numpy as np
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
-from granular.schema.wording import describe_fields
+from granular.schema.section_text import describe_fields
 
 _SHOWN = 1.0
 """Seconds of compiling from which on a run tells of them."""
@@ -24,14 +24,14 @@ def packing_fraction(scene: Scene, height: float) -> float:
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
     """Numbers that follow from a scene, in SI."""
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     figures: dict[str, Any] = {
         "grain_diameter": scales.length,
         "grain_mass": scales.mass,
         "force_unit": scales.force,
         "time_unit": scales.time,
         "counts": dict(
-            zip((specy.name for specy in scene.grains.species), scene.grains.counts(), strict=True)
+            zip((specy.name for specy in scene.grains.species), scene.grains.species_counts(), strict=True)
         ),
     }
     height = scene.cell.height if scene.piston is None else scene.piston.height
@@ -64,8 +64,8 @@ def scene_text(scene: Scene) -> str:
     >>> print(scene_text(load_scene("bed")).splitlines()[0])
     scene bed
     """
-    scales = Scales.of(scene.grains)
-    counts, fractions = scene.grains.counts(), scene.grains.fractions()
+    scales = Scales.from_grains(scene.grains)
+    counts, fractions = scene.grains.species_counts(), scene.grains.species_fractions()
     lines = [f"scene {scene.name}"]
     for specy, count, fraction in zip(scene.grains.species, counts, fractions, strict=True):
         mixed = "" if len(counts) == 1 else f", a fraction of {fraction:.4g}"
@@ -91,7 +91,7 @@ def scene_text(scene: Scene) -> str:
         )
     lines.append(f"  effects: {', '.join(effect_names(scene)) or 'none'}")
     lines += [
-        f"    {effect.key}: {said}" for effect in scene.effects.all if (said := describe_fields(effect))
+        f"    {effect.key}: {said}" for effect in scene.effects.acting if (said := describe_fields(effect))
     ]
     for stage in scene.protocol:
         said = describe_fields(stage, without=("name",))
@@ -129,7 +129,7 @@ def run_text(run: Trajectory) -> str:
     str
         Lines about steps, energy and stages.
     """
-    figures, scales = run_statistics(run), Scales.of(run.scene.grains)
+    figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []
     for stage in run.stages:
         height = ""

@@ -14,7 +14,7 @@ from granular.methods.method import COMPENSATED, Method
 from granular.methods.registry import resolve_method
 from granular.protocol import Hold, Lift, Stage
 from granular.protocol.stage import TimedStage
-from granular.scene.dryness import dry_parts
+from granular.scene.dry_friction import dry_friction_parts
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
@@ -100,7 +100,7 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
     InputError
         Which names what the method cannot take, and another one.
     """
-    dry = dry_parts(scene)
+    dry = dry_friction_parts(scene)
     if dry and method.compensated:
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {dry[0]}, whose velocities are no "
@@ -111,13 +111,13 @@ def check_method(method: Method, step: Step, scene: Scene) -> None:
             f"method = {method.name!r} cannot run a scene with {dry[0]}, which cannot go backward "
             "in time, nor be part of its steps; take 'stormer-verlet'"
         )
-    drifting = [effect.key for effect in scene.effects.laws if effect.drifts]
+    drifting = [effect.key for effect in scene.effects.in_loop_order if effect.drifts]
     if drifting and (not method.takes_impulses or method.compensated):
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {drifting[0]!r}, which acts within "
             "the drift; take 'stormer-verlet'"
         )
-    flows = [effect.key for effect in scene.effects.laws if effect.is_flow]
+    flows = [effect.key for effect in scene.effects.in_loop_order if effect.is_flow]
     if method.tableau is not None and flows:
         raise InputError(
             f"method = {method.name!r} cannot run a scene with {flows[0]!r}, which is given as a "
@@ -176,13 +176,13 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
     """Stages whose duration is known before the run [s]; one that ends the run has its end."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
-        height += stage.jump(height)
+        height += stage.initial_jump(height)
         duration = stage.total_duration(height)
         last = stage is scene.protocol[-1] and isinstance(stage, TimedStage)
         if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
             yield stage, duration
-        final = stage.final_height()
-        if final is not None and not stage.limits_force:
+        final = stage.prescribed_final_height()
+        if final is not None and not stage.ends_at_force:
             height = final
         elif not isinstance(stage, Hold | Lift):
             height = math.nan  # known when the stage has ended

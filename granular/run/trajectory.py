@@ -294,7 +294,7 @@ def make_trajectory(
     scene: Scene, data: xarray.Dataset, settings: dict[str, Any], outcome: dict[str, Any], path: Path | None
 ) -> Trajectory:
     """Trajectory from a run's data, with coordinates and attributes."""
-    species = scene.grains.assignment()
+    species = scene.grains.species_indices()
     data = data.assign_coords(
         time=("time", separate_equal_times(data["time"].values), data["time"].attrs),
         frame=("frame", np.arange(data.sizes["frame"]), {"long_name": "frame", "units": "1"}),

@@ -78,7 +78,7 @@ FRAME_HEIGHT = Variable("frame_height", "m", "height of the piston at the frame"
 def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     """Scalar records that a scene has: what does not act is not recorded."""
     effects = scene.effects
-    laws = list(enumerate(effects.laws))
+    laws = list(enumerate(effects.in_loop_order))
     chosen: list[Variable] = []
     if scene.piston is not None:
         chosen += _PISTON
@@ -95,7 +95,7 @@ def scalar_variables(scene: Scene) -> tuple[Variable, ...]:
     if scene.piston is not None and (scene.piston.drag or scene.piston.friction):
         chosen.append(_PISTON_LOSS)
     chosen += [_WORK] if scene.piston is not None or effects.shaking or effects.host else []
-    own = [record for variable in effects.laws for record in variable.records]
+    own = [record for variable in effects.in_loop_order for record in variable.records]
     chosen += [_record_variable(record, custom_column(index)) for index, record in enumerate(own)]
     chosen += [_COUNT] if effects.walls and effects.walls.has_gap else []
     chosen += [variable for variable in _STATE if variable.column != "closest" or effects.dipole]
@@ -117,7 +117,7 @@ def _record_variable(record: Record, column: str, dims: tuple[str, ...] = ("time
 
 def frame_variables(scene: Scene) -> tuple[Variable, ...]:
     """Grain fields of each frame that a scene has."""
-    brought = (record for effect in scene.effects.laws for record in effect.grain_records)
+    brought = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in brought))
 
 
@@ -129,7 +129,7 @@ def run_variables(scene: Scene) -> tuple[Variable, ...]:
 
 def record_columns(scene: Scene) -> tuple[str, ...]:
     """Every column of a scene's records."""
-    laws = scene.effects.laws
+    laws = scene.effects.in_loop_order
     return all_columns(len(laws), sum(len(law.records) for law in laws))
 
 

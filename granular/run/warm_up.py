@@ -42,12 +42,12 @@ def warm_up(scenes: Sequence[str | Scene] = ()) -> dict[str, float]:
 
 
 def _compile_scene(scene: Scene) -> None:
-    from granular.protocol.motion import Motion, piston_path, tabulated_motion
+    from granular.protocol.piston_motion import Motion, driven_height_and_velocity, with_table_arrays
     from granular.run.evaluation import evaluate
     from granular.run.simulation import simulate
 
     simulate(scene, t_end=_INSTANT, progress=False)
-    positions, velocities = scene.initial_motion()
+    positions, velocities = scene.initial_positions_and_velocities()
     evaluate(scene, positions, velocities)
     driven = any(stage.is_tabulated for stage in scene.protocol)
-    piston_path(tabulated_motion(Motion()) if driven else Motion(), 0.0)
+    driven_height_and_velocity(with_table_arrays(Motion()) if driven else Motion(), 0.0)

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from granular.schema.parts import Cell, Grains, Piston
-from granular.schema.sections import FieldError, Section, integer, points, quantity
+from granular.schema.apparatus import Cell, Grains, Piston
+from granular.schema.sections import FieldError, Section, integer_field, points_field, quantity
 from granular.shared.errors import SceneError
 
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
@@ -37,9 +37,9 @@ class Arrangement(Section):
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
     jitter: float = quantity("1", default=0.1, least=0.0, below=0.5)
     speed: float = quantity("m/s", default=0.0, least=0.0)
-    seed: int = integer(default=1)
-    positions: tuple[tuple[float, float], ...] | None = points("m", default=None)
-    velocities: tuple[tuple[float, float], ...] | None = points("m/s", default=None)
+    seed: int = integer_field(default=1)
+    positions: tuple[tuple[float, float], ...] | None = points_field("m", default=None)
+    velocities: tuple[tuple[float, float], ...] | None = points_field("m/s", default=None)
 
     def validate(self) -> None:
         if self.velocities is not None:
@@ -70,7 +70,7 @@ def periodic_grid_shape(count: int, width: float, height: float) -> tuple[int, i
     return columns, -(-count // columns)
 
 
-def initial_motion(
+def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [m] and velocities [m/s] at the start, each (n, 2).
@@ -151,12 +151,12 @@ def check_positions(
     x, y = positions[:, 0], positions[:, 1]
     top = math.inf if piston is None else piston.height
     if cell.periods is None:
-        _check_gap(x - radius, "the left wall", "move it to the right")
-        _check_gap(cell.width - x - radius, "the right wall", "widen the cell or move it left")
-        _check_gap(y - radius, "the bottom", "move it up")
-        _check_gap(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
+        _check_wall_gap(x - radius, "the left wall", "move it to the right")
+        _check_wall_gap(cell.width - x - radius, "the right wall", "widen the cell or move it left")
+        _check_wall_gap(y - radius, "the bottom", "move it up")
+        _check_wall_gap(top - y - radius, "the piston", "raise piston.height or lower arrangement.height")
     else:
-        positions = cell.inside(positions)
+        positions = cell.wrap_positions(positions)
     if not overlapping:
         _check_overlaps(positions, radius, cell)
 
@@ -169,7 +169,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
     order = np.argsort(positions[:, 0], kind="stable")
     for shift in range(1, len(order) // 2 + 1):
         behind = np.roll(order, -shift)
-        displacement = cell.nearest(positions[order] - positions[behind])
+        displacement = cell.nearest_image_displacements(positions[order] - positions[behind])
         if np.abs(displacement[:, 0]).min() > 2.0 * radius.max():
             return
         gap, needed = np.linalg.norm(displacement, axis=1), radius[order] + radius[behind]
@@ -183,7 +183,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
             )
 
 
-def _check_gap(gap: np.ndarray, what: str, remedy: str) -> None:
+def _check_wall_gap(gap: np.ndarray, what: str, remedy: str) -> None:
     if len(gap) and gap.min() < 0.0:
         grain = int(gap.argmin())
         raise SceneError(f"grain {grain} reaches {-gap[grain]:.4g} m into {what}, 0 m is the limit; {remedy}")

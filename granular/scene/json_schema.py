@@ -17,19 +17,19 @@ from granular.effects.walls import Wall
 from granular.methods.tables import METHODS
 from granular.scene.loading import scene_names
 from granular.scene.scene import Effects, Scene
-from granular.schema.parameters import Parametric, Values
+from granular.schema.parameters import ParameterValuesKind, SectionWithFormula
 from granular.schema.sections import (
-    Flag,
-    Integer,
-    Kind,
-    Many,
-    Nested,
-    Numbers,
-    OneOf,
-    Points,
-    Quantity,
+    ChoiceKind,
+    FieldKind,
+    FlagKind,
+    IntegerKind,
+    NestedSectionKind,
+    PointListKind,
+    QuantityKind,
+    QuantityListKind,
     Section,
-    Text,
+    SectionListKind,
+    TextKind,
 )
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -107,8 +107,8 @@ def _fields_schema(section: type[Section]) -> Schema:
     properties, required = {}, []
     words = _key_descriptions(section)
     for field in dataclasses.fields(section):
-        kind: Kind = field.metadata["kind"]
-        if isinstance(kind, Values):
+        kind: FieldKind = field.metadata["kind"]
+        if isinstance(kind, ParameterValuesKind):
             continue
         schema = _kind_schema(kind)
         if kind.optional:
@@ -128,20 +128,20 @@ def _object_schema(properties: Schema, required: list[str], section: type[Sectio
         "type": "object",
         "properties": properties,
         "required": required,
-        "additionalProperties": issubclass(section, Parametric),
+        "additionalProperties": issubclass(section, SectionWithFormula),
     }
     first = (section.__doc__ or "").strip().split("\n\n")[0]
     return result | ({"description": " ".join(first.split())} if first else {})
 
 
 @functools.singledispatch
-def _kind_schema(kind: Kind) -> Schema:
+def _kind_schema(kind: FieldKind) -> Schema:
     """Return the schema of a field; empty where its kind has none."""
     return {}
 
 
 @_kind_schema.register
-def _(kind: Quantity) -> Schema:
+def _(kind: QuantityKind) -> Schema:
     limits = {word: getattr(kind, name) for name, word in _LIMITS.items() if getattr(kind, name) is not None}
     unit = "" if kind.unit == "1" else f", such as '1 {kind.unit}'"
     with_unit = _TEXT | {"description": f"a number with a unit{unit}"}
@@ -149,44 +149,44 @@ def _(kind: Quantity) -> Schema:
 
 
 @_kind_schema.register
-def _(kind: Integer) -> Schema:
+def _(kind: IntegerKind) -> Schema:
     return {"type": "integer", "minimum": kind.least, "maximum": kind.most}
 
 
 @_kind_schema.register
-def _(kind: Flag) -> Schema:
+def _(kind: FlagKind) -> Schema:
     return {"type": "boolean"}
 
 
 @_kind_schema.register
-def _(kind: OneOf) -> Schema:
+def _(kind: ChoiceKind) -> Schema:
     return {"enum": list(kind.names)}
 
 
 @_kind_schema.register
-def _(kind: Text) -> Schema:
+def _(kind: TextKind) -> Schema:
     return dict(_TEXT)
 
 
 @_kind_schema.register
-def _(kind: Points) -> Schema:
-    item_schema = _kind_schema(Quantity(unit=kind.unit))
+def _(kind: PointListKind) -> Schema:
+    item_schema = _kind_schema(QuantityKind(unit=kind.unit))
     return {"type": "array", "items": {"type": "array", "items": item_schema, "minItems": 2, "maxItems": 2}}
 
 
 @_kind_schema.register
-def _(kind: Numbers) -> Schema:
+def _(kind: QuantityListKind) -> Schema:
     return {"type": "array", "items": _kind_schema(kind.element)}
 
 
 @_kind_schema.register
-def _(kind: Nested) -> Schema:
+def _(kind: NestedSectionKind) -> Schema:
     assert kind.section is not None
     return _section_schema(kind.section)
 
 
 @_kind_schema.register
-def _(kind: Many) -> Schema:
+def _(kind: SectionListKind) -> Schema:
     if kind.kinds is None:
         assert kind.section is not None
         return {"type": "array", "items": _section_schema(kind.section), "minItems": kind.least}

@@ -14,9 +14,18 @@ from granular.effects.effect import Effect
 from granular.effects.registry import effect_names, find_effect
 from granular.pairs.pair_sum_settings import PairSumSettings
 from granular.protocol import KINDS, Stage
-from granular.scene.arrangement import GRID, Arrangement, initial_motion
-from granular.schema.parts import Cell, Grains, Output, Piston
-from granular.schema.sections import FieldError, Many, Nested, Section, nested, section_field, text, unknown
+from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
+from granular.schema.apparatus import Cell, Grains, Output, Piston
+from granular.schema.sections import (
+    FieldError,
+    NestedSectionKind,
+    Section,
+    SectionListKind,
+    nested_section_field,
+    section_field,
+    text_field,
+    unknown,
+)
 from granular.schema.units import si_value
 from granular.shared.citing import module_docstring_of
 from granular.shared.errors import SceneError
@@ -26,7 +35,7 @@ from granular.shared.messages import quote
 if TYPE_CHECKING:
     from granular.effects.dipole import Dipole
     from granular.effects.friction import Friction
-    from granular.effects.host import Host
+    from granular.effects.host_structure import Host
     from granular.effects.shaking import Shaking
     from granular.effects.walls import Walls
 
@@ -65,14 +74,14 @@ class Effects(Section):
         return f"Effects({', '.join(f'{name}={effect!r}' for name, effect in self._given.items())})"
 
     @property
-    def all(self) -> tuple[Effect, ...]:
+    def acting(self) -> tuple[Effect, ...]:
         """Effects that act, by their names."""
         return tuple(self._given.values())
 
     @property
-    def laws(self) -> tuple[Effect, ...]:
+    def in_loop_order(self) -> tuple[Effect, ...]:
         """Effects that act but for the dipole, in the order in which the loop takes them."""
-        parts = [part for effect in self.all if effect.key != "dipole" for part in effect.parts]
+        parts = [part for effect in self.acting if effect.key != "dipole" for part in effect.parts]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
     @classmethod
@@ -107,9 +116,9 @@ def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str,
     result = {}
     for name in sorted(plain):
         try:
-            section = Nested(True, section=known[name]).read(plain[name], diameter)
+            section = NestedSectionKind(True, section=known[name]).read_value(plain[name], diameter)
         except FieldError as error:
-            raise error.within(name) from None
+            raise error.with_outer_path(name) from None
         if section is not None:
             result[name] = section
     return result
@@ -140,29 +149,29 @@ class Scene(Section):
         What is recorded, and how often.
     """
 
-    name: str = text(default="scene")
-    grains: Grains = nested(Grains)
-    cell: Cell = nested(Cell)
-    piston: Piston | None = nested(Piston, default=None, optional=True)
-    effects: Effects = nested(Effects, default=Effects())
-    pairs: PairSumSettings = nested(PairSumSettings, default=PairSumSettings())
-    arrangement: Arrangement = nested(Arrangement, default=Arrangement())
-    protocol: tuple[Stage, ...] = section_field(Many(kinds=KINDS), default=())
-    output: Output = nested(Output, default=Output())
+    name: str = text_field(default="scene")
+    grains: Grains = nested_section_field(Grains)
+    cell: Cell = nested_section_field(Cell)
+    piston: Piston | None = nested_section_field(Piston, default=None, optional=True)
+    effects: Effects = nested_section_field(Effects, default=Effects())
+    pairs: PairSumSettings = nested_section_field(PairSumSettings, default=PairSumSettings())
+    arrangement: Arrangement = nested_section_field(Arrangement, default=Arrangement())
+    protocol: tuple[Stage, ...] = section_field(SectionListKind(kinds=KINDS), default=())
+    output: Output = nested_section_field(Output, default=Output())
 
     @property
     def literature(self) -> tuple[str, ...]:
         """Texts that name the papers behind its effects; see `granular.cite`."""
-        parts = [part for effect in self.effects.all for part in (effect, *effect.parts)]
+        parts = [part for effect in self.effects.acting for part in (effect, *effect.parts)]
         return tuple(module_docstring_of(type(part)) for part in parts)
 
     def validate(self) -> None:
         self._check_piston()
         self._check_walls()
-        acting = {effect.key: effect for effect in self.effects.all}
+        acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
             effect.check(self.grains, self.cell, self.piston, acting)
-        self._check_kicks()
+        self._check_joint_kicks()
         self._check_periodic()
         if self.output.record is not None:
             names = tuple(stage.name for stage in self.protocol)
@@ -176,18 +185,18 @@ class Scene(Section):
                 "positions",
             )
         self._check_pairs()
-        self.initial_motion()
+        self.initial_positions_and_velocities()
 
-    def _check_kicks(self) -> None:
+    def _check_joint_kicks(self) -> None:
         """Check that the last effect that is solved with the forces knows the others."""
-        kicks = [effect for effect in self.effects.laws if effect.takes_along is not None]
+        kicks = [effect for effect in self.effects.in_loop_order if effect.takes_along is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].takes_along or ()):
                 raise FieldError(
                     f"cannot act together with {other.key!r}; take one of them away", "effects", kicks[-1].key
                 )
 
-    def initial_motion(self) -> tuple[np.ndarray, np.ndarray]:
+    def initial_positions_and_velocities(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions [m] and velocities [m/s] of the grains at the start, each (n, 2).
 
         They follow from arrangement, grains, cell and piston, and were checked with the scene.
@@ -197,7 +206,7 @@ class Scene(Section):
         tuple of arrays
             Positions [m] and velocities [m/s], float64 (n, 2) each.
         """
-        return initial_motion(
+        return initial_positions_and_velocities(
             self.arrangement,
             self.grains,
             self.cell,
@@ -208,17 +217,19 @@ class Scene(Section):
     @property
     def pair_method(self) -> str:
         """Method by which pairs are summed; the recommended one where the scene says ``"auto"``."""
-        return self.pairs.chosen(self.grains.count, closed=self._closed, workspace=self._workspace)
+        return self.pairs.chosen(
+            self.grains.count, closed=self._has_closed_walls, workspace=self._shorter_period
+        )
 
     @property
-    def _workspace(self) -> float | None:
+    def _shorter_period(self) -> float | None:
         """The shorter side of a periodic cell, over the first species' diameter."""
         if self.cell.periods is None:
             return None
         return min(self.cell.periods) / self.grains.species[0].diameter
 
     @property
-    def _closed(self) -> bool:
+    def _has_closed_walls(self) -> bool:
         walls = self.effects.walls
         return walls is not None and not walls.has_gap and None not in walls.sides
 
@@ -238,7 +249,7 @@ class Scene(Section):
                 "pairs",
                 "cut_off",
             )
-        if self.pairs.method == "mesh" and not self._closed:
+        if self.pairs.method == "mesh" and not self._has_closed_walls:
             raise FieldError(
                 "the mesh of 'mesh' covers a closed cell; give all four walls and no gap, or take 'direct'",
                 "pairs",
@@ -247,12 +258,12 @@ class Scene(Section):
 
     def _check_periodic(self) -> None:
         """Periodic cell has no walls, no piston, and effects that know of images alone."""
-        workspace = self._workspace
-        if workspace is None:
+        shorter_period = self._shorter_period
+        if shorter_period is None:
             return
         if self.piston is not None:
             raise FieldError("a cell with periodic sides has none; leave it away", "piston")
-        for effect in self.effects.all:
+        for effect in self.effects.acting:
             if not effect.periodic:
                 raise FieldError(
                     "cannot act in a cell with periodic sides; leave it away, or take cell.sides = 'closed'",
@@ -260,9 +271,9 @@ class Scene(Section):
                     effect.key,
                 )
         try:
-            self.pairs.check_periodic_cell(self.grains.count, workspace, self.grains.species[0].diameter)
+            self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
         except FieldError as error:
-            raise error.within("pairs") from None
+            raise error.with_outer_path("pairs") from None
 
     def greatest_height(self) -> float:
         """Greatest height of piston and grains that is known before the run [m].
@@ -273,10 +284,10 @@ class Scene(Section):
             Height [m].
         """
         height = self.piston.height if self.piston is not None else 0.0
-        highest = [height, float(self.initial_motion()[0][:, 1].max(initial=0.0))]
+        highest = [height, float(self.initial_positions_and_velocities()[0][:, 1].max(initial=0.0))]
         for stage in self.protocol:
-            height += stage.jump(height)
-            final = stage.final_height()
+            height += stage.initial_jump(height)
+            final = stage.prescribed_final_height()
             highest.append(height)
             if final is not None:
                 height = final
@@ -287,7 +298,7 @@ class Scene(Section):
         walls = self.effects.walls
         top = walls is not None and walls.top is not None
         for position, stage in enumerate(self.protocol):
-            if not top and self.grains.count and (stage.needs_mass or stage.limits_force):
+            if not top and self.grains.count and (stage.needs_piston_mass or stage.ends_at_force):
                 raise FieldError(
                     "the piston must be a wall that grains push (effects.walls.top)",
                     "protocol",
@@ -303,7 +314,7 @@ class Scene(Section):
         for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
                 raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
-            if stage.needs_mass and (self.piston is None or self.piston.mass is None):
+            if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
                 raise FieldError(
                     f"must be given: stage {stage.name!r} lets the piston move freely", "piston", "mass"
                 )
@@ -354,12 +365,12 @@ class Scene(Section):
         diameter : float, optional
             Diameter that the unit D stands for [m].
         """
-        return super().from_plain(plain, diameter or _first_diameter(plain))
+        return super().from_plain(plain, diameter or _first_species_diameter(plain))
 
     def __repr__(self) -> str:
         grains = " + ".join(
             f"{count} of {1e3 * specy.diameter:.6g} mm"
-            for specy, count in zip(self.grains.species, self.grains.counts(), strict=True)
+            for specy, count in zip(self.grains.species, self.grains.species_counts(), strict=True)
         )
         piston = ""
         if self.piston is not None:
@@ -367,7 +378,7 @@ class Scene(Section):
             piston = f", piston at {1e3 * self.piston.height:.6g} mm{mass}"
         if self.cell.height is not None:
             piston = f", {1e3 * self.cell.height:.6g} mm high, periodic"
-        effects = ", ".join(effect.key for effect in self.effects.all)
+        effects = ", ".join(effect.key for effect in self.effects.acting)
         return (
             f"Scene {self.name!r}: {grains}, cell {1e3 * self.cell.width:.6g} mm wide{piston}\n"
             f"  effects: {effects or 'none'}\n"
@@ -433,7 +444,7 @@ class Scene(Section):
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _first_diameter(plain: Mapping[str, Any]) -> float | None:
+def _first_species_diameter(plain: Mapping[str, Any]) -> float | None:
     try:
         diameter = plain["grains"]["species"][0]["diameter"]
     except (KeyError, IndexError, TypeError):

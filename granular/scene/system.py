@@ -11,7 +11,7 @@ from numba.core.errors import NumbaError
 
 from granular.effects.dipole import grain_discs
 from granular.effects.effect import Effect, EffectContext
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.effects.wall_side import SIDES
 from granular.kernel_data.constants import Constants, EffectLaws, PistonResistance
 from granular.methods import Method
@@ -38,7 +38,7 @@ EXIT = -5.0
 
 
 @dataclasses.dataclass(frozen=True)
-class System:
+class SceneInNaturalUnits:
     """A compiled scene.
 
     Attributes
@@ -58,12 +58,16 @@ class System:
     effects: tuple[Effect, ...]
 
     @property
-    def pull(self) -> float:
+    def downward_acceleration(self) -> float:
         """Downward acceleration that never changes [F*/m]."""
-        return sum(effect.pull(self.scales) for effect in self.effects if isinstance(effect, Force))
+        return sum(
+            effect.downward_acceleration(self.scales) for effect in self.effects if isinstance(effect, Force)
+        )
 
 
-def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = None) -> System:
+def scene_in_natural_units(
+    scene: Scene, *, threads: int = 1, method: Method | None = None
+) -> SceneInNaturalUnits:
     """Scene in natural units, for a method of integration.
 
     Raises
@@ -71,17 +75,19 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
     InputError
         If the far field cannot act at longer steps with that method.
     """
-    scales = Scales.of(scene.grains)
-    species = scene.grains.assignment()
+    scales = Scales.from_grains(scene.grains)
+    species = scene.grains.species_indices()
     masses = scene.grains.mass_ratios()[species]
     moments = scene.grains.moment_ratios()[species] * scene.grains.spread_factors()
     alike = bool((masses == moments).all())
     several = len(scene.grains.species) > 1 or not alike
     weakest = int(np.argmin(moments * (moments / masses))) if len(species) else None
-    effects = scene.effects.laws
+    effects = scene.effects.in_loop_order
     acting = _acting_laws(scene, scales, species, method)
     piston_mass, piston_weight = _piston_mass(
-        scene, scales, sum(effect.pull(scales) for effect in effects if isinstance(effect, Force))
+        scene,
+        scales,
+        sum(effect.downward_acceleration(scales) for effect in effects if isinstance(effect, Force)),
     )
     walls = scene.effects.walls
     constants = Constants(
@@ -99,16 +105,16 @@ def natural_system(scene: Scene, *, threads: int = 1, method: Method | None = No
         acting=acting,
         threaded=None if threads == 1 else True,
     )
-    return System(scales, constants, species, effects)
+    return SceneInNaturalUnits(scales, constants, species, effects)
 
 
 def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Method | None) -> EffectLaws:
-    grains, effects = scene.grains, scene.effects.laws
+    grains, effects = scene.grains, scene.effects.in_loop_order
     setting = _effect_context(scene, scales, species)
     weights = [result for effect in effects if (result := effect.load_weight(setting)) is not None]
     dipole = scene.effects.dipole
     summed = None if dipole is None else scene.pair_method
-    discs = None if dipole is None else _discs(scene, scales, species)
+    discs = None if dipole is None else _disc_laws(scene, scales, species)
     far = _far_field(scene, scales, summed, method)
     if far is not None and discs is not None:
         far = far._replace(fifth=float(discs.series[FAR]))
@@ -123,7 +129,7 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
         several = len(grains.species) > 1 or grains.spread > 0.0
         cut = CutOffSettings(radius, several, None if far is None else True, periods)
     if discs is not None:
-        _check_reach(discs, scales, radius, periods)
+        _check_disc_reach(discs, scales, radius, periods)
     laws = tuple(effect.law(setting) for effect in effects)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
@@ -142,13 +148,13 @@ def _acting_laws(scene: Scene, scales: Scales, species: np.ndarray, method: Meth
     )
 
 
-def _discs(scene: Scene, scales: Scales, species: np.ndarray) -> DiscLaw | None:
+def _disc_laws(scene: Scene, scales: Scales, species: np.ndarray) -> DiscLaw | None:
     """Law of the grains as discs; None where they are dipoles."""
     discs = grain_discs(scene.grains, scales.length)
     return make_disc_law(discs, species, pad_to_vectors(len(species))) if discs else None
 
 
-def _check_reach(
+def _check_disc_reach(
     discs: DiscLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
 ) -> None:
     """Raise `InputError` where pairs end before the law of discs is close to that of dipoles."""
@@ -168,9 +174,9 @@ def _periodic_sides(scene: Scene, scales: Scales) -> tuple[float, float] | None:
 
 
 def _effect_context(scene: Scene, scales: Scales, species: np.ndarray) -> EffectContext:
-    effects = scene.effects.laws
+    effects = scene.effects.in_loop_order
     indices = {effect.key: index for index, effect in enumerate(effects)}
-    acting = {effect.key: effect for effect in scene.effects.all}
+    acting = {effect.key: effect for effect in scene.effects.acting}
     return EffectContext(scene.grains, scene.cell, scales, species, acting, indices, scene.piston)
 
 
@@ -186,8 +192,8 @@ def explain_compile_errors(scene: Scene) -> Iterator[None]:
     try:
         yield
     except NumbaError:
-        setting = _effect_context(scene, Scales.of(scene.grains), scene.grains.assignment())
-        for effect in scene.effects.laws:
+        setting = _effect_context(scene, Scales.from_grains(scene.grains), scene.grains.species_indices())
+        for effect in scene.effects.in_loop_order:
             effect.check_compiling(setting)
         raise
 
@@ -197,7 +203,7 @@ def _far_field(
 ) -> FarFieldSettings | None:
     """Far field that is split off the law of a pair; None where that is summed as a whole."""
     if summed == "direct" and scene.cell.periods is None:
-        every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
+        every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
         if every is None and rubbing is None:
             return None
         return FarFieldSettings(SPLIT_RADIUS, None, every, rubbing)
@@ -215,11 +221,11 @@ def _far_field(
             f"pairs.method = 'mesh' needs {points:.3g} points over {width:.3g} x {height:.3g} D, "
             f"{MOST_POINTS:g} is the limit; take 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    every, rubbing = _far_field_interval(scene, method), _friction_far_steps(scene, method)
+    every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
     return FarFieldSettings(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
-def _friction_far_steps(scene: Scene, method: Method | None) -> int | None:
+def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
     """Return steps that the far field goes on for where grains slide; None where it does not."""
     wanted = scene.pairs.far_every
     if scene.effects.friction is None or wanted == 1:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import Dimension, infer_dimension, unit_text
-from granular.schema.sections import FieldError, Kind, Section, section_field, unknown
+from granular.schema.sections import FieldError, FieldKind, Section, section_field, unknown
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
@@ -19,20 +19,20 @@ _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
 
 @dataclasses.dataclass(frozen=True)
-class Values(Kind):
+class ParameterValuesKind(FieldKind):
     """Parameters by their names, each as a number and its SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
         result = {}
         for name, given in dict(value).items():
             try:
-                result[name] = _in_si(given, diameter)
+                result[name] = _text_in_si(given, diameter)
             except SceneError as error:
                 raise FieldError(str(error), name) from None
         return tuple(sorted(result.items()))
 
 
-def _in_si(given: Any, diameter: float | None) -> str:
+def _text_in_si(given: Any, diameter: float | None) -> str:
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise FieldError(f"{quote(given)} is no quantity; write a number and a unit, as '5 mm'")
     match = _UNIT.fullmatch(str(given))
@@ -41,14 +41,14 @@ def _in_si(given: Any, diameter: float | None) -> str:
     return f"{si_value(str(given), si, diameter)!r} {si}"
 
 
-class Parametric(Section):
+class SectionWithFormula(Section):
     """A section with a formula, whose parameters stand next to it.
 
     Attributes
     ----------
     variables : mapping of str to Dimension
         Variables of the formula that need no value.
-    written : str
+    formula_key : str
         The key of the formula.
     unit : str
         SI unit of its value.
@@ -57,18 +57,18 @@ class Parametric(Section):
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {}
-    written: ClassVar[str] = ""
+    formula_key: ClassVar[str] = ""
     unit: ClassVar[str] = "1"
 
-    values: tuple[tuple[str, str], ...] = section_field(Values(), default=())
+    values: tuple[tuple[str, str], ...] = section_field(ParameterValuesKind(), default=())
 
     @property
     def formula(self) -> str:
         """The formula's text."""
-        formula: str = getattr(self, self.written)
+        formula: str = getattr(self, self.formula_key)
         return formula
 
-    def parameter(self, name: str) -> tuple[float, Dimension]:
+    def parameter_value_and_dimension(self, name: str) -> tuple[float, Dimension]:
         """Value in SI and dimension of a parameter."""
         number, unit = dict(self.values)[name].split(" ", 1)
         return float(number), tuple(map(Fraction, unit_size(unit)[1]))
@@ -91,7 +91,7 @@ class Parametric(Section):
         except FieldError:
             raise
         except InputError as error:
-            raise FieldError(str(error), self.written) from None
+            raise FieldError(str(error), self.formula_key) from None
 
     def _check_formula(self) -> None:
         tree, given = parse(self.formula), dict(self.values)
@@ -104,8 +104,8 @@ class Parametric(Section):
             if name in self.variables:
                 raise FieldError("is a variable; give the parameter another name", name)
             if name not in written:
-                raise FieldError(f"the {self.written} has no {quote(name)}; take it out", name)
-        dimensions = {name: self.parameter(name)[1] for name in given}
+                raise FieldError(f"the {self.formula_key} has no {quote(name)}; take it out", name)
+        dimensions = {name: self.parameter_value_and_dimension(name)[1] for name in given}
         dimension = infer_dimension(tree, dict(self.variables) | dimensions)
         if dimension != tuple(map(Fraction, unit_size(self.unit)[1])):
             raise InputError(f"it is in {unit_text(dimension)}, not in {self.unit}; check the units")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from granular.schema.parts import Grains
+from granular.schema.apparatus import Grains
 from granular.schema.units import unit_size
 
 MAGNETIC_CONSTANT = 4e-7 * math.pi
@@ -32,7 +32,7 @@ class Scales:
     --------
     >>> from granular import load_scene
     >>> from granular.schema import Scales
-    >>> scales = Scales.of(load_scene("bed").grains)
+    >>> scales = Scales.from_grains(load_scene("bed").grains)
     >>> round(scales.force, 3), scales.length  # [N], [m]
     (2.377, 0.006)
     """
@@ -43,7 +43,7 @@ class Scales:
     current: float = 1.0
 
     @classmethod
-    def of(cls, grains: Grains) -> Scales:
+    def from_grains(cls, grains: Grains) -> Scales:
         """Natural units of a bed: those of its first species.
 
         Parameters
@@ -53,19 +53,19 @@ class Scales:
         """
         diameter = grains.species[0].diameter
         thickness, density, remanence = (
-            float(grains.of_species(name)[0]) for name in ("thickness", "density", "remanence")
+            float(grains.species_values(name)[0]) for name in ("thickness", "density", "remanence")
         )
         volume = math.pi * thickness * diameter**2 / 4.0
         moment = remanence * volume / MAGNETIC_CONSTANT
         force = MAGNETIC_CONSTANT * moment**2 / (math.pi * diameter**4)
         return cls(diameter, density * volume, force, moment / diameter**2)
 
-    def unit(self, text: str) -> float:
+    def natural_unit(self, unit: str) -> float:
         """Natural unit of a quantity that is given in such an SI unit, in SI.
 
         Parameters
         ----------
-        text : str
+        unit : str
             SI unit, such as ``m/s``.
 
         Returns
@@ -73,7 +73,7 @@ class Scales:
         float
             Size of the natural unit in that SI unit.
         """
-        length, mass, time, current = unit_size(text)[1]
+        length, mass, time, current = unit_size(unit)[1]
         return float(self.length**length * self.mass**mass * self.time**time * self.current**current)
 
     @property

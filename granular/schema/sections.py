@@ -1,6 +1,6 @@
 """Sections: frozen dataclasses whose fields check themselves and round-trip through plain data.
 
-A section's fields are declared by the kinds below (`quantity`, `whole`, `choice`, ...). Each kind
+A section's fields are declared by the functions below (`quantity`, `integer_field`, ...). Each kind of field
 reads a value from plain data (what a TOML file holds), checks it, and writes it back.
 """
 
@@ -32,7 +32,7 @@ class FieldError(SceneError):
         self.reason, self.path = reason, path
         super().__init__(f"{'.'.join(map(sanitize, path))}: {reason}" if path else reason)
 
-    def within(self, *outer: str) -> FieldError:
+    def with_outer_path(self, *outer: str) -> FieldError:
         return FieldError(self.reason, *outer, *self.path)
 
 
@@ -44,7 +44,7 @@ def unknown(word: str, known: Sequence[str], what: str) -> str:
     return f"unknown {what} {quote(word)}; {advice}"
 
 
-def _number(value: object) -> float:
+def _parse_number(value: object) -> float:
     """Parse a number, also NumPy's or as text; no truth value, nothing beyond a float."""
     if not isinstance(value, bool | np.bool_):
         try:
@@ -58,12 +58,12 @@ def _number(value: object) -> float:
 
 
 @dataclasses.dataclass(frozen=True)
-class Kind:
+class FieldKind:
     """Kind of a field: it reads, checks and writes the field's value."""
 
     optional: bool = False
 
-    def read(self, value: Any, diameter: float | None) -> Any:
+    def read_value(self, value: Any, diameter: float | None) -> Any:
         if value is None or (self.optional and value == "none"):
             if self.optional:
                 return None
@@ -78,7 +78,7 @@ class Kind:
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity(Kind):
+class QuantityKind(FieldKind):
     unit: str = "1"
     above: float | None = None
     least: float | None = None
@@ -92,7 +92,7 @@ class Quantity(Kind):
             except SceneError as error:
                 raise FieldError(str(error)) from None
         else:
-            number = _number(value)
+            number = _parse_number(value)
         unit = "" if self.unit == "1" else f" {self.unit}"
         if not math.isfinite(number):
             raise FieldError(f"{number} must be finite; give a number{unit and ' in' + unit}")
@@ -111,12 +111,12 @@ class Quantity(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Integer(Kind):
+class IntegerKind(FieldKind):
     least: int = 0
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        number = _integer(value)
+        number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
         if number < self.least:
@@ -126,7 +126,7 @@ class Integer(Kind):
         return number
 
 
-def _integer(value: object) -> int | None:
+def _parse_integer(value: object) -> int | None:
     """Integer, to its last digit; None where the text is none."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
@@ -134,12 +134,12 @@ def _integer(value: object) -> int | None:
         return None
     if isinstance(value, int | np.integer):
         return int(value)
-    number = _number(value)
+    number = _parse_number(value)
     return int(number) if math.isfinite(number) and not number % 1.0 else None
 
 
 @dataclasses.dataclass(frozen=True)
-class Flag(Kind):
+class FlagKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> bool:
         known = {"true": True, "false": False}
         if isinstance(value, str) and value in known:
@@ -150,7 +150,7 @@ class Flag(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class OneOf(Kind):
+class ChoiceKind(FieldKind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
@@ -160,7 +160,7 @@ class OneOf(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Text(Kind):
+class TextKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> str:
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{quote(value)} must be a text that is not empty")
@@ -170,13 +170,13 @@ class Text(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Points(Kind):
+class PointListKind(FieldKind):
     """Pairs of numbers, one a grain."""
 
     unit: str = "m"
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
-        quantity = Quantity(unit=self.unit)
+        quantity = QuantityKind(unit=self.unit)
         try:
             rows = [tuple(row) for row in value]
         except TypeError:
@@ -191,10 +191,10 @@ class Points(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Numbers(Kind):
+class QuantityListKind(FieldKind):
     """A list of quantities."""
 
-    element: Quantity = Quantity()
+    element: QuantityKind = QuantityKind()
 
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
@@ -204,7 +204,7 @@ class Numbers(Kind):
             try:
                 result.append(self.element.parse(item, diameter))
             except FieldError as error:
-                raise error.within(str(index)) from None
+                raise error.with_outer_path(str(index)) from None
         return tuple(result)
 
     def to_plain(self, value: Any) -> Any:
@@ -212,7 +212,7 @@ class Numbers(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Nested(Kind):
+class NestedSectionKind(FieldKind):
     """A nested section."""
 
     section: type[Section] | None = None
@@ -226,7 +226,7 @@ class Nested(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
-class Many(Kind):
+class SectionListKind(FieldKind):
     """A list of sections; of several classes, distinguished by their ``kind`` key, where given."""
 
     section: type[Section] | None = None
@@ -243,7 +243,7 @@ class Many(Kind):
             try:
                 built.append(self._item(item, diameter))
             except FieldError as error:
-                raise error.within(str(index)) from None
+                raise error.with_outer_path(str(index)) from None
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if name and names.count(name) > 1:
@@ -253,7 +253,7 @@ class Many(Kind):
     def _item(self, item: Any, diameter: float | None) -> Section:
         if self.kinds is None:
             assert self.section is not None
-            return Nested(section=self.section).parse(item, diameter)
+            return NestedSectionKind(section=self.section).parse(item, diameter)
         if isinstance(item, tuple(self.kinds.values())):
             return item  # type: ignore[return-value]  # of a kind, by the line above
         if not isinstance(item, Mapping):
@@ -272,7 +272,7 @@ class Many(Kind):
         return [{"kind": names.get(type(item)), **item.to_plain()} for item in value]
 
 
-def section_field(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
+def section_field(kind: FieldKind, default: Any = dataclasses.MISSING) -> Any:
     """Dataclass field of the given kind."""
     return dataclasses.field(default=default, metadata={"kind": kind})
 
@@ -320,51 +320,63 @@ def quantity(
     >>> Wind.__name__
     'Wind'
     """
-    kind = Quantity(optional, unit=unit, above=above, least=least, below=below, most=most)
+    kind = QuantityKind(optional, unit=unit, above=above, least=least, below=below, most=most)
     return section_field(kind, default)
 
 
-def integer(
+def integer_field(
     *, default: Any = dataclasses.MISSING, least: int = 0, most: int = 2**63 - 1, optional: bool = False
 ) -> Any:
-    return section_field(Integer(optional, least=least, most=most), default)
+    return section_field(IntegerKind(optional, least=least, most=most), default)
 
 
-def flag(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return section_field(Flag(optional), default)
+def flag_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return section_field(FlagKind(optional), default)
 
 
-def choice(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return section_field(OneOf(optional, names=names), default)
+def choice_field(*names: str, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return section_field(ChoiceKind(optional, names=names), default)
 
 
-def text(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return section_field(Text(optional), default)
+def text_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
+    return section_field(TextKind(optional), default)
 
 
-def points(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
-    return section_field(Points(True, unit=unit), default)
+def points_field(unit: str = "m", *, default: Any = dataclasses.MISSING) -> Any:
+    return section_field(PointListKind(True, unit=unit), default)
 
 
-def numbers(
+def quantity_list_field(
     unit: str, *, default: Any = dataclasses.MISSING, above: float | None = None, least: float | None = None
 ) -> Any:
     """List of numbers in an SI unit."""
-    return section_field(Numbers(element=Quantity(unit=unit, above=above, least=least)), default)
+    return section_field(QuantityListKind(element=QuantityKind(unit=unit, above=above, least=least)), default)
 
 
-def nested(section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    return section_field(Nested(optional, section=section), default)
+def nested_section_field(
+    section: type[Section], *, default: Any = dataclasses.MISSING, optional: bool = False
+) -> Any:
+    return section_field(NestedSectionKind(optional, section=section), default)
 
 
-def many(section: type[Section], *, least: int = 0) -> Any:
-    return section_field(Many(section=section, least=least))
+def section_list_field(section: type[Section], *, least: int = 0) -> Any:
+    return section_field(SectionListKind(section=section, least=least))
 
 
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
-    field_specifiers=(section_field, quantity, integer, choice, text, points, numbers, nested, many),
+    field_specifiers=(
+        section_field,
+        quantity,
+        integer_field,
+        choice_field,
+        text_field,
+        points_field,
+        quantity_list_field,
+        nested_section_field,
+        section_list_field,
+    ),
 )
 class Section:
     """Base of the scene's parts. Subclasses are frozen dataclasses with keyword fields."""
@@ -375,16 +387,16 @@ class Section:
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
-        self._read(None)
+        self._read_fields(None)
 
-    def _read(self, diameter: float | None) -> None:
+    def _read_fields(self, diameter: float | None) -> None:
         for field in dataclasses.fields(self):
-            kind: Kind = field.metadata["kind"]
+            kind: FieldKind = field.metadata["kind"]
             try:
-                value = kind.read(getattr(self, field.name), diameter)
+                value = kind.read_value(getattr(self, field.name), diameter)
                 object.__setattr__(self, field.name, value)
             except FieldError as error:
-                raise error.within(field.name) from None
+                raise error.with_outer_path(field.name) from None
         self.validate()
 
     def validate(self) -> None:
@@ -422,7 +434,7 @@ class Section:
             has_default = field.default is not dataclasses.MISSING
             value = plain.get(field.name, field.default if has_default else None)
             object.__setattr__(self, field.name, value)
-        self._read(diameter)
+        self._read_fields(diameter)
         return self
 
     def to_plain(self) -> dict[str, Any]:
@@ -444,7 +456,7 @@ class Section:
         return out
 
 
-def find_field(section: Any, key: str) -> tuple[Any, Kind] | None:
+def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
     """Value and kind of the field that a dotted key leads to; None where it leads to none.
 
     An item of a list is named by its index or its ``name``.

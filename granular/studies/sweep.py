@@ -32,7 +32,7 @@ from granular.methods import Method
 from granular.run.variables import scalar_variables
 from granular.scene.loading import load_scene, scene_names
 from granular.scene.scene import Scene
-from granular.schema.sections import Integer, Quantity, find_field, unknown
+from granular.schema.sections import IntegerKind, QuantityKind, find_field, unknown
 from granular.shared.errors import InputError, StoreError
 from granular.shared.files import make_directory, read_toml
 from granular.shared.messages import sanitize
@@ -110,7 +110,7 @@ class Study:
         for case in self.cases:
             for key in case.changes:
                 field = find_field(case.scene, key)
-                if field is not None and isinstance(field[1], Quantity):
+                if field is not None and isinstance(field[1], QuantityKind):
                     units[key] = field[1].unit
         return {name: unit for name, unit in units.items() if unit != "1"}
 
@@ -144,7 +144,7 @@ def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
     result = {}
     for key in keys:
         field = find_field(case.scene, key)
-        quantity = field is not None and isinstance(field[1], Quantity | Integer)
+        quantity = field is not None and isinstance(field[1], QuantityKind | IntegerKind)
         if field is not None and (quantity or key not in case.changes):
             result[key] = field[0]
         else:

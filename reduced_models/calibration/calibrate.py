@@ -191,7 +191,7 @@ def run_calibration(
 def _check_scene(scene: Scene) -> None:
     if scene.piston is None:
         raise InputError(f"scene {quote(scene.name)} has no piston, so there is nothing to calibrate")
-    if not any(stage.needs_mass for stage in scene.protocol):
+    if not any(stage.needs_piston_mass for stage in scene.protocol):
         raise InputError(f"scene {quote(scene.name)} has no stage in which the piston moves freely; add one")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.scene.scene import Scene
-from granular.schema.sections import Quantity, find_field
+from granular.schema.sections import QuantityKind, find_field
 from granular.shared.errors import InputError, RecordError
 from granular.studies.measures import piston_columns
 from granular.studies.sweep import sweep
@@ -148,7 +148,7 @@ def scene_parameter(scene: Scene, key: str) -> Parameter:
         scene.replace(**{key: 1.0})  # says which key there is instead
         raise InputError(f"the scene holds no {key}; set one, or calibrate a number that it holds")
     value, kind = field
-    if not isinstance(kind, Quantity):
+    if not isinstance(kind, QuantityKind):
         raise InputError(f"{key} is no quantity; calibrate a number such as piston.mass")
     if value is None or not value > 0.0:
         raise InputError(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.scene.beds import REFERENCE_COUNT, damper
+from granular.scene.published_beds import REFERENCE_COUNT, damper
 from granular.scene.scene import Scene
 
 GRAVITY = 9.8

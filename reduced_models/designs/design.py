@@ -18,7 +18,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from granular.run.accuracy import step_hidden_by_scatter
-from granular.scene.beds import damper
+from granular.scene.published_beds import damper
 from granular.shared.errors import GranularError, InputError
 from granular.studies.sweep import sweep
 from granular.studies.workers import case_executor

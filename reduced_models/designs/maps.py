@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.scene.beds import REFERENCE_COUNT
+from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from reduced_models.designs.damper import (
     ASPECT,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.scene.beds import REFERENCE_COUNT
+from granular.scene.published_beds import REFERENCE_COUNT
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 from reduced_models.designs.damper import HIGHEST, LOWEST, Candidate, damper_at, disc_over_dipole_figures

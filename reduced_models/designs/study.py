@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.run.record import PistonRecord
 from granular.run.trajectory import Trajectory
-from granular.scene.beds import damper
+from granular.scene.published_beds import damper
 from granular.shared.errors import InputError
 from granular.studies.cases import keep_measure_name
 from granular.studies.sweep import sweep

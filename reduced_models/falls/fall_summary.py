@@ -219,7 +219,7 @@ def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> Fal
     assert motion.force is not None
     assert scene.piston is not None
     drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
-    faces = scene.grains.face_ratios()[scene.grains.assignment()]
+    faces = scene.grains.face_area_ratios()[scene.grains.species_indices()]
     affine = (drag * float(faces.sum()) / 3.0 + scene.piston.drag) * float(
         np.trapezoid(motion.velocity**2, motion.time)
     )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
     from granular.pairs.disc_law import Disc
-    from granular.schema.parts import Grains
+    from granular.schema.apparatus import Grains
 
 __all__ = ["lattice_pressure"]
 
@@ -71,7 +71,7 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
         If discs touch under that pressure.
     """
     if grains.magnets == "dipoles" or pressure < _LEAST:
-        moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
+        moment = float(np.array(grains.species_fractions()) @ grains.moment_ratios())
         return PressedLattice((pressure / (PRESSURE * moment**2)) ** (1.0 / POWER), POWER)
     from scipy.optimize import brentq
 
@@ -89,7 +89,7 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
 
 def touching_lattice_density(grains: Grains) -> float:
     """Density of the lattice in which grains of the mean diameter touch [1/D^2]."""
-    diameter = float(np.array(grains.fractions()) @ np.sqrt(grains.face_ratios()))
+    diameter = float(np.array(grains.species_fractions()) @ np.sqrt(grains.face_area_ratios()))
     return 1.0 / (math.sqrt(0.75) * diameter**2)
 
 
@@ -112,7 +112,7 @@ def lattice_pressure(grains: Grains, density: float) -> float:
         Pressure, a force a length [F*/D].
     """
     if grains.magnets == "dipoles":
-        moment = float(np.array(grains.fractions()) @ grains.moment_ratios())
+        moment = float(np.array(grains.species_fractions()) @ grains.moment_ratios())
         return PRESSURE * moment**2 * density**POWER
     return _disc_pressure(_discs_with_moment_fractions(grains), density)
 
@@ -121,7 +121,7 @@ def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ..
     """Discs of each species, and what its moments have of a grain's mean moment."""
     from granular.effects.dipole import grain_discs
 
-    weights = np.array(grains.fractions()) * grains.moment_ratios()
+    weights = np.array(grains.species_fractions()) * grains.moment_ratios()
     return tuple(zip(grain_discs(grains, grains.species[0].diameter), weights.tolist(), strict=True))
 
 

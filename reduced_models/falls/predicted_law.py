@@ -180,7 +180,7 @@ def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, fl
             f"the scene {quote(scene.name)} has no piston with a mass under gravity, so nothing "
             "falls; give it piston.mass"
         )
-    others = sorted({effect.key for effect in scene.effects.all} - _SHAPED)
+    others = sorted({effect.key for effect in scene.effects.acting} - _SHAPED)
     if others or piston.friction or "dipole" not in present:
         what = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
@@ -189,7 +189,7 @@ def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, fl
         )
     from granular.schema.scales import Scales
 
-    scales, width = Scales.of(grains), scene.cell.width
+    scales, width = Scales.from_grains(grains), scene.cell.width
     effects = scene.effects
     gravity = effects.gravity.acceleration if effects.gravity is not None else 0.0
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
@@ -197,7 +197,7 @@ def predict_bed_parameters(scene: Scene, *, refuse: bool = True) -> dict[str, fl
     lattice = lattice_at_rest(scene)
     packed = grains.count * scales.length**2 / (width * lattice.density)
     rest = (BULK + WALLS / math.sqrt(grains.count)) ** (POWER / lattice.power) * packed
-    resistance = grains.count * float(np.array(grains.fractions()) @ grains.face_ratios()) * drag
+    resistance = grains.count * float(np.array(grains.species_fractions()) @ grains.face_area_ratios()) * drag
     inertia = float(grains.masses().sum()) / 3.0
     modulus = MODULUS * lattice.shear
     swing = _SmallSwing(weight, rest, gravity, lattice.power, modulus)
@@ -223,7 +223,7 @@ def lattice_at_rest(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains under the weight of its piston."""
     from granular.schema.scales import Scales
 
-    piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.of(scene.grains)
+    piston, gravity, scales = scene.piston, scene.effects.gravity, Scales.from_grains(scene.grains)
     assert piston is not None
     assert piston.mass is not None
     assert gravity is not None

@@ -213,7 +213,7 @@ def _disc_sizes_text(scene: Scene) -> str:
     grains = scene.grains
     own = [
         (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
-        for species, thickness in zip(grains.species, grains.of_species("thickness"), strict=True)
+        for species, thickness in zip(grains.species, grains.species_values("thickness"), strict=True)
     ]
     odd = [f"{d:g} x {h:g}" for d, h in own if (d, h) not in SIZES]
     fits = f"; {' and '.join(odd)} is none of them, so have it made" if odd else ""
@@ -226,7 +226,7 @@ def _disc_sizes_text(scene: Scene) -> str:
 
 def _grade_rows(scene: Scene, rates: tuple[float, float]) -> list[tuple[str, ...]]:
     """Each grade with its remanence [T], and the changes [%] that it makes in this damper."""
-    own = float(scene.grains.of_species("remanence")[0])
+    own = float(scene.grains.species_values("remanence")[0])
     rows = []
     for grade, (low, high) in GRADES.items():
         ratio = 0.5 * (low + high) / own
@@ -243,11 +243,11 @@ def _drag_coefficient(scene: Scene) -> float:
 def _part_rows(scene: Scene, rest: float) -> list[tuple[str, str, str, str]]:
     grains, piston = scene.grains, scene.piston
     assert piston is not None
-    masses, kinds = grains.masses(), grains.assignment()
+    masses, kinds = grains.masses(), grains.species_indices()
     rows = []
     for k, species in enumerate(grains.species):
         own = masses[kinds == k]
-        thickness, remanence = (float(grains.of_species(name)[k]) for name in ("thickness", "remanence"))
+        thickness, remanence = (float(grains.species_values(name)[k]) for name in ("thickness", "remanence"))
         rows.append(
             (
                 "disc magnet, magnetised along its axis",
@@ -286,7 +286,7 @@ def _grade_text(remanence: float) -> str:
 
 def _viscosity_rows(scene: Scene, drag: float) -> list[tuple[str, str, str]]:
     first = scene.grains.species[0].diameter
-    thickness = float(scene.grains.of_species("thickness")[0])
+    thickness = float(scene.grains.species_values("thickness")[0])
     face = math.pi / 4.0 * first**2
     return [
         (

@@ -176,7 +176,7 @@ class SceneChecks:
 
 def free_motions(run: Trajectory) -> Mapping[str, Any]:
     """Piston's record of a run, and of its first stage where that is free, as columns."""
-    from granular.protocol.free import Free
+    from granular.protocol.free_piston_stages import Free
 
     motions = {RECORD: run.piston()}
     first = run.scene.protocol[0]
@@ -308,7 +308,7 @@ def scenes_with_other_seeds(scene: Scene) -> list[RunCheck]:
 
 def lift_for_testing(scene: Scene) -> RunCheck | None:
     """Scene with a lift three times as high; None where not just one stage lifts."""
-    from granular.protocol.prescribed import Lift
+    from granular.protocol.driven_piston_stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:
@@ -326,7 +326,7 @@ def end_of_run(run: Trajectory) -> float | None:
 
 def first_fall(run: Trajectory) -> PistonRecord | None:
     """Fall with which a run begins; None where it begins otherwise."""
-    from granular.protocol.free import Free
+    from granular.protocol.free_piston_stages import Free
 
     scene = run.scene
     if scene.piston is None or scene.effects.gravity is None or not scene.protocol:

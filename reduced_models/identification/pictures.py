@@ -277,7 +277,7 @@ def _stage_row(stage: StageResult) -> Sequence[str]:
 
 
 def _add_ledger(page: Page, run: Trajectory) -> None:
-    from granular.scene.dryness import degraded_residual_limit
+    from granular.scene.dry_friction import degraded_residual_limit
 
     page.section("Energy ledger")
     data = run.dataset

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular.effects.excitation import Excitation
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.response.linear_system import (
     dynamic_stiffness_of_hanging_mass,
     linear_response,
     tuned_mass_spring_and_dashpot,
 )
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
-from granular.scene.beds import damper
 from granular.scene.loading import load_scene
+from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import FEWEST, OutsideRangeWarning

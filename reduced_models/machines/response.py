@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
@@ -121,7 +121,7 @@ class CoupledSystem(NamedTuple):
         assert piston is not None
         assert piston.mass is not None
         drag = 0.0 if scene.effects.drag is None else scene.effects.drag.coefficient
-        grains, faces = scene.grains, scene.grains.face_ratios()[scene.grains.assignment()]
+        grains, faces = scene.grains, scene.grains.face_area_ratios()[scene.grains.species_indices()]
         lattice = lattice_at_rest(still)
         return cls(
             host=math.inf,

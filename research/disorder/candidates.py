@@ -181,7 +181,7 @@ def _lindemann(
 
 
 def _pair_energy(run: Trajectory, spacing: float) -> float:
-    scales = Scales.of(run.scene.grains)
+    scales = Scales.from_grains(run.scene.grains)
     return dipole_pair_strength(scales.current * scales.length**2) / spacing**3
 
 

@@ -56,7 +56,7 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     assert periods is not None
     kinetic = float((masses[None, :, None] * speeds**2).mean()) / layer.temperature
     cold = frames[np.linspace(0, len(frames) - 1, COLD_FRAMES).astype(int)]
-    sites = layer.scene.initial_motion()[0]
+    sites = layer.scene.initial_positions_and_velocities()[0]
     a = layer.spacing
     lags = np.unique(np.geomspace(1, len(frames) // 2, LAGS).round().astype(int))
     apart = float(np.diff(data["frame_time"].values).mean())

@@ -80,7 +80,7 @@ def layer(gamma: float, columns: int, seed: int = 1) -> Layer:
             "output": {"scalars": FRAMES / 10.0, "frames": FRAMES},
         }
     )
-    scales = Scales.of(still.grains)
+    scales = Scales.from_grains(still.grains)
     strength = dipole_pair_strength(scales.current * scales.length**2)
     density = columns**2 / (width * height)
     temperature = strength * (math.pi * density) ** 1.5 / gamma

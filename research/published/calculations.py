@@ -31,7 +31,7 @@ def default_grain(_: bool) -> Numbers:
     from granular.schema.scales import Scales
 
     grains = load_scene("bed").grains
-    scales = Scales.of(grains)
+    scales = Scales.from_grains(grains)
     volume = math.pi / 4.0 * grains.thickness * grains.species[0].diameter ** 2
     weight = scales.mass * 9.8 / (scales.mass * scales.acceleration)
     return {
@@ -44,10 +44,10 @@ def default_grain(_: bool) -> Numbers:
 def packing(_: bool) -> Numbers:
     """Packing fraction of the mixtures at full compression, the same for every R, and heights."""
     from granular.observables import packing_fraction
-    from granular.scene.beds import bidisperse
+    from granular.scene.published_beds import bidisperse
 
     def height(scene: Scene) -> float:
-        result = scene.protocol[1].final_height()
+        result = scene.protocol[1].prescribed_final_height()
         assert result is not None
         return result
 
@@ -67,12 +67,12 @@ HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
 
 def final_heights(_: bool) -> Numbers:
     """Piston heights at full compression [D], of all rows of Table A.1."""
-    from granular.scene.beds import bidisperse
+    from granular.scene.published_beds import bidisperse
 
     made = {}
     for name, (aspect, big, ratios) in HEIGHTS.items():
         for index, ratio in enumerate(ratios):
-            end = bidisperse(aspect, round(ratio, 2), big=big).protocol[1].final_height()
+            end = bidisperse(aspect, round(ratio, 2), big=big).protocol[1].prescribed_final_height()
             assert end is not None
             made[f"{name}[{index}]"] = end / big
     return made
@@ -138,7 +138,7 @@ def loop_times(_: bool) -> Numbers:
 
     made = {}
     for count in TIMED_SIZES:
-        positions = _held_bed(count).initial_motion()[0] / 0.006
+        positions = _held_bed(count).initial_positions_and_velocities()[0] / 0.006
         made[f"direct {count}"], made[f"list {count}"] = times(positions, SOURCE_RADIUS)
     return made
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from granular.run.record import PistonRecord
-from granular.scene.beds import damper
+from granular.scene.published_beds import damper
 from granular.scene.scene import Scene
 
 DIAMETER = 0.006

@@ -69,8 +69,8 @@ def _bed_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
     made |= {
         "force": record["down"][-1],
         "packing": _packing(scene, record["full_height"]),
-        "nearest_species": int(scene.grains.assignment()[full[:, 1].argmax()]),
-        "small_share": float((scene.grains.assignment() != 0).mean()),
+        "nearest_species": int(scene.grains.species_indices()[full[:, 1].argmax()]),
+        "small_share": float((scene.grains.species_indices() != 0).mean()),
         "bottom_start": record["walls"].get("bottom_force", [np.nan])[0],
         "weight": 9.8 * float(scene.grains.masses().sum()),
     }
@@ -148,7 +148,7 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
     direction. Along chains, the compressive forces of neighbours would be alike: their correlation,
     over the mean of the species.
     """
-    positions, owner = np.array(record["full"]), scene.grains.assignment()
+    positions, owner = np.array(record["full"]), scene.grains.species_indices()
     inside = voronoi_cells(positions).interior
     if inside.sum() < 10:
         return {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from granular.scene.beds import bidisperse, damper, mono_bed
+from granular.scene.published_beds import bidisperse, damper, mono_bed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.studies.cases import Measure
@@ -107,7 +107,7 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
 
     def scene(seed: int) -> Scene:
         made = bidisperse(aspect, ratio, speed=QUICK.mixture_speed, seed=seed)
-        pressed_to = made.protocol[1].final_height()
+        pressed_to = made.protocol[1].prescribed_final_height()
         if pressed_to is None:
             raise InputError(f"{name}: the second stage ends at no height; give it one")
         end = DEEPER * pressed_to

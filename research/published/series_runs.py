@@ -153,7 +153,7 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
     for stage in scene.protocol:
         total_duration = stage.total_duration(height)
         seconds += total_duration if total_duration is not None else 10.0
-        height = stage.final_height() or height
+        height = stage.prescribed_final_height() or height
     asked = validated_step(step)
     length = asked.seconds or asked.factor * _AUTOMATIC_STEP
     return scene.grains.count**2 * seconds / length

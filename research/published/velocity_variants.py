@@ -139,13 +139,13 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     friction, piston = scene.effects.friction, scene.piston
     assert piston is not None
     assert friction is not None
-    scales, stages = Scales.of(scene.grains), scene.protocol
-    heights = [stages[0].final_height(), stages[1].final_height()]
+    scales, stages = Scales.from_grains(scene.grains), scene.protocol
+    heights = [stages[0].prescribed_final_height(), stages[1].prescribed_final_height()]
     assert heights[0] is not None
     assert heights[1] is not None
     period = stages[1].total_duration(heights[0])
     assert period is not None
-    position, velocity = scene.initial_motion()
+    position, velocity = scene.initial_positions_and_velocities()
     start, end = _cycle(
         np.ascontiguousarray(position.T / scales.length),
         np.ascontiguousarray(velocity.T / scales.velocity),

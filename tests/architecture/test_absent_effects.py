@@ -14,7 +14,7 @@ from granular import Scene, load_scene, simulate
 from granular.engine.loop import advance_ticks
 from granular.engine.new_state import new_state
 from granular.methods import METHODS
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.shared.caches import read_sealed
 
 TRACES = ("7effects", "5pairs", "ContactLaw", "_kick_with_friction")
@@ -70,8 +70,8 @@ def test_absent_effects_are_none_in_the_signature(effect: str) -> None:
         "shaking": {"amplitude": 1e-3, "frequency": 1.0},
     }
     scene = load_scene("bed").replace(**{f"effects.{key}": val for key, val in present.items()})
-    full = natural_system(scene).constants.acting
-    bare = natural_system(scene.replace(**{f"effects.{effect}": None})).constants.acting
+    full = scene_in_natural_units(scene).constants.acting
+    bare = scene_in_natural_units(scene.replace(**{f"effects.{effect}": None})).constants.acting
     if effect == "dipole":
         assert (full.dipole, bare.dipole) == (True, None)
     else:
@@ -81,11 +81,11 @@ def test_absent_effects_are_none_in_the_signature(effect: str) -> None:
 def test_absent_effects_allocate_nothing() -> None:
     """Only the arrays of motion and one scratch array are left."""
     scene = load_scene("bed").replace(**{"effects.drag": None})
-    system = natural_system(scene)
+    system = scene_in_natural_units(scene)
     start = ([[1.0, 1.0]] * scene.grains.count,) * 2
 
     def arrays(**changes: object) -> set[str]:
-        acting = natural_system(scene.replace(**changes)).constants.acting
+        acting = scene_in_natural_units(scene.replace(**changes)).constants.acting
         state = new_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])
         held = {name for name, value in state._asdict().items() if value is not None}
         workspaces = {type(workspace).__name__ for workspace in state.workspaces if workspace is not None}

@@ -45,7 +45,7 @@ ALLOWED = {
     ("granular/effects/registry.py", "import_module"): "the files of the package itself",
     ("granular/run/threads.py", "import_module"): "two modules of Numba, by names in the source",
     (
-        "granular/compiled/cache.py",
+        "granular/compiled/kernel_cache.py",
         "pickle.loads",
     ): "compiled code that was sealed, in a folder that belongs to the user alone",
     ("benchmarks/available_engines.py", "import_module"): "names from a table in the source",

@@ -20,7 +20,7 @@ course departed departure kick_all held_back at_home with_walk
 """
 """Words that once stood for an item, an index, a duration, a buffer, a displacement, a fraction."""
 
-KEYS = {("parts.py", "share")}
+KEYS = {("apparatus.py", "share")}
 """Keys of scenes, by which kept runs and results are found again."""
 
 PRIVATE_PREFIXES = ("own_", "room_")

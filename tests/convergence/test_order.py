@@ -41,7 +41,7 @@ def reference(scene: Scene) -> np.ndarray:
 
     from granular.schema.scales import Scales
 
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     gravity = scene.effects.gravity.acceleration / scales.acceleration
     rate = scene.effects.drag.decay_rate(scales) if scene.effects.drag else 0.0
 

@@ -37,7 +37,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
 
 
 def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
-    from granular.scene.dryness import degraded_residual_limit
+    from granular.scene.dry_friction import degraded_residual_limit
 
     assert run.complete
     bad = not_finite(run)

@@ -73,7 +73,7 @@ def test_contact_force_is_minus_gradient() -> None:
 def test_contact_only_acts_below_the_sum_of_radii(bed: Scene) -> None:
 
     mixture = bed.replace(**{"grains.species": SPECIES})
-    place = mixture.initial_motion()[0]
+    place = mixture.initial_positions_and_velocities()[0]
     touching = mixture.replace(**{"effects.contact.modulus": 1e8})
     assert np.array_equal(evaluate(mixture, place).force, evaluate(touching, place).force)
 

@@ -49,7 +49,7 @@ def beyond_dipoles(positions: np.ndarray, reach: float, period: float | None = N
 
 def forces(scene: Scene, positions: np.ndarray) -> np.ndarray:
     """Forces at these positions [D], over that of two dipoles at D."""
-    unit = STRENGTH * Scales.of(scene.grains).force
+    unit = STRENGTH * Scales.from_grains(scene.grains).force
     return evaluate(scene, positions * scene.grains.species[0].diameter).force / unit
 
 
@@ -112,9 +112,9 @@ def test_species_and_scatter_have_the_law(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"grains.species": species, "grains.spread": 0.05, "pairs.method": "direct"})
     scene = scene.replace(**{"effects.walls": None, "effects.gravity": None, "piston": None})
     scene = discs(scene, **NO_CONTACT)
-    grains, length = scene.grains, Scales.of(scene.grains).length
+    grains, length = scene.grains, Scales.from_grains(scene.grains).length
     positions = lattice(grains.count, 10, 1.25)
-    kind = grains.assignment()
+    kind = grains.species_indices()
     moments = grains.moment_ratios()[kind] * grains.spread_factors()
     shapes = grain_discs(grains, length)
     apart = positions[:, None] - positions

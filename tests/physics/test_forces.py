@@ -56,7 +56,7 @@ def slope(values: tuple[float, float, float, float], step: float) -> float:
 
 @pytest.mark.parametrize("scene", scenes())
 def test_force_is_minus_gradient(scene: Scene) -> None:
-    positions = scene.initial_motion()[0]
+    positions = scene.initial_positions_and_velocities()[0]
     height, step = scene.piston.height, 2e-4 * 0.006
     here = evaluate(scene, positions)
     size = np.abs(here.force).max()
@@ -74,7 +74,7 @@ def test_force_is_minus_gradient(scene: Scene) -> None:
 
 def test_piston_force_is_minus_gradient() -> None:
     scene = load_scene("bed")
-    positions, height = scene.initial_motion()[0], scene.piston.height
+    positions, height = scene.initial_positions_and_velocities()[0], scene.piston.height
     step = 2e-4 * 0.006
     values = tuple(energy(scene, positions, height + k * step) for k in (-2.0, -1.0, 1.0, 2.0))
     assert -slope(values, step) == pytest.approx(evaluate(scene, positions).piston_force, rel=1e-7)
@@ -85,13 +85,13 @@ def test_pair_forces_have_no_net_momentum(bed: Scene, species: list | None) -> N
     scene = bed.replace(**ALONE["dipole"])
     if species:
         scene = scene.replace(**{"grains.species": species})
-    force = evaluate(scene, scene.initial_motion()[0]).force
+    force = evaluate(scene, scene.initial_positions_and_velocities()[0]).force
     assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).sum()
 
 
 def test_wall_forces_balance_the_grains(bed: Scene) -> None:
     scene = bed.replace(**ALONE["walls"])
-    found = evaluate(scene, scene.initial_motion()[0])
+    found = evaluate(scene, scene.initial_positions_and_velocities()[0])
     walls = found.wall_forces
     assert found.force[:, 0].sum() == pytest.approx(walls["left"] - walls["right"], rel=1e-12)
     assert found.force[:, 1].sum() == pytest.approx(walls["bottom"] - walls["top"], rel=1e-12)
@@ -99,7 +99,7 @@ def test_wall_forces_balance_the_grains(bed: Scene) -> None:
 
 
 def test_mirror_symmetry(bed: Scene) -> None:
-    positions = bed.initial_motion()[0]
+    positions = bed.initial_positions_and_velocities()[0]
     mirrored = positions.copy()
     mirrored[:, 0] = bed.cell.width - mirrored[:, 0]
     left, right = evaluate(bed, positions), evaluate(bed, mirrored)
@@ -128,7 +128,7 @@ def test_published_scales() -> None:
                 "arrangement.height": 0.28,
             }
         )
-        scales = Scales.of(scene.grains)
+        scales = Scales.from_grains(scene.grains)
         weight = 9.8 / scales.acceleration
         volume = math.pi * 0.003 * diameter**2 / 4.0
         assert scales.mass == pytest.approx(mass, rel=5e-5)

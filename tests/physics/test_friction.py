@@ -49,12 +49,12 @@ def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) 
     load = evaluate(scene, np.array([[0.1, 0.05], [0.1 + r * diameter, 0.05]])).normal_load
     from granular.schema.scales import Scales
 
-    natural = load / Scales.of(scene.grains).force * r**3
+    natural = load / Scales.from_grains(scene.grains).force * r**3
     assert natural == pytest.approx([wanted, wanted], rel=5e-6)
 
 
 def test_second_order_torque_is_a_third_more(bed: Scene) -> None:
-    positions = bed.initial_motion()[0]
+    positions = bed.initial_positions_and_velocities()[0]
     loads = [
         evaluate(bed.replace(**{"effects.friction.torque": order}), positions).normal_load
         for order in ("first", "second")
@@ -73,7 +73,7 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     scene = load_scene("bed").replace(
         **{"grains.species": species, "grains.count": 20, "effects.friction": {}}
     )
-    positions = scene.initial_motion()[0]
+    positions = scene.initial_positions_and_velocities()[0]
     d, e, gap = scene.grains.diameters(), 0.003, 0.0031
     lean = np.arctan(e / d)
     tilt = np.arcsin(gap / np.hypot(d, e)) - lean
@@ -83,7 +83,7 @@ def test_mixture_load_from_the_formula(fraction: float, small: float) -> None:
     k = 0.75 * 0.006 * np.outer(np.cos(tilt) / (np.cos(lean + tilt) * np.hypot(d, e)), np.sin(tilt))
     from granular.schema.scales import Scales
 
-    wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.of(scene.grains).force
+    wanted = (q[:, None] * q[None] * k / r**3).sum(axis=1) * Scales.from_grains(scene.grains).force
     np.testing.assert_allclose(evaluate(scene, positions).normal_load, wanted, rtol=1e-10)
 
 
@@ -94,7 +94,7 @@ def test_mixture_of_equal_grains_is_the_mono_disperse_bed(bed: Scene) -> None:
     ]
     mono = bed.replace(**{"effects.friction": {}})
     two = mono.replace(**{"grains.species": alike})
-    positions = bed.initial_motion()[0]
+    positions = bed.initial_positions_and_velocities()[0]
     one, other = evaluate(mono, positions), evaluate(two, positions)
     np.testing.assert_allclose(one.force, other.force, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(one.normal_load, other.normal_load, rtol=1e-12)

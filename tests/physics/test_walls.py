@@ -207,7 +207,7 @@ def walled(law: str, **more: object) -> Scene:
 def test_scene_force_is_minus_gradient(law: str) -> None:
 
     scene = walled(law, **{"effects.dipole": None, "effects.gravity": None})
-    positions = scene.initial_motion()[0]
+    positions = scene.initial_positions_and_velocities()[0]
     force = evaluate(scene, positions).force
     step = 2e-4 * 0.006
     for grain, axis in ((0, 0), (0, 1), (33, 0), (200, 1), (367, 0), (367, 1)):

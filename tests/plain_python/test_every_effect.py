@@ -16,7 +16,7 @@ from granular.effects.registry import all_effects
 from granular.engine.new_state import new_state
 from granular.engine.outflow import constants_per_grain, remove_outflow
 from granular.methods import METHODS
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.user_code import import_user_code
 from tests.commands.shown import files
 
@@ -172,7 +172,7 @@ def small(name: str, **more: Any) -> Scene:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_force_is_minus_the_gradient(name: str) -> None:
     scene = small(name)
-    start = scene.initial_motion()[0]
+    start = scene.initial_positions_and_velocities()[0]
     if name == "contact":
         start = start * [0.62, 1.0] + [0.007, 0.0]
         scene = scene.replace(**{"arrangement.positions": start.tolist()})
@@ -192,7 +192,7 @@ def test_the_force_is_minus_the_gradient(name: str) -> None:
 def test_pairs_alone_keep_the_momentum() -> None:
     for name in ("dipole", "contact", "bumpers", "far_pairs"):
         scene = small(name, **{"effects.walls": None, "piston": "none"})
-        force = evaluate(scene, scene.initial_motion()[0] * [0.7, 0.9]).force
+        force = evaluate(scene, scene.initial_positions_and_velocities()[0] * [0.7, 0.9]).force
         assert np.abs(force.sum(axis=0)).max() < 1e-14 * np.abs(force).max() * len(force)
 
 
@@ -200,7 +200,7 @@ def test_pairs_alone_keep_the_momentum() -> None:
 def test_a_pair_law_finds_all_partners_of_a_whole_bed(reach: str) -> None:
     law = {"energy": "a*exp(-r/l)", "a": "10 uJ", "l": "6 mm", "reach": reach}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
-    start = scene.initial_motion()[0]
+    start = scene.initial_positions_and_velocities()[0]
     r = np.hypot(*(start[:, None] - start).T)[np.triu_indices(len(start), 1)]
     wanted = float(1e-5 * np.exp(-r[r < 0.006 * int(reach[0])] / 0.006).sum())
     assert evaluate(scene, start).potential_energy == pytest.approx(wanted, rel=1e-12)
@@ -235,8 +235,8 @@ def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
     scene = small(name)
     if name not in ("wall_friction", "host"):  # pushes a grain below the bottom; carries no gap
         scene = scene.replace(**{"effects.walls.bottom": gap})
-    system = natural_system(scene)
-    positions = scene.initial_motion()[0] / system.scales.length
+    system = scene_in_natural_units(scene)
+    positions = scene.initial_positions_and_velocities()[0] / system.scales.length
     method = METHODS["stormer-verlet"]
     state = new_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
     before = [values.copy() for values in constants_per_grain(system.constants)]
@@ -251,7 +251,7 @@ def test_values_of_grains_follow_one_that_leaves(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_absent_has_no_law(name: str) -> None:
-    acting = natural_system(small(name).replace(**{f"effects.{name}": None})).constants.acting
+    acting = scene_in_natural_units(small(name).replace(**{f"effects.{name}": None})).constants.acting
     others = set(ALONE) - {name, "dipole"}
     assert len(acting.laws) == len(others)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import granular.engine.ledger
+import granular.engine.energy_ledger
 import granular.engine.step
 from granular import Scene, load_scene, simulate
 from granular.effects.excitation import Excitation, evaluate_excitation
@@ -69,11 +69,11 @@ def test_drag_as_a_flow_of_its_own_keeps_order_two() -> None:
 def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = bouncing(COEFFICIENT)
     assert scene.effects.drag is not None
-    rate = scene.effects.drag.decay_rate(Scales.of(scene.grains))
+    rate = scene.effects.drag.decay_rate(Scales.from_grains(scene.grains))
     for name in ("compute_forces", "compute_forces_and_sums"):
         compute = getattr(granular.engine.step, name)
         monkeypatch.setattr(granular.engine.step, name, smuggled(compute, rate))
-    monkeypatch.setattr(granular.engine.ledger, "WRONG", np.inf)  # it knows nothing of this loss
+    monkeypatch.setattr(granular.engine.energy_ledger, "WRONG", np.inf)  # it knows nothing of this loss
     assert slope(bouncing(0.0)) == pytest.approx(1.0, abs=0.1)
 
 
@@ -108,7 +108,7 @@ def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
             "protocol": [{"name": "shake", "kind": "hold", "duration": end}],
         }
     )
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     natural = drive.drive(scales)
     size = -scales.acceleration * mass if natural.base else scales.force
 

@@ -153,7 +153,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
         plain["piston"] = {"height": f"{height} D"}
     scene = Scene.from_plain(plain)
     if name == "contact":
-        place, velocity = scene.initial_motion()
+        place, velocity = scene.initial_positions_and_velocities()
         near = 0.97 * scene.grains.diameters()[:2].mean()
         place[1] = place[0] + [near, 0.0]
         moved = {"positions": place.tolist(), "velocities": velocity.tolist()}
@@ -163,8 +163,8 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
 
 def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Force and energy of all pairs, summed one by one, and the rms of a grain's sum of sizes."""
-    scales = Scales.of(scene.grains)
-    moment = scene.grains.moment_ratios()[scene.grains.assignment()]
+    scales = Scales.from_grains(scene.grains)
+    moment = scene.grains.moment_ratios()[scene.grains.species_indices()]
     moment = moment * scene.grains.spread_factors()
     way = (place[:, None] - place) / scales.length
     strength = np.outer(moment, moment)
@@ -208,7 +208,7 @@ def by_pairs(scene: Scene, row: Row, place: np.ndarray) -> tuple[np.ndarray, flo
 
 def check_forces(scene: Scene, row: Row) -> None:
     """Finite, minus the gradient of the energy, and those of the pairs one by one."""
-    place = scene.initial_motion()[0]
+    place = scene.initial_positions_and_velocities()[0]
     found = evaluate(scene, place)
     assert np.isfinite(found.force).all()
     assert np.isfinite(found.potential_energy)

@@ -27,8 +27,8 @@ def test_grains_meet_images_across_the_sides(method: str) -> None:
             "protocol": [{"kind": "hold", "name": "rest"}],
         }
     )
-    scales = Scales.of(scene.grains)
-    places = scene.initial_motion()[0]
+    scales = Scales.from_grains(scene.grains)
+    places = scene.initial_positions_and_velocities()[0]
     inside = evaluate(scene, places)
     half = evaluate(scene, places + 0.5 * SIDES * scales.length)
     turns = np.random.default_rng(1).integers(-2, 3, places.shape)

@@ -257,8 +257,8 @@ def test_rows_are_kept_and_found_again(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_cycle_starts_from_the_bed_that_was_annealed() -> None:
-    places = annealing_scene(184, 3).initial_motion()[0]
+    places = annealing_scene(184, 3).initial_positions_and_velocities()[0]
     annealed = SimpleNamespace(dataset={"position": SimpleNamespace(values=places[None])})
-    started, speeds = cycle_scene(184, 3, cast("Trajectory", annealed)).initial_motion()
+    started, speeds = cycle_scene(184, 3, cast("Trajectory", annealed)).initial_positions_and_velocities()
     np.testing.assert_allclose(started, places)
     assert not speeds.any()

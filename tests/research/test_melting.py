@@ -27,7 +27,7 @@ def crystal() -> tuple[np.ndarray, tuple[float, float], float]:
     one = layer(100.0, COLUMNS)
     periods = one.scene.cell.periods
     assert periods is not None
-    return one.scene.initial_motion()[0], periods, one.spacing
+    return one.scene.initial_positions_and_velocities()[0], periods, one.spacing
 
 
 def test_every_grain_of_a_crystal_has_six_neighbours_also_across_the_sides() -> None:

@@ -59,7 +59,7 @@ def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
     """Verlet in plain Python for one grain over the wall or with drag; with slips on demand."""
 
     def solve(problem: Problem, count: int) -> Snapshot:
-        scales, effects = Scales.of(problem.scene.grains), problem.scene.effects
+        scales, effects = Scales.from_grains(problem.scene.grains), problem.scene.effects
         weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
         rate = effects.drag.decay_rate(scales) if effects.drag else 0.0
         plan = problem.scene.arrangement

@@ -79,7 +79,7 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
 
     At a step of 0.1 ms the truncation is seen and rounding is not: both have the same error.
     """
-    scales, step, count = Scales.of(bounce.bounce_problem().scene.grains), 1e-4, 3000
+    scales, step, count = Scales.from_grains(bounce.bounce_problem().scene.grains), 1e-4, 3000
     problem = bounce.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
     assert gravity is not None

@@ -55,7 +55,7 @@ def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: 
     assert problem.scene.piston is not None
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
-    height = start + (move.final_height() - start) * t * s.time / move.total_duration(start)
+    height = start + (move.prescribed_final_height() - start) * t * s.time / move.total_duration(start)
     return np.array([[0.0, -0.5 * (height / s.length - x[0, 1]) ** -3.5]])
 
 
@@ -72,7 +72,7 @@ FORCES: dict[str, Force] = {
 @pytest.mark.parametrize("name", FORCES)
 def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
     problem = exact_problem(name)
-    scales = Scales.of(problem.scene.grains)
+    scales = Scales.from_grains(problem.scene.grains)
     plan = problem.scene.arrangement
     place = np.array(plan.positions) / scales.length
     velocity = np.zeros_like(place)
@@ -160,7 +160,7 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
 
 def test_sliding_stops_where_the_energy_is_spent() -> None:
     problem = exact_problem("sliding")
-    law, scales = problem.scene.effects.friction, Scales.of(problem.scene.grains)
+    law, scales = problem.scene.effects.friction, Scales.from_grains(problem.scene.grains)
     assert law is not None
     assert problem.time > stopping_time(problem.scene)
     end = problem.exact(problem.time)
@@ -171,7 +171,7 @@ def test_sliding_stops_where_the_energy_is_spent() -> None:
 
 def test_scattering_keeps_energy_and_angular_momentum() -> None:
     problem = exact_problem("scattering")
-    scales = Scales.of(problem.scene.grains)
+    scales = Scales.from_grains(problem.scene.grains)
 
     def kept(time: float) -> tuple[float, float]:
         now = problem.exact(time)
@@ -188,7 +188,7 @@ def test_scattering_keeps_energy_and_angular_momentum() -> None:
 
 def test_natural_units_agree_with_the_engine() -> None:
     grains = exact_problem("bounce").scene.grains
-    scales = Scales.of(grains)
+    scales = Scales.from_grains(grains)
     with mpmath.workdps(30):
         units = natural_units(grains)
     for name in ("length", "mass", "force", "time"):

@@ -23,7 +23,7 @@ def test_forces_are_those_of_the_toolkit(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"effects.drag": None})
     begin, count = initial_state(scene), scene.grains.count
     motion = equations_of_motion(scene)(0.0, begin.state)[2 * count :].reshape(-1, 2)
-    force = evaluate(scene, *scene.initial_motion()).force
+    force = evaluate(scene, *scene.initial_positions_and_velocities()).force
     assert motion * begin.scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
 
@@ -45,11 +45,11 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
 @pytest.mark.parametrize("name", ORDERS)
 def test_tolerance_sets_the_error(name: str) -> None:
     problem = bounce.bounce_problem()
-    exact = problem.exact(0.5).positions / Scales.of(problem.scene.grains).length
+    exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
     errors = []
     for tolerance in (1e-6, 1e-9, 1e-12):
         found = solve_adaptively(name, problem.scene, 0.5, tolerance).positions
-        errors.append(np.abs(found / Scales.of(problem.scene.grains).length - exact).max())
+        errors.append(np.abs(found / Scales.from_grains(problem.scene.grains).length - exact).max())
     assert errors[2] < 1e-8
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 

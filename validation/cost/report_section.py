@@ -111,7 +111,7 @@ def _pair_sums() -> tuple[Scene, tuple[str, ...], Sequence[SolverSettings], dict
 def _exact_grain() -> list[Any]:
     """Lone grain's exact energy error and position [D] after 1 s."""
     problem = exact_problem("bounce")
-    return [0.0, problem.exact(1.0).positions / Scales.of(problem.scene.grains).length]
+    return [0.0, problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length]
 
 
 def _measure_studies(

@@ -169,7 +169,9 @@ def depends_on_seed(scene: Scene) -> bool:
     other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
     return any(
         not np.array_equal(mine, yours)
-        for mine, yours in zip(scene.initial_motion(), other.initial_motion(), strict=True)
+        for mine, yours in zip(
+            scene.initial_positions_and_velocities(), other.initial_positions_and_velocities(), strict=True
+        )
     )
 
 
@@ -312,7 +314,7 @@ def _outside_points(
     """Points of the outside references, which give positions only; compiled before they count."""
     if quantity.name != "positions" or until is None:
         return []
-    length = Scales.of(scene.grains).length
+    length = Scales.from_grains(scene.grains).length
     result = []
     for setting in settings:
         solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.scene.scene import Scene
-from granular.schema.parts import Grains
+from granular.schema.apparatus import Grains
 
 DIGITS = 50
 """Working precision; the results keep more than thirty digits of it."""

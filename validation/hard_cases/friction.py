@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from granular.scene.beds import mono_bed
+from granular.scene.published_beds import mono_bed
 from granular.scene.scene import Scene
 from validation.exact import closed_forms
 from validation.exact.problem import single_grain_scene

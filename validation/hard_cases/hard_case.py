@@ -106,7 +106,7 @@ def distance_from_exact(problem: Problem) -> Callable[[Trajectory], float]:
         data = run.dataset
         exact = problem.exact(float(data["frame_time"][-1])).positions
         off = data["position"].values[-1] - exact
-        return float(np.abs(off).max()) / Scales.of(run.scene.grains).length
+        return float(np.abs(off).max()) / Scales.from_grains(run.scene.grains).length
 
     return measure
 
@@ -114,7 +114,7 @@ def distance_from_exact(problem: Problem) -> Callable[[Trajectory], float]:
 def greatest_displacement(run: Trajectory) -> float:
     """Greatest displacement of any grain along an axis [D]."""
     positions = run.dataset["position"].values
-    return float(np.abs(positions - positions[0]).max()) / Scales.of(run.scene.grains).length
+    return float(np.abs(positions - positions[0]).max()) / Scales.from_grains(run.scene.grains).length
 
 
 def terminal_fall_error(run: Trajectory) -> float:
@@ -122,7 +122,7 @@ def terminal_fall_error(run: Trajectory) -> float:
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
     assert gravity is not None
-    rate = drag.coefficient / Scales.of(run.scene.grains).mass
+    rate = drag.coefficient / Scales.from_grains(run.scene.grains).mass
     data = run.dataset
     t = float(data["frame_time"][-1])
     speed = gravity.acceleration / rate

@@ -50,7 +50,7 @@ def head_on_collision(closest: float) -> Problem:
     """
     from validation.exact.scattering import APART, scattering_problem
 
-    scales = Scales.of(load_scene("single-particle").grains)
+    scales = Scales.from_grains(load_scene("single-particle").grains)
     natural = math.sqrt(0.25 / closest**3 - 0.25 / APART**3)
     time = 1.1 * APART / natural * scales.time
     return scattering_problem(natural * scales.velocity, 0.0, time)
@@ -58,7 +58,7 @@ def head_on_collision(closest: float) -> Problem:
 
 def _fast_shot(speed: float) -> Scene:
     """Grain shot at the bottom wall from 20 D [D/tau], and away again."""
-    scales = Scales.of(load_scene("single-particle").grains)
+    scales = Scales.from_grains(load_scene("single-particle").grains)
     arrangement = {
         "positions": [["30 D", "20 D"]],
         "velocities": [[0.1 * speed * scales.velocity, -speed * scales.velocity]],
@@ -193,7 +193,7 @@ def start_cases() -> tuple[HardCase, ...]:
 
 def _overdamped_grain(ratio: float) -> Scene:
     """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
-    mass = Scales.of(load_scene("single-particle").grains).mass
+    mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = single_grain_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
     return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})

@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[3]
 CODE = """
 from granular import load_scene
 from granular.engine.stiffness import collision_frequency
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 scene = load_scene("bed").replace(**{"effects.dipole": None})
-print(collision_frequency(natural_system(scene).constants, 2.0))
+print(collision_frequency(scene_in_natural_units(scene).constants, 2.0))
 """
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from granular.compiled.cache import _read_or_claim, _release
+from granular.compiled.kernel_cache import _read_or_claim, _release
 
 ROOT = Path(__file__).parents[3]
 
@@ -75,7 +75,7 @@ EVALUATE = """
 import numpy as np
 from granular import evaluate, load_scene
 scene = load_scene("bed")
-found = evaluate(scene, scene.initial_motion()[0])
+found = evaluate(scene, scene.initial_positions_and_velocities()[0])
 print(found.piston_force, found.potential_energy, found.force.sum())
 """
 
@@ -105,7 +105,7 @@ def test_two_processes_compile_at_once(workshop: Any) -> None:
 COMPILES = """
 import sys, time
 from pathlib import Path
-from granular.compiled.cache import _read_or_claim, _release
+from granular.compiled.kernel_cache import _read_or_claim, _release
 from granular.shared.caches import write_sealed
 path = Path(sys.argv[1])
 assert _read_or_claim(path, "label") is None

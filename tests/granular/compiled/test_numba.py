@@ -12,13 +12,13 @@ import pytest
 
 INSIDES = {
     "granular/compiled/__init__.py": ("numba.core.compiler.Compiler", "numba.core.registry.CPUDispatcher"),
-    "granular/compiled/cache.py": (
+    "granular/compiled/kernel_cache.py": (
         "numba.core.caching._Cache",
         "numba.core.serialize.dumps",
         "numba.core.compiler.CompileResult._reduce",
         "numba.core.codegen.JITCodeLibrary.has_dynamic_globals",
     ),
-    "granular/compiled/linking.py": (
+    "granular/compiled/kernel_linking.py": (
         "numba._dynfunc.make_function",
         "numba.core.codegen.JITCodeLibrary._raise_if_finalized",
         "numba.core.codegen.JITCodeLibrary._finalize_dynamic_globals",
@@ -85,7 +85,7 @@ def below(pair):
 def whole(pair):
     return below(by_reference(pair))
 
-print(whole(Pair(np.arange(4.0), 0.5)), "granular.compiled.linking" in sys.modules)
+print(whole(Pair(np.arange(4.0), 0.5)), "granular.compiled.kernel_linking" in sys.modules)
 """
 
 

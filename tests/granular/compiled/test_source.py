@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from granular.compiled.source import (
+from granular.compiled.source_digest import (
     FOLDERS,
     PACKAGE,
     digest_of_bytes,
@@ -29,7 +29,7 @@ def edited(name: str, old: str, new: str) -> dict[str, bytes]:
         ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
         ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
         ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
-        ("engine/ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
+        ("engine/energy_ledger.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
 def test_texts_and_files_without_kernels_change_nothing(name: str, old: str, new: str) -> None:

@@ -143,7 +143,7 @@ def test_the_force_of_all_is_minus_the_gradient(file: Path) -> None:
     from granular.shared.user_file import run_user_file, user_definitions
 
     scene: Scene = user_definitions(run_user_file(file))["SCENE"]
-    place = scene.initial_motion()[0]
+    place = scene.initial_positions_and_velocities()[0]
     direction = np.random.default_rng(2).normal(size=place.shape)
     h = 1e-6
 

@@ -41,7 +41,7 @@ def wells(columns: int, seed: int) -> tuple[Scene, float]:
             "protocol": [{"kind": "hold", "name": "rest"}],
         }
     )
-    frequency = 2.0 * math.pi / WELLS * math.sqrt(DEPTH / Scales.of(scene.grains).mass)
+    frequency = 2.0 * math.pi / WELLS * math.sqrt(DEPTH / Scales.from_grains(scene.grains).mass)
     bath = {"temperature": WARM * DEPTH, "rate": RATE * frequency, "seed": seed}
     return scene.replace(**{"effects.bath": bath}), frequency
 

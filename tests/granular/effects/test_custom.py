@@ -18,7 +18,7 @@ import pytest
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
 from granular.effects.registry import effect_names
 from granular.run.simulation import custom_code_digests
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import make_cases
 from granular.studies.measures import measure_named
@@ -128,7 +128,7 @@ def test_what_does_not_fit_together_is_told_in_a_line(functions: Any, words: str
     made(**functions)
     scene = bed(leaf=True).replace(**{"grains.species": MIXED})
     with pytest.raises(InputError, match=words) as told:
-        natural_system(scene)
+        scene_in_natural_units(scene)
     assert "\n" not in str(told.value)
 
 
@@ -231,7 +231,7 @@ def test_a_wall_law_that_is_no_gradient_is_told() -> None:
 
     scene = bed(**{"walls.left": {"law": "wrong"}})
     with pytest.raises(InputError, match=r"'force' gives .* where its energy asks for"):
-        natural_system(scene)
+        scene_in_natural_units(scene)
 
 
 def test_an_edit_is_another_run_and_another_case(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.schema.scales import Scales
 
 DENSE = [
@@ -52,10 +52,10 @@ def test_drag_goes_with_the_area_of_a_face(method: str, coefficient: float) -> N
 
 
 def test_of_one_material_and_thickness_all_have_one_rate() -> None:
-    (law,) = natural_system(apart(ALIKE)).constants.acting.laws
+    (law,) = scene_in_natural_units(apart(ALIKE)).constants.acting.laws
     assert (law.kind, law.rates) == (None, None)
-    (law,) = natural_system(apart(DENSE)).constants.acting.laws
-    scales = Scales.of(apart(DENSE).grains)
+    (law,) = scene_in_natural_units(apart(DENSE)).constants.acting.laws
+    scales = Scales.from_grains(apart(DENSE).grains)
     rates = 0.01 * np.array([1.0, 4.0 / 9.0]) / apart(DENSE).grains.masses() * scales.time
     assert law.rates.values[law.kind[:2].astype(int)] == pytest.approx(rates)
 

@@ -12,7 +12,7 @@ import pytest
 from granular import Scene, load_scene, simulate
 from granular.effects.eddy_tensor import Plate, lattice_drag_factor, series, tensor
 from granular.pairs.disc_law import Disc
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.schema.scales import Scales
 from granular.shared.errors import SceneError
 
@@ -72,13 +72,13 @@ def decayed(scene: Scene, dt: float, **options: Any) -> tuple[np.ndarray, np.nda
     from scipy.linalg import expm
 
     run = simulate(scene, dt=dt, progress=False, **options)
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     rate = scene.effects.eddy.coefficient(scales) / scales.mass
     positions = run.dataset["position"][0].values / 0.006
     start = run.dataset["velocity"][0].values
     duration = float(run.dataset["time"][-1])
-    moments = np.repeat(scene.grains.moment_ratios()[scene.grains.assignment()], 2)
-    masses = np.repeat(scene.grains.mass_ratios()[scene.grains.assignment()], 2)
+    moments = np.repeat(scene.grains.moment_ratios()[scene.grains.species_indices()], 2)
+    masses = np.repeat(scene.grains.mass_ratios()[scene.grains.species_indices()], 2)
     weighted = moments[:, None] * matrix(positions) * moments / masses[:, None]
     exact = (expm(-duration * rate * weighted) @ start.ravel()).reshape(-1, 2)
     return run.dataset["velocity"][-1].values, exact
@@ -167,7 +167,7 @@ def test_periodic_lattice_feels_the_sum_over_all_images(motion: str) -> None:
     cell = {"width": f"{6 * columns * spacing} mm", "height": f"{6 * rows * height} mm", "sides": "periodic"}
     run = simulate(scene_of(positions, velocities, **{"cell": cell}), dt=2e-5, t_end=1e-3, progress=False)
     before, after = (run.dataset["velocity"][k].values for k in (0, -1))
-    scales = Scales.of(run.scene.grains)
+    scales = Scales.from_grains(run.scene.grains)
     rate = run.scene.effects.eddy.coefficient(scales) / scales.mass
     measured = -math.log((after * before).sum() / (before * before).sum()) / 1e-3 / rate
     own = 0.0 if motion == "as one body" else wave
@@ -202,7 +202,7 @@ def test_thick_plate_and_discs() -> None:
 def test_neighbours_count_where_they_take_more_than_a_tenth() -> None:
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     scene = scene_of(positions, np.zeros((2, 2)), **{"effects.eddy.mutual": None})
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     assert scene.effects.eddy.counts_neighbours(2, scales)
     assert not scene.effects.eddy.counts_neighbours(1, scales)
     near = scene.replace(**{"effects.eddy.distance": "1 mm"})
@@ -223,7 +223,7 @@ def test_high_bed_within_reach_is_the_bed_of_all_pairs() -> None:
     losses = []
     for width in ("9 D", "80 D"):  # the wide cell's bed would be low: all pairs meet
         scene = scene_of(positions, velocities, **{"cell.width": width})
-        law = natural_system(scene).constants.acting.laws[0]
+        law = scene_in_natural_units(scene).constants.acting.laws[0]
         assert math.isfinite(law.reach) == (width == "9 D")
         losses.append(float(simulate(scene, dt=1e-4, t_end=1e-3, progress=False).dataset["eddy_loss"][-1]))
     assert 0.0 <= losses[0] / losses[1] - 1.0 < 0.05
@@ -272,7 +272,7 @@ def test_discs_are_braked_as_the_tensor_says(mutual: bool) -> None:
     run = simulate(scene, dt=1e-5, progress=False)
     plate = Plate(4.0 / 6.0, 1.0 / 6.0)
     discs = (Disc(0.5, 0.5), Disc(1.0 / 3.0, 1.0 / 3.0))
-    scales, grains = Scales.of(scene.grains), scene.grains
+    scales, grains = Scales.from_grains(scene.grains), scene.grains
     rate = scene.effects.eddy.coefficient(scales) / scales.mass / plate.factor()
     away = positions[1] - positions[0]
     r = float(np.hypot(*away))

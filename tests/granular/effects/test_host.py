@@ -19,7 +19,7 @@ from granular.methods import METHODS
 from granular.pairs.mesh_far_field import FarFieldSettings
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 from granular.shared.errors import InputError, SceneError
 
 ROOT = Path(__file__).parents[3]
@@ -354,7 +354,7 @@ def test_the_far_field_of_a_bed_on_a_host_is_a_part_of_every_force() -> None:
 
 
 def natural_far(scene: Scene) -> FarFieldSettings:
-    far = natural_system(scene, method=METHODS["stormer-verlet"]).constants.acting.far
+    far = scene_in_natural_units(scene, method=METHODS["stormer-verlet"]).constants.acting.far
     assert far is not None
     return far
 

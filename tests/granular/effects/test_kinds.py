@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from granular.effects import flow, force, frame
+from granular.effects import dissipative_effect, force_effect, moving_frame_effect
 from granular.effects.effect import Effect
 from granular.effects.registry import all_effects
 from granular.scene.scene import Scene
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 
-KINDS = {force.Force: force.HOOKS, flow.Flow: flow.HOOKS, frame.Frame: frame.HOOKS}
+KINDS = {
+    force_effect.Force: force_effect.HOOKS,
+    dissipative_effect.Flow: dissipative_effect.HOOKS,
+    moving_frame_effect.Frame: moving_frame_effect.HOOKS,
+}
 EVERY = {hook for hooks in KINDS.values() for hook in hooks}
 
 
@@ -35,13 +39,13 @@ def test_laws_have_hooks_of_their_kind_alone(small_damper: Scene) -> None:
     plate = {"conductivity": "6e7 S/m", "thickness": "1 mm", "distance": "4 mm"}
     shaken = {"amplitude": "0.1 mm", "frequency": "5 Hz"}
     changes = {"effects.eddy": plate, "effects.shaking": shaken, "effects.friction": {}}
-    system = natural_system(small_damper.replace(**changes))
+    system = scene_in_natural_units(small_damper.replace(**changes))
     with_hooks = 0
     for effect, law in zip(system.effects, system.constants.acting.laws, strict=True):
         bases = [base for base in KINDS if isinstance(effect, base)]
         allowed = {hook for base in bases for hook in KINDS[base]}
-        if isinstance(effect, frame.Frame):
-            allowed |= set(force.HOOKS)
+        if isinstance(effect, moving_frame_effect.Frame):
+            allowed |= set(force_effect.HOOKS)
         present = hooks_of(law)
         with_hooks += bool(present)
         assert present <= allowed, effect.key

@@ -53,7 +53,7 @@ def fall(found: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
     grains = load_scene("single-particle").grains
-    scales = Scales.of(grains)
+    scales = Scales.from_grains(grains)
     moment = grains.remanence * math.pi / 4.0 * scales.length**2 * grains.thickness / MU0
     w = 2.0 / (MU0 * 59.6e6 * 1e-3)
     v = 1e-3 * w
@@ -66,7 +66,7 @@ def test_the_drag_is_that_of_the_receding_image_at_low_speed() -> None:
 def test_eddy_currents_let_a_pulled_grain_reach_its_terminal_speed() -> None:
     """Kick and decay come one after the other: the error falls with the square of the step."""
     scene = alone(**{"effects.eddy": PLATE, "effects.gradient.y": "-0.05 T/m"})
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     gamma = scene.effects.eddy.coefficient(scales)
     pull = 0.05 * scales.current * scales.length**2
     errors = []
@@ -80,14 +80,14 @@ def test_eddy_currents_let_a_pulled_grain_reach_its_terminal_speed() -> None:
 
 def test_a_gradient_pulls_with_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
-    scales = Scales.of(found.scene.grains)
+    scales = Scales.from_grains(found.scene.grains)
     time, v = fall(found)
     moment = scales.current * scales.length**2
     np.testing.assert_allclose(v, -0.05 * moment / scales.mass * time, rtol=1e-10, atol=1e-15)
 
 
 def test_a_grain_between_rubbing_walls_slides_or_stays_to_the_last_bit() -> None:
-    scales = Scales.of(alone().grains)
+    scales = Scales.from_grains(alone().grains)
     normal = 2.0 * force(3.0) * scales.force
     weight = 9.8 * scales.mass
     hold = weight / normal  # coefficient that just holds it

@@ -36,7 +36,7 @@ def test_units(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     assert depaula_cadence(run).frames == pytest.approx(5e-4, rel=1e-14)
     wanted = [D, T, MASS, D / T, FORCE]
     np.testing.assert_allclose(files["charUnits"], wanted, rtol=1e-14)
-    species = run.scene.grains.assignment()
+    species = run.scene.grains.species_indices()
     np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
 
 

@@ -54,7 +54,7 @@ def test_everything_comes_back_to_the_last_bit(run: Trajectory, tmp_path: Path) 
         diameters = scene.grains.diameters()[:present]
         np.testing.assert_array_equal(columns["radius"].ravel(), diameters / 2.0)
         names = np.array(["big", "two_words,_100_%"])
-        wanted = names[scene.grains.assignment()[:present]]
+        wanted = names[scene.grains.species_indices()[:present]]
         assert columns["species"].ravel().tolist() == wanted.tolist()
 
 

@@ -61,7 +61,7 @@ def test_particles_lie_in_one_centred_box_in_single_precision(
 
 
 def test_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
-    species = run.scene.grains.assignment()
+    species = run.scene.grains.species_indices()
     for frame in (frames[0], frames[-1]):
         particles, count = frame.particles, frame.particles.N
         assert list(particles.types) == ["big", "two words, 100 %"]

@@ -113,8 +113,8 @@ def unlike(mixed: Scene) -> Scene:
 
 def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
     """Sum of the magnitudes of all forces on each grain [N]."""
-    scales = Scales.of(scene.grains)
-    charge = scene.grains.moment_ratios()[scene.grains.assignment()]
+    scales = Scales.from_grains(scene.grains)
+    charge = scene.grains.moment_ratios()[scene.grains.species_indices()]
     place = positions / scales.length
     r = np.hypot(*(place[:, None] - place).T)
     np.fill_diagonal(r, np.inf)
@@ -131,7 +131,7 @@ def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str,
     scene = static(request.getfixturevalue(name)).replace(**{"grains.magnets": magnets})
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
-    positions, _ = scene.initial_motion()
+    positions, _ = scene.initial_positions_and_velocities()
     here = evaluate(scene, positions)
     np.testing.assert_array_equal(frame.position, positions)
     error = np.abs(frame.force - here.force).max(axis=1)
@@ -145,14 +145,14 @@ def test_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str,
 
 def test_tables_and_masses_are_those_of_the_material(unlike: Scene, tmp_path: Path) -> None:
     to_lammps(static(unlike), tmp_path)
-    grains, scales = unlike.grains, Scales.of(unlike.grains)
+    grains, scales = unlike.grains, Scales.from_grains(unlike.grains)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
     section = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[1]
     _, r, _, force = np.loadtxt(section.splitlines(), unpack=True)
     moment = np.sqrt(scales.force * np.pi * scales.length**4 / (4e-7 * np.pi))
     product = moment**2 * grains.moment_ratios()[1]
     np.testing.assert_allclose(force, 3e-7 * product / r**4, rtol=1e-12)
-    mass = grains.masses()[grains.assignment() == 1][0]
+    mass = grains.masses()[grains.species_indices() == 1][0]
     script = (tmp_path / "in.granular").read_text(encoding="utf-8")
     written = re.search(r"variable mass2 equal ([\d.e+-]+)\*", script)
     assert written is not None
@@ -163,7 +163,7 @@ def test_tables_of_discs_are_their_law(unlike: Scene, tmp_path: Path) -> None:
     """Also below contact, where the force goes on with its slope."""
     scene = static(unlike).replace(**{"grains.magnets": "cylinders"})
     to_lammps(scene, tmp_path)
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     pair = grain_discs(scene.grains, scales.length)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
     header, rows = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[:2]
@@ -196,7 +196,7 @@ def test_cut_off_is_kept(bed: Scene, tmp_path: Path) -> None:
     scene = static(bed).replace(**{"pairs.method": "cut-off", "pairs.cut_off": "8 D"})
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
-    positions, _ = scene.initial_motion()
+    positions, _ = scene.initial_positions_and_velocities()
     error = np.abs(frame.force - evaluate(scene, positions).force).max(axis=1)
     assert (error < TABLE * magnitudes(scene, positions)).all()
 
@@ -235,7 +235,7 @@ def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
             "output.scalars": 0.005,
         }
     )
-    rate = 0.1 / Scales.of(scene.grains).mass
+    rate = 0.1 / Scales.from_grains(scene.grains).mass
     to_lammps(scene, tmp_path, dt=0.005)
     last = lammps(tmp_path)[-1]
     assert rate * 0.005 > 1.0

@@ -50,7 +50,7 @@ def test_ase_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
     path = to_extxyz(spread, tmp_path / "bed.xyz")
     atoms = reader.read(path, index=FRAME)
     np.testing.assert_array_equal(atoms.positions[:, :2], places(spread))
-    species = spread.scene.grains.assignment()[: len(atoms)]
+    species = spread.scene.grains.species_indices()[: len(atoms)]
     np.testing.assert_array_equal(atoms.arrays["kind"], species)
     assert atoms.cell.lengths()[0] == spread.scene.cell.width
     assert not atoms.pbc.any()

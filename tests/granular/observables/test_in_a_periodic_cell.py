@@ -49,7 +49,7 @@ def in_the_cell(make_run: MakeRun, frames: np.ndarray, velocities: Any = None) -
 
 def walk() -> np.ndarray:
     """A crystal that shakes and drifts, and a grain less, so that there are defects."""
-    sites = scene(COLUMNS * ROWS).initial_motion()[0]
+    sites = scene(COLUMNS * ROWS).initial_positions_and_velocities()[0]
     steps = 0.08 * SPACING * np.random.default_rng(1).normal(size=(4, *sites.shape))
     return np.delete(sites + steps.cumsum(axis=0) + 0.004, 90, axis=1)
 
@@ -93,7 +93,7 @@ def test_nearest_images_leave_out_a_part_of_the_pressure(columns: int, short: fl
     """Next to 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
     width = columns * 2.4 * 0.006
     still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
-    places = still.initial_motion()[0]
+    places = still.initial_positions_and_velocities()[0]
     wanted = 1.5 * evaluate(still, places).potential_energy / np.prod(still.cell.periods)
     found = np.nanmean(grain_pressures(still, places))
     assert 1.0 - found / wanted == pytest.approx(short, abs=1e-3)

@@ -41,7 +41,7 @@ def scene_of(bed: Scene, count: int, **changes: object) -> Scene:
 
 
 def strength_of(scene: Scene) -> float:
-    scales = Scales.of(scene.grains)
+    scales = Scales.from_grains(scene.grains)
     return dipole_pair_strength(scales.current * scales.length**2)
 
 

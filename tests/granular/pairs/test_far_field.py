@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from granular import Scene, evaluate, simulate
 from granular.compiled import entry
-from granular.engine.far import add_far_field, refresh_far_field
+from granular.engine.far_field_forces import add_far_field, refresh_far_field
 from granular.pairs import grain_mesh_transfer, mesh_far_field, multilevel_mesh
 from granular.pairs.dipole_law import far_part_of_inverse_cube, far_part_of_inverse_fifth
 from granular.pairs.direct_sum import pad_coordinates, pad_values
@@ -19,7 +19,7 @@ from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.mesh_far_field import FarFieldSettings, FarFieldState, far_field_state
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.pair_sum_settings import TOLERANCE
-from granular.scene.beds import mono_bed
+from granular.scene.published_beds import mono_bed
 from granular.shared.errors import InputError, SceneError
 
 spread = entry(grain_mesh_transfer.spread_grains)

@@ -11,7 +11,7 @@ import pytest
 
 from granular import Scene, simulate
 from granular.compiled import entry
-from granular.engine.far import add_far_field, compute_far_field, refresh_far_field
+from granular.engine.far_field_forces import add_far_field, compute_far_field, refresh_far_field
 from granular.engine.step_size import Step
 from granular.kernel_data.state import Bed
 from granular.methods import method_named
@@ -19,7 +19,7 @@ from granular.pairs.mesh_far_field import AHEAD, STILL, TIME
 from granular.run.run import Run
 from granular.run.run_state import ARRANGE
 from granular.run.snapshot import restore_snapshot, take_snapshot
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 
 evaluate_far = entry(refresh_far_field)
 add_far = entry(add_far_field)
@@ -53,7 +53,7 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
     """It is found again for a grain that moves on, whichever and however it moves."""
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
-    system = natural_system(scene, method=method)
+    system = scene_in_natural_units(scene, method=method)
     run = Run(scene, system, method, Step(), None)
     run.begin_stage()
     state, far = run.state, run.state.far_forces
@@ -69,11 +69,11 @@ def test_far_field_stays_where_grains_that_rub_hardly_move(small_bed: Scene) -> 
             places[:] = start
             run.look(ARRANGE)
     assert system.constants.acting.far is not None
-    often = natural_system(on_mesh(rubbing(small_bed), far_every=1), method=method)
+    often = scene_in_natural_units(on_mesh(rubbing(small_bed), far_every=1), method=method)
     assert often.constants.acting.far == system.constants.acting.far._replace(rubbing=None)
-    seldom = natural_system(on_mesh(rubbing(small_bed), far_every=4), method=method)
+    seldom = scene_in_natural_units(on_mesh(rubbing(small_bed), far_every=4), method=method)
     assert seldom.constants.acting.far == system.constants.acting.far._replace(rubbing=4)
-    at_all = natural_system(spared(rubbing(small_bed), far_every=1), method=method)
+    at_all = scene_in_natural_units(spared(rubbing(small_bed), far_every=1), method=method)
     assert at_all.constants.acting.far is None
 
 
@@ -85,7 +85,7 @@ def test_far_field_goes_on_as_it_changed_while_grains_slide(small_bed: Scene) ->
 
     def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
         """Far part of force and load after steps at constant speed, and when it was last found."""
-        system = natural_system(scene, method=method)
+        system = scene_in_natural_units(scene, method=method)
         far = system.constants.acting.far
         assert far is not None
         acting = system.constants.acting._replace(far=far._replace(rubbing=rubs))
@@ -155,7 +155,7 @@ def test_bed_that_rubs_rests_under_the_same_force(far: Far, small_bed: Scene) ->
 def test_a_checkpoint_keeps_when_the_far_field_was_found(small_bed: Scene) -> None:
     """A state put back goes on from the same moment, to the same bits in the next step."""
     scene, method, dt = on_mesh(rubbing(small_bed)), method_named("stormer-verlet"), 0.02
-    system = natural_system(scene, method=method)
+    system = scene_in_natural_units(scene, method=method)
 
     def started() -> Run:
         run = Run(scene, system, method, Step(), None)

@@ -32,14 +32,14 @@ def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Sc
 
 def natural(scene: Scene) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Places and sides [D], and the units of force and energy."""
-    scales = Scales.of(scene.grains)
-    places = scene.initial_motion()[0] / scales.length
+    scales = Scales.from_grains(scene.grains)
+    places = scene.initial_positions_and_velocities()[0] / scales.length
     return places, np.array(scene.cell.periods) / scales.length, scales.force, scales.energy
 
 
 def elsewhere(scene: Scene) -> np.ndarray:
     """The scene's positions, each at another of its images [m]."""
-    places = scene.initial_motion()[0]
+    places = scene.initial_positions_and_velocities()[0]
     turns = np.random.default_rng(1).integers(-2, 3, places.shape)
     return np.asarray(places + turns * scene.cell.periods)
 
@@ -196,15 +196,15 @@ def test_energy_momentum_and_threads(method: str) -> None:
         assert (
             abs((velocity[-1] - velocity[0]).sum(axis=0)).max() < (2e-3 if method == "mesh" else 1e-12) * size
         )
-    assert np.abs(ends[0] - run.scene.initial_motion()[0]).max() > 3 * 1.9 * DIAMETER
+    assert np.abs(ends[0] - run.scene.initial_positions_and_velocities()[0]).max() > 3 * 1.9 * DIAMETER
     assert drifts[0] / drifts[1] > 3.0
     np.testing.assert_array_equal(ends[1], ends[2])
 
 
 def test_a_perfect_lattice_is_at_rest() -> None:
     scene = crystal(12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}})
-    found = evaluate(scene, scene.initial_motion()[0]).force
-    assert abs(found).max() < 1e-12 * Scales.of(scene.grains).force
+    found = evaluate(scene, scene.initial_positions_and_velocities()[0]).force
+    assert abs(found).max() < 1e-12 * Scales.from_grains(scene.grains).force
 
 
 @pytest.mark.parametrize(
@@ -239,8 +239,8 @@ def test_places_are_brought_back_into_the_cell() -> None:
     width, height = cell.periods
     places = np.array([[-1e-20, 0.0], [width, -height], [1.5 * width, 0.25 * height], [np.nan, 1.0]])
     wanted = [[0.0, 0.0], [0.0, 0.0], [0.5 * width, 0.25 * height], [np.nan, 1.0 % height]]
-    np.testing.assert_allclose(cell.inside(places), wanted, atol=1e-15)
-    assert (cell.inside(places[:3]) < cell.periods).all()
+    np.testing.assert_allclose(cell.wrap_positions(places), wanted, atol=1e-15)
+    assert (cell.wrap_positions(places[:3]) < cell.periods).all()
 
 
 def test_a_scene_says_that_it_is_periodic_and_others_do_not() -> None:

@@ -111,7 +111,7 @@ def test_piston_stands_at_its_height_and_is_stated(run: Trajectory) -> None:
 
 def test_species_are_told_apart_and_named(run: Trajectory) -> None:
     figure = still(run, 0)
-    wanted = [to_rgba(SPECIES[k]) for k in run.scene.grains.assignment()]
+    wanted = [to_rgba(SPECIES[k]) for k in run.scene.grains.species_indices()]
     np.testing.assert_array_equal(grains(figure).get_facecolor(), wanted)
     (legend,) = (one.get_legend() for one in figure.axes if one.get_legend())
     assert [one.get_text() for one in legend.get_texts()] == ["big, 5 mm", "two words, 100 %, 3 mm"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.response import load_response, save_response
 from granular.response.linear_system import (
     dynamic_stiffness_of_hanging_mass,

@@ -12,7 +12,7 @@ import pytest
 
 from granular import load_scene, simulate
 from granular.__main__ import main
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.response.linear_system import (
     dynamic_stiffness_of_hanging_mass,
     linear_response,

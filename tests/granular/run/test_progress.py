@@ -15,7 +15,7 @@ from granular.engine.step_size import Step
 from granular.methods import METHODS
 from granular.run.progress import Settling, remaining_steps, remaining_time_text
 from granular.run.run import Run
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 
 ROOT = Path(__file__).parents[3]
 
@@ -33,7 +33,7 @@ def test_steps_ahead_are_those_of_all_stages() -> None:
     )
     method = METHODS["stormer-verlet"]
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
-        run = Run(scene, natural_system(scene), method, Step(seconds=1e-5), t_end)
+        run = Run(scene, scene_in_natural_units(scene), method, Step(seconds=1e-5), t_end)
         run.advance()
         assert remaining_steps(run) + run.steps == pytest.approx(count)
 
@@ -69,7 +69,7 @@ def test_the_bar_of_a_bed_that_settles_shows_what_moves_beside_its_limit() -> No
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     drag = {"coefficient": "0.02 kg/s"}
     scene = load_scene("single-particle").replace(**{"protocol": [stage], "effects.drag": drag})
-    run = Run(scene, natural_system(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None)
+    run = Run(scene, scene_in_natural_units(scene), METHODS["stormer-verlet"], Step(seconds=1e-4), None)
     fractions, amplitudes = [], []
     run.advance()
     settling = Settling(run)

@@ -313,9 +313,9 @@ def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> 
 import time
 from granular.run.store import Store
 from granular import load_scene
-from granular.scene.system import natural_system
+from granular.scene.system import scene_in_natural_units
 scene = load_scene({str(tmp_path / "run" / "scene.toml")!r})
-Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, natural_system(scene)).hold()
+Store(__import__("pathlib").Path({str(tmp_path / "run")!r}), scene, scene_in_natural_units(scene)).hold()
 print("held", flush=True)
 time.sleep(60)
 """

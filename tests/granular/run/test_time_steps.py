@@ -9,7 +9,7 @@ import pytest
 from granular import Scene, load_scene, simulate
 from granular.methods import METHODS
 from granular.run.time_steps import double_step, halve_step, is_step_allowed, validated_step
-from granular.scene.dryness import dry_parts
+from granular.scene.dry_friction import dry_friction_parts
 from granular.shared.errors import InputError, StepCountError
 
 CONTACT = {"effects.contact": {"modulus": 1e7}}
@@ -27,7 +27,7 @@ CONTACT = {"effects.contact": {"modulus": 1e7}}
     ],
 )
 def test_what_is_dry(small_bed: Scene, changes: dict[str, Any], dry: tuple[str, ...]) -> None:
-    assert dry_parts(small_bed.replace(**changes)) == dry
+    assert dry_friction_parts(small_bed.replace(**changes)) == dry
 
 
 @pytest.mark.parametrize(

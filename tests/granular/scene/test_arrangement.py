@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from granular import Scene
-from granular.scene.arrangement import Arrangement, check_positions, initial_motion
-from granular.schema.parts import Cell, Grains, Piston, Species
+from granular.scene.arrangement import Arrangement, check_positions, initial_positions_and_velocities
+from granular.schema.apparatus import Cell, Grains, Piston, Species
 from granular.shared.errors import SceneError
 
 GRAINS = Grains(count=23, species=(Species(diameter=0.006),))
@@ -18,38 +18,40 @@ PISTON = Piston(height=0.036)
 
 
 def test_parts_place_the_grains_as_their_scene_does(small_bed: Scene) -> None:
-    found = initial_motion(
+    found = initial_positions_and_velocities(
         small_bed.arrangement, small_bed.grains, small_bed.cell, small_bed.piston, overlapping=False
     )
-    for values, of_scene in zip(found, small_bed.initial_motion(), strict=True):
+    for values, of_scene in zip(found, small_bed.initial_positions_and_velocities(), strict=True):
         assert np.array_equal(values, of_scene)
 
 
 def test_grains_stand_in_the_cell_and_move_at_the_speed_asked_for() -> None:
     plan = Arrangement(seed=3, speed=0.2)
-    places, velocities = initial_motion(plan, GRAINS, CELL, PISTON, overlapping=False)
+    places, velocities = initial_positions_and_velocities(plan, GRAINS, CELL, PISTON, overlapping=False)
     assert places.shape == velocities.shape == (23, 2)
     assert (places > 0.003).all()
     assert (places < [CELL.width - 0.003, PISTON.height - 0.003]).all()
     assert np.linalg.norm(velocities, axis=1) == pytest.approx(0.2, rel=1e-12)
-    other = initial_motion(dataclasses.replace(plan, seed=4), GRAINS, CELL, PISTON, overlapping=False)
+    other = initial_positions_and_velocities(
+        dataclasses.replace(plan, seed=4), GRAINS, CELL, PISTON, overlapping=False
+    )
     assert not np.isclose(places, other[0]).any(axis=1).all()
 
 
 def test_only_grains_in_contact_may_overlap() -> None:
     two = dataclasses.replace(GRAINS, count=2)
     near = Arrangement(positions=((0.02, 0.02), (0.025, 0.02)))
-    places, _ = initial_motion(near, two, CELL, PISTON, overlapping=True)
+    places, _ = initial_positions_and_velocities(near, two, CELL, PISTON, overlapping=True)
     assert places.tolist() == [[0.02, 0.02], [0.025, 0.02]]
     with pytest.raises(SceneError, match="grains 0 and 1 overlap"):
-        initial_motion(near, two, CELL, PISTON, overlapping=False)
+        initial_positions_and_velocities(near, two, CELL, PISTON, overlapping=False)
 
 
 def test_a_grid_without_height_needs_a_piston() -> None:
     with pytest.raises(SceneError, match="height: must be given where there is no piston"):
-        initial_motion(Arrangement(), GRAINS, CELL, None, overlapping=False)
+        initial_positions_and_velocities(Arrangement(), GRAINS, CELL, None, overlapping=False)
     plan = Arrangement(height=0.03)
-    assert len(initial_motion(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
+    assert len(initial_positions_and_velocities(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
 
 
 @pytest.mark.parametrize("height", [None, 0.03])
@@ -60,7 +62,9 @@ def test_overlaps_are_those_of_all_pairs(height: float | None, random: np.random
         positions = 0.003 + 0.024 * random.random((5, 2))
         if height is not None:
             positions = 0.03 * random.random((5, 2))
-        gaps = np.linalg.norm(cell.nearest(positions[:, None] - positions), axis=2) + np.eye(5)
+        gaps = np.linalg.norm(
+            cell.nearest_image_displacements(positions[:, None] - positions), axis=2
+        ) + np.eye(5)
         if gaps.min() < 0.006:
             overlapping += 1
             with pytest.raises(SceneError, match="overlap"):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from granular import bidisperse, damper, load_scene, mono_bed
 from granular.run.summary import packing_fraction
-from granular.scene.beds import final_height
-from granular.schema.parts import Species
+from granular.scene.published_beds import piston_height_of_mixture
+from granular.schema.apparatus import Species
 from granular.shared.errors import InputError
 
 # [D, Table A.1]: R, final height in D_1, and the way of the piston T V_c in m; big grains of D_1.
@@ -78,13 +78,13 @@ def test_table_of_the_source(
 )
 def test_rule_of_the_source_makes_other_shares(fraction: float, made: float) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
-    assert grains.fractions()[1] == made
-    assert grains.counts()[1] == round(400 * made)
+    assert grains.species_fractions()[1] == made
+    assert grains.species_counts()[1] == round(400 * made)
 
 
 def test_rule_of_the_source_by_its_own_examples() -> None:
     def species(fraction: float) -> list[int]:
-        return bidisperse(0.6, fraction, mixing="every-kth").grains.assignment()[:6].tolist()
+        return bidisperse(0.6, fraction, mixing="every-kth").grains.species_indices()[:6].tolist()
 
     assert species(0.3) == [0, 0, 1, 0, 0, 1]
     assert species(0.7) == [1, 1, 0, 1, 1, 0]
@@ -94,11 +94,11 @@ def test_rule_of_the_source_by_its_own_examples() -> None:
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
 def test_interspersed_rule_is_exact_and_even(fraction: float, count: int) -> None:
     grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
-    counts = grains.counts()
+    counts = grains.species_counts()
     assert sum(counts) == count
     assert abs(counts[1] - fraction * count) <= 0.5 + 1e-9
     # In every prefix the number of small grains is within one of its even share.
-    prefix = np.cumsum(grains.assignment() == 1)
+    prefix = np.cumsum(grains.species_indices() == 1)
     even = counts[1] / count * np.arange(1, count + 1)
     assert np.abs(prefix - even).max() <= 1.0 + 1e-9
 
@@ -115,7 +115,7 @@ def test_final_height_keeps_the_packing(kinds: list[tuple[float, int]]) -> None:
         **{"grains.count": count, "cell.width": 100.0, "piston.height": 100.0, "arrangement.height": 99.0}
     )
     mixed = base.replace(**{"grains.species": [one.to_plain() for one in species]})
-    height = final_height(0.07, species)
+    height = piston_height_of_mixture(0.07, species)
     first = count * np.pi / 4.0 * species[0].diameter ** 2 / (mixed.cell.width * 0.07)
     assert packing_fraction(mixed, height) == pytest.approx(first, rel=1e-12)
 

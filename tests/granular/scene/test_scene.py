@@ -119,8 +119,8 @@ def test_species_are_shared_out_evenly() -> None:
         {"name": "small", "diameter": 0.003, "share": 0.3},
     ]
     scene = load_scene("bed").replace(**{"grains.species": species, "grains.count": 100})
-    assert scene.grains.counts() == (70, 30)
-    assignment = scene.grains.assignment()
+    assert scene.grains.species_counts() == (70, 30)
+    assignment = scene.grains.species_indices()
     assert np.bincount(assignment).tolist() == [70, 30]
     runs = np.bincount(np.add.reduceat(assignment, np.arange(0, 100, 10)))
     assert runs.argmax() == 3

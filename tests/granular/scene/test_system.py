@@ -6,7 +6,7 @@ import pytest
 
 from granular import Scene
 from granular.methods import METHODS
-from granular.scene.system import FAR_EVERY, natural_system
+from granular.scene.system import FAR_EVERY, scene_in_natural_units
 from granular.shared.errors import InputError
 
 
@@ -15,7 +15,7 @@ def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> i
     pairs: dict[str, object] = {"method": "mesh"}
     if wanted is not None:
         pairs["far_every"] = wanted
-    system = natural_system(scene.replace(pairs=pairs), method=METHODS[method])
+    system = scene_in_natural_units(scene.replace(pairs=pairs), method=METHODS[method])
     far = system.constants.acting.far
     assert far is not None
     return far.every
@@ -30,7 +30,7 @@ def test_the_far_field_is_met_as_often_as_is_asked_for(small_bed: Scene) -> None
 
 def test_the_direct_sum_is_split_where_that_is_asked_for(small_bed: Scene) -> None:
     def far_every(scene: Scene, method: str = "stormer-verlet") -> int | None:
-        far = natural_system(scene, method=METHODS[method]).constants.acting.far
+        far = scene_in_natural_units(scene, method=METHODS[method]).constants.acting.far
         return None if far is None else far.every
 
     free = small_bed.replace(**{"effects.friction": None})

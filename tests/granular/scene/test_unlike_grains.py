@@ -37,9 +37,9 @@ def mixed(**changes: Any) -> Scene:
 def brute(scene: Scene, place: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Force [N] and energy [J] of pairs, walls and weight, and the load [N], pair by pair."""
     grains = scene.grains
-    diameter, species = grains.diameters(), grains.assignment()
+    diameter, species = grains.diameters(), grains.species_indices()
     thickness, remanence, density = (
-        grains.of_species(name)[species] for name in ("thickness", "remanence", "density")
+        grains.species_values(name)[species] for name in ("thickness", "remanence", "density")
     )
     volume = math.pi / 4.0 * diameter**2 * thickness
     moment = remanence * volume / MU0 * grains.spread_factors()
@@ -87,7 +87,7 @@ ONE = {"grains.species": [{"name": "big", "diameter": "6 mm"}]}
 )
 def test_unlike_grains_follow_the_sums_over_pairs(changes: dict[str, Any]) -> None:
     scene = mixed(**changes)
-    place = scene.initial_motion()[0]
+    place = scene.initial_positions_and_velocities()[0]
     found = evaluate(scene, place)
     force, energy, load = brute(scene, place)
     scale = np.abs(force).max()
@@ -98,7 +98,7 @@ def test_unlike_grains_follow_the_sums_over_pairs(changes: dict[str, Any]) -> No
 
 def test_what_is_said_of_each_species_alike_changes_no_bit() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 9})
-    place = scene.initial_motion()[0]
+    place = scene.initial_positions_and_velocities()[0]
     told = scene.replace(
         **{
             "grains.species.0.remanence": scene.grains.remanence,
@@ -118,7 +118,7 @@ def test_the_ledger_of_unlike_grains_closes(changes: dict[str, Any]) -> None:
 def test_masses_and_moments_are_those_of_the_material() -> None:
     grains = mixed().grains
     sheet = math.pi / 4.0 * 0.004**2 * 0.0029
-    assert grains.masses()[grains.assignment() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
+    assert grains.masses()[grains.species_indices() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
     integer = math.pi / 4.0 * 0.006**2 * 0.003
     assert grains.moment_ratios()[1] == pytest.approx(0.9 * sheet / (1.3 * integer), rel=1e-14)
     spread = mixed(

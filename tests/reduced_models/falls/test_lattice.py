@@ -11,7 +11,7 @@ import pytest
 from granular import Scene, damper, simulate
 from granular.effects.dipole import grain_discs
 from granular.pairs.disc_law import disc_energy_and_force
-from granular.schema.parts import Grains
+from granular.schema.apparatus import Grains
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
 from reduced_models.falls.lattice_pressure import POWER, lattice_pressure, lattice_under_pressure
@@ -37,7 +37,7 @@ def summed_pressure(grains: Grains, spacing: float) -> float:
     i, j = np.mgrid[-40:41, -40:41]
     r = spacing * np.sqrt((i * i + i * j + j * j).astype(float).ravel())
     r = r[(r > 0.0) & (r <= cut * spacing)]
-    known, shares, moments = grain_discs(grains, 0.006), grains.fractions(), grains.moment_ratios()
+    known, shares, moments = grain_discs(grains, 0.006), grains.species_fractions(), grains.moment_ratios()
     beyond = 3.0 * density(spacing) * 2.0 * math.pi / (cut * spacing)
     total = 0.0
     for k, m in np.ndindex(len(known), len(known)):
@@ -116,6 +116,6 @@ def test_pressure_is_that_of_a_simulated_crystal(spacing: float) -> None:
     """Minus the slope of its energy by the area, within 0.1 %."""
     (low, small), (high, large) = (relaxed_energy(spacing * f) for f in (0.995, 1.005))
     simulated = (low - high) / (large - small)
-    scales = Scales.of(discs())
+    scales = Scales.from_grains(discs())
     expected = lattice_pressure(discs(), density(spacing)) * scales.force / scales.length
     assert simulated == pytest.approx(expected, rel=1e-3)

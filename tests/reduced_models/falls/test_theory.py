@@ -43,7 +43,7 @@ def test_weight_and_pressure_balance_at_rest() -> None:
     scene = damper(count=10**6, drag=1e-4)
     values = predict_bed_parameters(scene)
     assert scene.piston is not None
-    scales, width = Scales.of(scene.grains), scene.cell.width
+    scales, width = Scales.from_grains(scene.grains), scene.cell.width
     density = scene.grains.count * scales.length**2 / (width * values["rest"])
     pressure = PRESSURE * scales.force / scales.length * density**POWER
     weight = scene.piston.mass * 9.8 / width
@@ -57,7 +57,7 @@ def test_grains_add_a_third_of_their_mass_and_a_late_bed_takes_mass_away() -> No
     scene = damper(count=1000)
     assert scene.piston is not None
     mass = scene.piston.mass
-    grains = 1000 * Scales.of(scene.grains).mass / 3.0
+    grains = 1000 * Scales.from_grains(scene.grains).mass / 3.0
     loose, damped = (predict_bed_parameters(damper(count=1000, drag=drag))["weight"] for drag in (1e-9, 0.2))
     assert loose == pytest.approx(WEIGHT * 9.8 * mass / (mass + grains), rel=1e-6)
     assert damped > loose

@@ -10,7 +10,7 @@ import sympy
 
 from granular import load_scene
 from granular.effects.excitation import Excitation
-from granular.effects.host import Host
+from granular.effects.host_structure import Host
 from granular.shared.errors import InputError
 from reduced_models.falls.predicted_law import OutsideRangeWarning
 from reduced_models.laws.annealing_bed import ANNEALING_BED

@@ -116,7 +116,7 @@ def test_series_of_a_mixture_name_their_protocol() -> None:
     assert one.key == "mixture | quick"
     scene = one.scene(1)
     assert [stage.name for stage in scene.protocol] == ["relax", "compress"]
-    assert scene.grains.fractions() == (0.5, 0.5)
+    assert scene.grains.species_fractions() == (0.5, 0.5)
     assert Results({}, {}, {}).sample("mixture", "force") is None
 
 

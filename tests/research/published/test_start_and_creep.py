@@ -68,7 +68,7 @@ def test_the_loop_gives_the_cycle_of_the_toolkit(late: bool) -> None:
 
 def test_a_higher_grid_begins_higher() -> None:
     low, high = (mono("", 92, PUBLISHED, **grid_of_height(92, one)).scene(1) for one in (1.0, 1.2))
-    tops = [one.initial_motion()[0][:, 1].max() for one in (low, high)]
+    tops = [one.initial_positions_and_velocities()[0][:, 1].max() for one in (low, high)]
     assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from granular.schema.parts import Species
+from granular.schema.apparatus import Species
 from granular.shared.errors import InputError
 from granular.shared.messages import quote
 
@@ -35,7 +35,7 @@ BIDISPERSE_END = 0.07
 Table A.1 does not follow. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
 
 
-def final_height(reference: float, species: Sequence[Species]) -> float:
+def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
     """Piston height at which a mixture is packed like its first species alone at ``reference``.
 
     H_f = H_r sum_k R_k (D_k/D_1)^2 over the species with fractions R_k; for two species this is
@@ -198,7 +198,7 @@ def bidisperse(
         Species(name="big", diameter=big, share=1.0 - ratio),
         Species(name="small", diameter=aspect * big, share=ratio),
     ]
-    heights = BIDISPERSE_START, final_height(_reference_height(big), species)
+    heights = BIDISPERSE_START, piston_height_of_mixture(_final_height_without_small_grains(big), species)
     mixture = {"grains.species": [specy.to_plain() for specy in species], "grains.mixing": mixing}
     return _compressed_bed(
         f"bidisperse-{aspect:g}-{ratio:g}",
@@ -212,7 +212,7 @@ def bidisperse(
     )
 
 
-def _reference_height(big: float) -> float:
+def _final_height_without_small_grains(big: float) -> float:
     """Return the final height without small grains [m], at the packing fraction of de Paula."""
     return BIDISPERSE_END * (big / 0.005) ** 2
 

@@ -1,4 +1,4 @@
-"""The motion of a host and of the cell on it (`granular.effects.host`).
+"""The motion of a host and of the cell on it (`granular.effects.host_structure`).
 
 All motion is given in the frame of the cell, as without a host; the frame has the acceleration A,
 so that every mass in it feels the force -m A. Let V be the velocity of the frame, v_i those of the
@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from granular.compiled import Array, compiled
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
-from granular.effects.host import (
+from granular.effects.host_structure import (
     FIXED,
     PISTON_MOUNT,
     PULL,
@@ -48,7 +48,7 @@ from granular.engine.kick import kick_grains
 from granular.engine.piston import kick_piston
 from granular.kernel_data.state import SPEED, WORK, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.protocol.motion import Motion, outer_force
+from granular.protocol.piston_motion import Motion, outer_force_on_piston
 
 
 @compiled(inline=True)
@@ -193,7 +193,7 @@ def _kick_chain(  # noqa: PLR0915 (each level of calls costs seconds to compile)
     chain = _chain_forces(law.chain, workspace, force)
     outer, top = 0.0, 0.0
     if free:
-        outer = outer_force(motion, time)
+        outer = outer_force_on_piston(motion, time)
         top = state.wall_forces[TOP] - constants.piston_weight
     weight, bed_force = law.frame_mass, 0.0
     for i in range(constants.grains):

@@ -41,15 +41,15 @@ class CustomStage(CustomSection, SampledStage):
     """Base of the stages that `stage` makes."""
 
     @property
-    def function_name(self) -> str:
+    def driven_quantity(self) -> str:
         (name,) = self.definition.functions
         return name
 
-    def samples(self, times: np.ndarray, height: float) -> np.ndarray:
+    def sample_values_and_slopes(self, times: np.ndarray, height: float) -> np.ndarray:
         from scipy.interpolate import CubicSpline
 
         ((name, function),) = self.definition.functions.items()
-        start = () if self.needs_mass else (height,)
+        start = () if self.needs_piston_mass else (height,)
         try:
             values = np.array([float(function(self, float(time), *start)) for time in times])
         except Exception as error:

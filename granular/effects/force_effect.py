@@ -24,6 +24,6 @@ HOOKS = ("add_forces", "measure", "work", "collision")
 class Force(Effect):
     """Base of the effects that have an energy."""
 
-    def pull(self, scales: Scales) -> float:
+    def downward_acceleration(self, scales: Scales) -> float:
         """Downward acceleration that never changes, which can make grains faster."""
         return 0.0

@@ -6,12 +6,12 @@ from granular.scene.scene import Scene
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
 """Residual of the energy ledger, over the energy turned over, beyond which a run is called
-degraded; the second where `has_coarse_friction` holds (`granular.engine.ledger.COARSE_FACTOR`)."""
+degraded; the second where `has_coarse_friction` holds (`granular.engine.energy_ledger.COARSE_FACTOR`)."""
 
 
-def dry_parts(scene: Scene) -> tuple[str, ...]:
+def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
     """Names of the dry parts that act: of the bed, and of a piston that is free to move."""
-    names = [effect.key for effect in scene.effects.laws if effect.dry]
+    names = [effect.key for effect in scene.effects.in_loop_order if effect.dry]
     piston = scene.piston
     if piston is not None and piston.mass is not None and piston.friction > 0.0:
         names.append("piston.friction")

@@ -12,7 +12,7 @@ WRONG = 1e-2
 """Residual over the energy turned over beyond which a run is stopped."""
 COARSE_FACTOR = 10.0
 """With de Paula's regularised friction, or its list of pairs under friction, the first limit is
-this much wider, and that of a doubtful run (`granular.scene.dryness`) even more: de Paula's beds
+this much wider, and that of a doubtful run (`granular.scene.dry_friction`) even more: de Paula's beds
 are run at de Paula's steps.
 
 Of 119 random runs of these kinds, with at most 12 grains, 18 were off by more than 1e-4. Most often
@@ -61,7 +61,7 @@ class Ledger:
 
     @classmethod
     def opened(cls, row: np.ndarray, *, coarse: bool) -> Ledger:
-        """Ledger that begins with this record; for ``coarse`` see `granular.scene.dryness`."""
+        """Ledger that begins with this record; for ``coarse`` see `granular.scene.dry_friction`."""
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from granular.formulas.dimensions import LENGTH, TIME, Dimension
-from granular.protocol.motion import DESCENT, SINE, TABLE, Motion
+from granular.protocol.piston_motion import DESCENT, SINE, TABLE, Motion
 from granular.protocol.stage import FormulaStage, Stage, TimedStage
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, numbers, quantity, text
+from granular.schema.sections import FieldError, quantity, quantity_list_field, text_field
 
 
 class Hold(TimedStage):
@@ -52,7 +52,7 @@ class Move(Stage):
             raise FieldError("give either speed or duration", "speed")
 
     @property
-    def limits_force(self) -> bool:
+    def ends_at_force(self) -> bool:
         return self.until_force is not None
 
     def total_duration(self, height: float) -> float | None:
@@ -67,7 +67,7 @@ class Move(Stage):
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
-    def final_height(self) -> float | None:
+    def prescribed_final_height(self) -> float | None:
         return self.to
 
 
@@ -106,7 +106,7 @@ class Descend(Stage):
             steepness=self.steepness,
         )
 
-    def final_height(self) -> float | None:
+    def prescribed_final_height(self) -> float | None:
         return self.to
 
 
@@ -121,8 +121,8 @@ class Follow(Stage):
         [m]
     """
 
-    times: tuple[float, ...] = numbers("s", least=0.0)
-    heights: tuple[float, ...] = numbers("m", above=0.0)
+    times: tuple[float, ...] = quantity_list_field("s", least=0.0)
+    heights: tuple[float, ...] = quantity_list_field("m", above=0.0)
 
     def validate(self) -> None:
         if len(self.times) != len(self.heights):
@@ -145,10 +145,10 @@ class Follow(Stage):
             heights=np.array(self.heights) / scales.length,
         )
 
-    def jump(self, height: float) -> float:
+    def initial_jump(self, height: float) -> float:
         return self.heights[0] - height
 
-    def final_height(self) -> float | None:
+    def prescribed_final_height(self) -> float | None:
         return self.heights[-1]
 
 
@@ -199,7 +199,7 @@ class Lift(Stage):
 
     by: float = quantity("m")
 
-    def jump(self, height: float) -> float:
+    def initial_jump(self, height: float) -> float:
         return self.by
 
     def total_duration(self, height: float) -> float | None:
@@ -222,7 +222,7 @@ class Path(FormulaStage):
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME, "h0": LENGTH}
-    written: ClassVar[str] = "height"
+    formula_key: ClassVar[str] = "height"
     unit: ClassVar[str] = "m"
 
-    height: str = text()
+    height: str = text_field()

@@ -13,14 +13,14 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from granular.effects.custom_check import check_functions
-from granular.effects.custom_functions import Grain, Kind
+from granular.effects.custom_functions import CustomLawKind, Grain
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import EffectContext, energy_variable
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, NONE, Dimension
-from granular.schema.sections import Many, quantity, section_field
+from granular.schema.sections import SectionListKind, quantity, section_field
 
 
 class PairFormula(Formula, Force):
@@ -73,7 +73,7 @@ class PairFormula(Formula, Force):
         if any(name.text in ("q1", "q2") for name in variable_names(parse(self.energy))):
             check_functions(definition, values, setting)  # that both are treated alike
         reach = math.inf if self.reach is None else self.reach / setting.scales.length
-        return CustomLaw(Kind(definition.digest), values, reach, None)
+        return CustomLaw(CustomLawKind(definition.digest), values, reach, None)
 
 
 class PairLaw(FormulaList):
@@ -90,4 +90,4 @@ class PairLaw(FormulaList):
         {"energy": "k*max(end - r, 0)**4/end**2", "k": "1 N/m", "end": "2 D", "reach": "2 D"},
     ]
 
-    fields: tuple[PairFormula, ...] = section_field(Many(section=PairFormula, least=1))
+    fields: tuple[PairFormula, ...] = section_field(SectionListKind(section=PairFormula, least=1))

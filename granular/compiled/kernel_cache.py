@@ -5,7 +5,7 @@ processes may write simultaneously, names its files by line numbers, and loads w
 Here
 
 - one digest of all kernels' sources stands for them all, since kernels call each other: editing one
-  compiles all afresh, and nothing stale is ever run (see `granular.compiled.source`);
+  compiles all afresh, and nothing stale is ever run (see `granular.compiled.source_digest`);
 - a file is loaded only if it is the user's own and whole (see `granular.shared.caches`), and what
   cannot be written is not kept: the worst that a cache can do to a run is to cost it time.
 """
@@ -27,8 +27,8 @@ import numba
 from numba.core.caching import _Cache
 from numba.core.serialize import dumps
 
-from granular.compiled.linking import rebuild_kernel
-from granular.compiled.source import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
+from granular.compiled.kernel_linking import rebuild_kernel
+from granular.compiled.source_digest import PACKAGE, digest_of_bytes, digest_of_syntax, read_compiled_sources
 from granular.shared.caches import private_folder, read_sealed, toolkit_cache, write_sealed
 from granular.shared.locks import lock_file
 

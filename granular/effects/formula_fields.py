@@ -15,18 +15,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom_functions import Grain, Kind
+from granular.effects.custom_functions import CustomLawKind, Grain
 from granular.effects.custom_law import CustomLaw
 from granular.effects.effect import Effect, EffectContext, energy_variable
-from granular.effects.force import Force
+from granular.effects.force_effect import Force
 from granular.effects.formula import Formula, FormulaList, Functions
 from granular.formulas import parse, variable_names
 from granular.formulas.dimensions import LENGTH, MASS, MOMENT, TIME, Dimension
 from granular.pairs.direct_sum import pad_values
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Many, quantity, section_field, unknown
-from granular.schema.sections import Kind as FieldKind
+from granular.schema.sections import FieldError, FieldKind, SectionListKind, quantity, section_field, unknown
 from granular.shared.messages import quote
 
 
@@ -125,7 +124,7 @@ class FieldFormula(Formula, Force):
             numbers = dict(self.factor)
             value = [numbers.get(specy.name, 1.0) for specy in setting.grains.species]
             factor = pad_values(np.array(value)[setting.species])
-        kind = Kind(self.definition.digest)
+        kind = CustomLawKind(self.definition.digest)
         return CustomLaw(kind, self.natural(setting.scales), math.inf, factor)
 
 
@@ -143,4 +142,4 @@ class Field(FormulaList):
         {"energy": "a*mass*sin(x/l)", "a": "0.1 m^2/s^2", "l": "1 D"},
     ]
 
-    fields: tuple[FieldFormula, ...] = section_field(Many(section=FieldFormula, least=1))
+    fields: tuple[FieldFormula, ...] = section_field(SectionListKind(section=FieldFormula, least=1))

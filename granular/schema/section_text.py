@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from granular.schema.sections import Quantity, Section
+from granular.schema.sections import QuantityKind, Section
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
@@ -19,7 +19,7 @@ def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
             said.append("; ".join(map(_value_text, value)))
             continue
         kind = field.metadata["kind"]
-        unit = kind.unit if isinstance(kind, Quantity) and kind.unit != "1" else ""
+        unit = kind.unit if isinstance(kind, QuantityKind) and kind.unit != "1" else ""
         said.append(f"{field.name} {_value_text(value)} {unit}".strip())
     return ", ".join(said)
 

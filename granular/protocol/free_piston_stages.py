@@ -7,17 +7,17 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from granular.formulas.dimensions import TIME, Dimension
-from granular.protocol.motion import Motion
+from granular.protocol.piston_motion import Motion
 from granular.protocol.stage import FormulaStage, TimedStage
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, quantity, text
+from granular.schema.sections import FieldError, quantity, text_field
 
 
 class Free(TimedStage):
     """Free motion from the present height and velocity. Needs ``piston.mass``."""
 
     @property
-    def needs_mass(self) -> bool:
+    def needs_piston_mass(self) -> bool:
         return True
 
     def motion(self, height: float, scales: Scales) -> Motion:
@@ -40,7 +40,7 @@ class Push(TimedStage):
     frequency: float = quantity("Hz", default=0.0, least=0.0)
 
     @property
-    def needs_mass(self) -> bool:
+    def needs_piston_mass(self) -> bool:
         return True
 
     def validate(self) -> None:
@@ -73,7 +73,7 @@ class Force(FormulaStage):
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME}
-    written: ClassVar[str] = "force"
+    formula_key: ClassVar[str] = "force"
     unit: ClassVar[str] = "N"
 
-    force: str = text()
+    force: str = text_field()

@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from granular.schema.sections import FieldError, Section, choice, integer, many, quantity, text
+from granular.schema.sections import (
+    FieldError,
+    Section,
+    choice_field,
+    integer_field,
+    quantity,
+    section_list_field,
+    text_field,
+)
 
 
 class Species(Section):
@@ -28,7 +36,7 @@ class Species(Section):
         Values of the species [m], [kg/m^3], [T], where they are not those of `Grains`.
     """
 
-    name: str = text(default="grain")
+    name: str = text_field(default="grain")
     diameter: float = quantity("m", above=0.0)
     share: float = quantity("1", default=1.0, least=0.0, most=1.0)
     thickness: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -67,15 +75,15 @@ class Grains(Section):
         as much where discs half as thick as wide touch.
     """
 
-    count: int = integer(most=10**8)
-    species: tuple[Species, ...] = many(Species, least=1)
+    count: int = integer_field(most=10**8)
+    species: tuple[Species, ...] = section_list_field(Species, least=1)
     thickness: float = quantity("m", default=0.003, above=0.0)
     density: float = quantity("kg/m^3", default=7368.0, above=0.0)
     remanence: float = quantity("T", default=1.3, above=0.0)
     spread: float = quantity("1", default=0.0, least=0.0, most=0.3)
-    seed: int = integer(default=1)
-    mixing: str = choice("interspersed", "every-kth", default="interspersed")
-    magnets: str = choice("dipoles", "cylinders", default="dipoles")
+    seed: int = integer_field(default=1)
+    mixing: str = choice_field("interspersed", "every-kth", default="interspersed")
+    magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
         total = sum(specy.share for specy in self.species)
@@ -97,15 +105,15 @@ class Grains(Section):
             del plain["spread"], plain["seed"]
         return plain
 
-    def counts(self) -> tuple[int, ...]:
+    def species_counts(self) -> tuple[int, ...]:
         """Return the number of grains of each species."""
-        return tuple(np.bincount(self.assignment(), minlength=len(self.species)).tolist())
+        return tuple(np.bincount(self.species_indices(), minlength=len(self.species)).tolist())
 
-    def fractions(self) -> tuple[float, ...]:
+    def species_fractions(self) -> tuple[float, ...]:
         """Fraction of each species that the mixing rule really makes."""
-        return tuple(number / max(self.count, 1) for number in self.counts())
+        return tuple(number / max(self.count, 1) for number in self.species_counts())
 
-    def assignment(self) -> np.ndarray:
+    def species_indices(self) -> np.ndarray:
         """Species index of each grain (n,)."""
         if self.mixing == "every-kth":
             return _every_kth(self.count, self.species[1].share)
@@ -125,35 +133,35 @@ class Grains(Section):
 
     def diameters(self) -> np.ndarray:
         """Diameter of each grain (n,) [m]."""
-        return np.array([specy.diameter for specy in self.species])[self.assignment()]
+        return np.array([specy.diameter for specy in self.species])[self.species_indices()]
 
-    def of_species(self, name: str) -> np.ndarray:
+    def species_values(self, name: str) -> np.ndarray:
         """``thickness``, ``density`` or ``remanence`` of each species (s,) in SI."""
         own = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in own])
 
     def masses(self) -> np.ndarray:
         """Mass of each grain (n,) [kg]."""
-        sheet = np.pi / 4.0 * self.of_species("density") * self.of_species("thickness")
-        value = self.assignment()
+        sheet = np.pi / 4.0 * self.species_values("density") * self.species_values("thickness")
+        value = self.species_indices()
         return np.asarray(sheet[value] * self.diameters() ** 2)
 
     def mass_ratios(self) -> np.ndarray:
         """Mass of a grain of each species (s,) over that of the first."""
-        return self._ratios("density")
+        return self._ratios_to_first_species("density")
 
-    def face_ratios(self) -> np.ndarray:
+    def face_area_ratios(self) -> np.ndarray:
         """Area of a face of a grain of each species (s,) over that of the first."""
         diameter = np.array([specy.diameter for specy in self.species])
         return np.asarray((diameter / diameter[0]) ** 2)
 
     def moment_ratios(self) -> np.ndarray:
         """Moment of a grain of each species (s,), without spread, over that of the first."""
-        return self._ratios("remanence")
+        return self._ratios_to_first_species("remanence")
 
-    def _ratios(self, name: str) -> np.ndarray:
-        thickness, strength = self.of_species("thickness"), self.of_species(name)
-        return self.face_ratios() * (thickness / thickness[0]) * (strength / strength[0])
+    def _ratios_to_first_species(self, name: str) -> np.ndarray:
+        thickness, strength = self.species_values("thickness"), self.species_values(name)
+        return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def spread_factors(self) -> np.ndarray:
         """Factor of each grain's moment over its species' (n,)."""
@@ -195,7 +203,7 @@ class Cell(Section):
 
     width: float = quantity("m", above=0.0)
     separation: float = quantity("m", default=0.0031, above=0.0)
-    sides: str = choice("closed", "periodic", default="closed")
+    sides: str = choice_field("closed", "periodic", default="closed")
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
 
     @property
@@ -203,7 +211,7 @@ class Cell(Section):
         """Width and height of a periodic cell [m]; None of a closed one."""
         return None if self.height is None else (self.width, self.height)
 
-    def inside(self, positions: np.ndarray) -> np.ndarray:
+    def wrap_positions(self, positions: np.ndarray) -> np.ndarray:
         """Positions (..., 2) [m] of the images within a periodic cell; as given of a closed one."""
         if self.periods is None:
             return positions
@@ -211,7 +219,7 @@ class Cell(Section):
         # A place just below 0 is rounded to the other side itself.
         return np.asarray(np.where(inside < self.periods, inside, 0.0 * inside))
 
-    def nearest(self, displacements: np.ndarray) -> np.ndarray:
+    def nearest_image_displacements(self, displacements: np.ndarray) -> np.ndarray:
         """Displacements (..., 2) [m] of the nearest images; as given in a closed cell."""
         if self.periods is None:
             return displacements
@@ -269,7 +277,7 @@ class Output(Section):
 
     scalars: float = quantity("s", default=0.001, above=0.0)
     frames: float = quantity("s", default=0.1, above=0.0)
-    record: str | None = text(default=None, optional=True)
+    record: str | None = text_field(default=None, optional=True)
 
     @property
     def frames_every(self) -> int:

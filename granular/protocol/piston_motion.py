@@ -62,13 +62,13 @@ class Motion(NamedTuple):
 
 
 @entry
-def piston_path(motion: Motion, time: float) -> tuple[float, float]:
+def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston at the time in the stage."""
-    return _prescribed_path(motion.times, motion.heights, motion, time)
+    return _driven_height_and_velocity(motion.times, motion.heights, motion, time)
 
 
 @compiled
-def _prescribed_path(
+def _driven_height_and_velocity(
     times: Array | None, heights: Array | None, motion: Motion, time: float
 ) -> tuple[float, float]:
     if motion.kind == DESCENT:
@@ -131,7 +131,7 @@ def _evaluate_spline(times: Array, heights: Array, time: float) -> tuple[float, 
     return low + s * (left + s * (bend + s * twist)), (left + s * (2.0 * bend + 3.0 * s * twist)) / h
 
 
-def tabulated_motion(motion: Motion) -> Motion:
+def with_table_arrays(motion: Motion) -> Motion:
     """Return the same motion, of the type that motions by tables and splines are of."""
     return motion if motion.times is not None else motion._replace(times=_NONE, heights=_NONE)
 
@@ -144,7 +144,7 @@ def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: f
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
-            times, heights = _table_rows(motion)
+            times, heights = _table_arrays(motion)
             outer += float(np.abs(heights[: times.size]).max())
         pull = gravity + outer / mass
         return math.sqrt(speed**2 + 2.0 * pull * max(height, 0.0))
@@ -154,15 +154,15 @@ def greatest_piston_speed(motion: Motion, mass: float, gravity: float, height: f
     if motion.kind == SINE:
         return motion.reach * motion.omega
     if motion.kind == TABLE:
-        times, heights = _table_rows(motion)
+        times, heights = _table_arrays(motion)
         return float(np.abs(np.diff(heights) / np.diff(times)).max())
     if motion.kind == SPLINE:
-        times, heights = _table_rows(motion)
+        times, heights = _table_arrays(motion)
         return float(np.abs(heights[times.size :]).max())
     return abs(motion.speed)
 
 
-def _table_rows(motion: Motion) -> tuple[Array, Array]:
+def _table_arrays(motion: Motion) -> tuple[Array, Array]:
     assert motion.times is not None
     assert motion.heights is not None
     return motion.times, motion.heights
@@ -173,9 +173,9 @@ def drive_frequency(motion: Motion) -> float:
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:
-        return 1.0 / float(np.diff(_table_rows(motion)[0]).min())
+        return 1.0 / float(np.diff(_table_arrays(motion)[0]).min())
     if motion.kind == SPLINE:
-        times, heights = _table_rows(motion)
+        times, heights = _table_arrays(motion)
         slopes = heights[times.size :]
         fastest = float(np.abs(slopes).max())
         bend = float(np.abs(np.diff(slopes)).max()) / float(times[1])
@@ -184,13 +184,13 @@ def drive_frequency(motion: Motion) -> float:
 
 
 @compiled
-def outer_force(motion: Motion, time: float) -> float:
+def outer_force_on_piston(motion: Motion, time: float) -> float:
     """Force from outside on a free piston, upwards [F*]."""
-    return _outer_force(motion.times, motion.heights, motion, time)
+    return _outer_force_value(motion.times, motion.heights, motion, time)
 
 
 @compiled
-def _outer_force(times: Array | None, heights: Array | None, motion: Motion, time: float) -> float:
+def _outer_force_value(times: Array | None, heights: Array | None, motion: Motion, time: float) -> float:
     if times is not None and heights is not None and motion.kind == SPLINE:
         return _evaluate_spline(times, heights, time)[0]
     if motion.push == 0.0:

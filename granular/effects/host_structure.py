@@ -3,7 +3,7 @@
 The bodies stand one above another on a base, each on a spring and a dashpot, and move up and down.
 The last of them carries the cell, or the piston, and feels all forces of what it carries. Their
 displacements X are counted from where all is at rest, with the damper aboard: the springs hold all
-weights, and move the more slowly for them. See `granular.engine.host` for the equations.
+weights, and move the more slowly for them. See `granular.engine.host_motion` for the equations.
 """
 
 from __future__ import annotations
@@ -17,12 +17,20 @@ import numpy as np
 from granular.compiled import Array, compiled
 from granular.effects.effect import Effect, EffectContext, Record, energy_variable
 from granular.effects.excitation import Drive, Excitation
-from granular.effects.frame import Frame
+from granular.effects.moving_frame_effect import Frame
 from granular.kernel_data.state import LOSSES, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
-from granular.schema.parts import Cell, Grains, Piston
+from granular.schema.apparatus import Cell, Grains, Piston
 from granular.schema.scales import Scales
-from granular.schema.sections import FieldError, Section, choice, integer, many, nested, quantity
+from granular.schema.sections import (
+    FieldError,
+    Section,
+    choice_field,
+    integer_field,
+    nested_section_field,
+    quantity,
+    section_list_field,
+)
 
 RESOLVED = 4.0
 """How much better than the bed's stiffest mode the host is resolved: its energy is most of all."""
@@ -86,11 +94,11 @@ class Host(Frame):
     )
     loss_record = energy_variable("host_loss", "energy lost to the host's dashpots")
 
-    mount: str = choice("cell", "piston", "base", default="cell")
-    bodies: tuple[Body, ...] = many(Body)
+    mount: str = choice_field("cell", "piston", "base", default="cell")
+    bodies: tuple[Body, ...] = section_list_field(Body)
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
-    excitation: Excitation | None = nested(Excitation, default=None, optional=True)
-    excited: int | None = integer(default=None, optional=True)
+    excitation: Excitation | None = nested_section_field(Excitation, default=None, optional=True)
+    excited: int | None = integer_field(default=None, optional=True)
 
     @property
     def is_flow(self) -> bool:
