@@ -113,8 +113,8 @@ def identify(options: Any) -> None:
     from granular.schema.units import si_value
     from granular.shared.progress import print_above_bar
     from granular.user_code import import_user_code
-    from reduced_models.identification.brief import brief, first_answer
     from reduced_models.identification.identify import identify as identify_source
+    from reduced_models.identification.terminal_summary import summary_before_checks, terminal_summary
     from reduced_models.records.sources import open_source
 
     import_user_code(options.user_files)
@@ -128,10 +128,10 @@ def identify(options: Any) -> None:
         dt=None if options.dt is None else parse_time_step(options.dt),
         checks=not options.no_checks,
         progress=not options.quiet,
-        announce=None if options.quiet else lambda first: print_above_bar(first_answer(first)),
+        announce=None if options.quiet else lambda first: print_above_bar(summary_before_checks(first)),
         **pick_options(options, "drive", "method", "threads", "starts", "budget"),
     )
-    show_result(result, options, None if options.verbose else brief(result))
+    show_result(result, options, None if options.verbose else terminal_summary(result))
 
 
 @command(
@@ -392,7 +392,7 @@ def compare(options: Any) -> None:
 
 
 def _compare_laws(options: Any) -> None:
-    from reduced_models.identification.candidates import CANDIDATES
+    from reduced_models.identification.candidate_laws import CANDIDATES
     from reduced_models.identification.comparison import compare as compare_laws
     from reduced_models.records.sources import make_directory
 

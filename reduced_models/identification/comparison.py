@@ -24,10 +24,10 @@ from reduced_models.fitting.start_values import starts_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     Comparison,
-    Row,
+    ComparisonRow,
     format_percent,
+    largest_tied_error,
     root_mean_square,
-    tie_limit,
 )
 from reduced_models.laws.height_map import HeightMap
 from reduced_models.laws.law import Law
@@ -100,25 +100,25 @@ def compare(
         raise InputError("laws is empty; name at least one")
     if own and test_records:
         raise InputError("own parameters do not carry over to held-out records; leave one of them")
-    chosen = [_make_entry(law, records[0]) for law in laws]
-    rows = [_make_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
+    chosen = [_law_to_compare(law, records[0]) for law in laws]
+    rows = [_fit_law_to_row(entry, records, test_fraction, test_records, own, starts) for entry in chosen]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
     return _rank_rows(rows, sound)
 
 
-def compare_on_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
+def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
     """Comparison whose models are judged on further records that no fit has seen.
 
     Each is predicted from an initial state that its first period tells; a law that cannot be is one
     that diverges there.
     """
-    rows = [_add_further_record(row, test_records) for row in table.rows if not row.failure]
+    rows = [_score_on_further_records(row, test_records) for row in table.rows if not row.failure]
     return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
-def _add_further_record(row: Row, test_records: Sequence[PistonRecord]) -> Row:
+def _score_on_further_records(row: ComparisonRow, test_records: Sequence[PistonRecord]) -> ComparisonRow:
     judged = list(row.records)
     for record in test_records:
         try:
@@ -142,7 +142,7 @@ def _total_test_error(models: Sequence[ReducedModel], judged: Sequence[RollOut])
     return error, math.hypot(*(value * spread for value, spread in known)) / (len(known) * error)
 
 
-class _LawEntry(NamedTuple):
+class _LawToCompare(NamedTuple):
     """A law to compare, and the map that it was given, if any."""
 
     law: Law
@@ -158,23 +158,23 @@ def law_name(law: str | Law | ReducedModel) -> str:
     return " ".join(law.split())
 
 
-def _make_entry(law: Any, record: PistonRecord) -> _LawEntry:
+def _law_to_compare(law: Any, record: PistonRecord) -> _LawToCompare:
     if isinstance(law, str | Law):
-        return _LawEntry(resolve_law(law, record), None)
+        return _LawToCompare(resolve_law(law, record), None)
     model: ReducedModel = law if isinstance(law, ReducedModel) else law.model
     if model.law.start is not None:
-        return _LawEntry(model.law, model.map)
-    return _LawEntry(dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map)
+        return _LawToCompare(model.law, model.map)
+    return _LawToCompare(dataclasses.replace(model.law, start=starts_near(dict(model.parameters))), model.map)
 
 
-def _make_row(
-    entry: _LawEntry,
+def _fit_law_to_row(
+    entry: _LawToCompare,
     records: Sequence[PistonRecord],
     test_fraction: float,
     test_records: Sequence[PistonRecord],
     own: Sequence[str],
     starts: int,
-) -> Row:
+) -> ComparisonRow:
     law, given = entry
     private = [name for name in own if name in law.parameters]
     how: Any = {} if given is None or given.fitted else {"map": given}
@@ -184,42 +184,42 @@ def _make_row(
             models = fit(records, law, test_fraction=test_fraction, own=private, starts=starts, **how)
         judged = tuple(roll_out(models[0], value) for value in test_records)
     except GranularError as cause:
-        return Row(law.name, failure=str(cause))
+        return ComparisonRow(law.name, failure=str(cause))
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     count = len(law.parameters) + (2 if models[0].map.fitted else 0)
     count += len(private) * (len(records) - 1)
     error, spread = _total_test_error(models, judged)
-    return Row(law.name, models, count, stretches, judged, error, standard_error=spread)
+    return ComparisonRow(law.name, models, count, stretches, judged, error, standard_error=spread)
 
 
-def _rank_rows(rows: Sequence[Row], sound: Sequence[Row]) -> Comparison:
+def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:
     correlation = min(_residual_correlation_time(row) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
-    noise = root_mean_square([_noise_of_model(model) for model in scored[0].models])
-    least, limit = min(row.error for row in scored), tie_limit(scored, noise)
+    noise = root_mean_square([_relative_noise(model) for model in scored[0].models])
+    least, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
     # Where all diverge, what their fits leave over is all that tells them apart.
     at_noise = least <= NOISE_TIE * noise or math.isinf(least)
     alike = [row for row in scored if row.error <= limit]
     alike.sort(key=lambda row: (row.bic,) if at_noise else (row.parameters, row.error))
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
-    at_rest = _error_at_rest(scored[0])
-    verdict = _verdict(alike, worse, at_rest, at_noise=at_noise)
+    at_rest = _test_error_at_rest(scored[0])
+    verdict = _ranking_text(alike, worse, at_rest, at_noise=at_noise)
     failed = [row for row in rows if row.failure]
     for row in failed:
         verdict += f" {row.name} could not be fitted."
     return Comparison((*alike, *worse, *failed), verdict, noise, at_rest)
 
 
-def _residual_correlation_time(row: Row) -> float:
+def _residual_correlation_time(row: ComparisonRow) -> float:
     return max(model.quality.correlation for model in row.models)
 
 
-def _noise_of_model(model: ReducedModel) -> float:
+def _relative_noise(model: ReducedModel) -> float:
     return model.quality.noise * model.quality.relative / max(model.quality.residual, 1e-300)
 
 
-def _add_information_criteria(row: Row, correlation: float) -> Row:
-    """Row with its information criteria, for samples that follow each other so far."""
+def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:
+    """ComparisonRow with its information criteria, for samples that follow each other so far."""
     samples = [model.quality.samples for model in row.models]
     squares = sum(
         count * max(model.quality.residual, _LEAST * _rms_swing(model)) ** 2
@@ -238,7 +238,7 @@ def _rms_swing(model: ReducedModel) -> float:
     return model.quality.residual / max(model.quality.relative, 1e-300)
 
 
-def _error_at_rest(row: Row) -> float:
+def _test_error_at_rest(row: ComparisonRow) -> float:
     errors = [
         model.quality.test_error_at_rest
         for model in row.models
@@ -248,7 +248,9 @@ def _error_at_rest(row: Row) -> float:
     return root_mean_square(errors) if errors else 1.0
 
 
-def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float, *, at_noise: bool) -> str:
+def _ranking_text(
+    alike: Sequence[ComparisonRow], worse: Sequence[ComparisonRow], at_rest: float, *, at_noise: bool
+) -> str:
     best = alike[0]
     words = (
         f"{best.name} is first: its test error is {format_percent(best.error)} of the rms swing "
@@ -266,7 +268,7 @@ def _verdict(alike: Sequence[Row], worse: Sequence[Row], at_rest: float, *, at_n
     return words + "."
 
 
-def _tie_text(row: Row, best: Row, *, at_noise: bool) -> str:
+def _tie_text(row: ComparisonRow, best: ComparisonRow, *, at_noise: bool) -> str:
     """Words on a law that predicts as well as the first one."""
     extra = row.parameters - best.parameters
     if not at_noise:

@@ -23,7 +23,7 @@ NOISE_TIE = 1.25
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Row:
+class ComparisonRow:
     """One law.
 
     Attributes
@@ -63,13 +63,13 @@ class Row:
     standard_error: float = 0.0
 
     @property
-    def blow_ups(self) -> int:
+    def divergence_count(self) -> int:
         """Held-out stretches and records over which the law diverges."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
     def to_plain(self) -> dict[str, Any]:
-        """Row as plain data."""
+        """ComparisonRow as plain data."""
         return {
             "law": self.name,
             "parameters": self.parameters,
@@ -79,7 +79,7 @@ class Row:
             "records": [record.relative for record in self.records],
             "aic": self.aic,
             "bic": self.bic,
-            "blow_ups": self.blow_ups,
+            "blow_ups": self.divergence_count,
             "failure": self.failure,
             "values": [dict(model.parameters) for model in self.models],
         }
@@ -91,7 +91,7 @@ class Comparison:
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of ComparisonRow
         One law each, with its models, errors and information criteria.
     verdict : str
         Which laws predict best, in plain words.
@@ -101,7 +101,7 @@ class Comparison:
         Test error of the baseline, a piston that stays at rest.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     verdict: str
     noise: float
     at_rest: float
@@ -111,7 +111,7 @@ class Comparison:
         """The model of the law that is first, for the first record."""
         return self.rows[0].models[0]
 
-    def model_as_good(self, name: str) -> ReducedModel | None:
+    def model_tied_with_best(self, name: str) -> ReducedModel | None:
         """Model of a law that predicts as well as the best one; None where it does not.
 
         Parameters
@@ -124,13 +124,13 @@ class Comparison:
         ReducedModel, optional
             Its model, or None.
         """
-        limit = tie_limit([row for row in self.rows if not row.failure], self.noise)
+        limit = largest_tied_error([row for row in self.rows if not row.failure], self.noise)
         for row in self.rows:
             if row.name == name and len(row.models) == 1 and row.error <= limit:
                 return row.models[0]
         return None
 
-    def by_last_record(self) -> list[tuple[RollOut, str]]:
+    def ranking_on_last_record(self) -> list[tuple[RollOut, str]]:
         """Errors and names of the laws on the last held-out record, the best first.
 
         Returns
@@ -182,7 +182,7 @@ class Comparison:
                     *parts,
                     f"{row.aic - aic:+.1f}",
                     f"{row.bic - bic:+.1f}",
-                    str(row.blow_ups),
+                    str(row.divergence_count),
                 )
             )
         return lines
@@ -234,7 +234,7 @@ class Comparison:
         return latex_array(self.cells(), self.header)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Make a table of the laws; columns as in `Row`, and ``record 1`` and on of held-out records.
+        """Make a table of the laws; columns as in `ComparisonRow`, ``record 1`` and on of held-out ones.
 
         Returns
         -------
@@ -253,7 +253,7 @@ class Comparison:
                 **{f"record {k + 1}": record.relative for k, record in enumerate(row.records)},
                 "AIC": row.aic,
                 "BIC": row.bic,
-                "diverged": row.blow_ups,
+                "diverged": row.divergence_count,
                 "failure": row.failure,
             }
             for row in self.rows
@@ -299,7 +299,7 @@ class Comparison:
         return 1.8 + 0.45 * sum(not row.failure for row in self.rows)
 
 
-def tie_limit(rows: Sequence[Row], noise: float) -> float:
+def largest_tied_error(rows: Sequence[ComparisonRow], noise: float) -> float:
     """Return the greatest test error that is as good as the least one.
 
     That is one standard error more (Breiman et al. 1984, Classification and Regression Trees, ch.
@@ -309,7 +309,7 @@ def tie_limit(rows: Sequence[Row], noise: float) -> float:
     return max((1.0 + TIE) * least.error, least.error + least.standard_error, NOISE_TIE * noise)
 
 
-def best_error_text(best: Row) -> str:
+def best_error_text(best: ComparisonRow) -> str:
     """Return the error of the first law of a record in a sentence."""
     if math.isinf(best.error):
         return "No law predicts what it has not seen."

@@ -17,14 +17,24 @@ from granular.shared.errors import BudgetError, InputError
 from granular.shared.messages import quote, sanitize
 from reduced_models.fitting.options import STARTS, check_options
 from reduced_models.fitting.problem import as_record, require_positions
-from reduced_models.identification.candidates import candidates, drive_option, driven_law, unused_columns
-from reduced_models.identification.checks import SceneChecks, check_figures, end_of_run, free_motions
-from reduced_models.identification.comparison import compare, compare_on_records, law_name
+from reduced_models.identification.candidate_laws import (
+    choose_candidate_laws,
+    drive_option_text,
+    driven_law,
+    unused_columns,
+)
+from reduced_models.identification.comparison import compare, compare_on_further_records, law_name
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.engineering import Quantity, engineering_quantities
-from reduced_models.identification.measured_swing import measured_swing
+from reduced_models.identification.measured_swing import measure_swing
 from reduced_models.identification.residual_tests import residual_tests
 from reduced_models.identification.result import Identification
+from reduced_models.identification.scene_checks import (
+    SceneChecks,
+    add_check_errors,
+    end_time_of_open_run,
+    piston_record_columns,
+)
+from reduced_models.identification.swing_quantities import QuantityWithError, swing_quantities
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.law import Law
 from reduced_models.least_squares.levenberg_marquardt import time_budget
@@ -86,7 +96,7 @@ def identify(
         lies there already is used, or gone on with.
     laws : sequence of str or Law, optional
         Names, equations or laws. Without, those that can win: see
-        `reduced_models.identification.candidates`.
+        `reduced_models.identification.candidate_laws`.
     discovery : str, optional
         Also discover a law by this method, and compare it with the others. Where no laws are named
         and other terms explain the record clearly better, a law is discovered by ``"sindy"``.
@@ -154,12 +164,12 @@ def identify(
             if checks:
                 from granular.studies.background import BackgroundCases
 
-                background = stack.enter_context(BackgroundCases(free_motions, executor))
+                background = stack.enter_context(BackgroundCases(piston_record_columns, executor))
             run, further = _run_beside_checks(opened, target, options, dt is None, background, lift)
             record = run.piston()
         mass = _moving_mass(mass, record, run)
         clock.lap("record" if run is None else "simulation")
-        result = _fit_laws(record, run, laws, discovery, drive, mass, starts, budget, clock)
+        result = _fit_and_compare(record, run, laws, discovery, drive, mass, starts, budget, clock)
         doubts = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
         for note in (*result.notes, *doubts):
             warnings.warn(note, stacklevel=2)
@@ -170,7 +180,7 @@ def identify(
             result.save(target)
         if further is None or run is None or not checkable:
             return result
-        result = _check_by_runs(result, run, further, progress, falls=laws is None)
+        result = _add_check_outcomes(result, run, further, progress, falls=laws is None)
     clock.lap("checks of step, random starts, lift and falls")
     result = dataclasses.replace(result, seconds=dict(clock.seconds))
     if target is not None:
@@ -209,11 +219,11 @@ def _run_beside_checks(
     if background is None or not source.complete:
         return source, None
     settings = {name: source.settings()[name] for name in ("dt", "method")}
-    settings["t_end"] = end_of_run(source)
+    settings["t_end"] = end_time_of_open_run(source)
     return source, SceneChecks(background, source.scene, settings, lift)
 
 
-def _fit_laws(
+def _fit_and_compare(
     record: PistonRecord,
     run: Trajectory | None,
     laws: Sequence[str | Law] | None,
@@ -227,13 +237,13 @@ def _fit_laws(
     """Laws of a record, fitted and compared; arguments as of `identify`."""
     left_out: tuple[str, ...] = ()
     if laws is None:
-        chosen = candidates(record, drive)
+        chosen = choose_candidate_laws(record, drive)
         wanted: list[Any] = list(chosen.laws)
-        left_out = chosen.left_out
-        if discovery is None and chosen.screening.incomplete:
+        left_out = chosen.exclusion_texts
+        if discovery is None and chosen.screening.other_terms_fit_better:
             discovery = GLANCED
     else:
-        wanted = [_with_drive(law, record, drive) for law in laws]
+        wanted = [_add_drive_to_law(law, record, drive) for law in laws]
     clock.lap("a glance at the laws")
     words = (
         f"not done when the budget of {budget:g} s of processor was spent; for more: "
@@ -256,7 +266,7 @@ def _fit_laws(
     models = tuple(row.models[0] for row in sorted(sound, key=lambda row: names.index(row.name)))
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
-    figures = engineering_quantities(shown, record.angle, mass)
+    figures = swing_quantities(shown, record.angle, mass)
     return Identification(
         record=record,
         models=models,
@@ -264,9 +274,9 @@ def _fit_laws(
         run=run,
         figures=figures,
         figures_law=shown.law.name,
-        own=measured_swing(record, best),
-        notes=_notes(record, run, comparison, models)
-        + (_frequency_notes(figures) if run is None and not best.notes else ()),
+        own=measure_swing(record, best),
+        notes=_collect_notes(record, run, comparison, models)
+        + (_frequency_error_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
         mass=mass,
         left_out=left_out,
@@ -297,14 +307,14 @@ def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | Non
     return mass
 
 
-def _with_drive(law: str | Law, record: PistonRecord, drive: str | None) -> str | Law:
+def _add_drive_to_law(law: str | Law, record: PistonRecord, drive: str | None) -> str | Law:
     """Law that is asked for; one of the package's is driven, where a drive is named."""
     if drive is not None and isinstance(law, str) and law in LAWS:
         return driven_law(LAWS[law], record, drive)
     return law
 
 
-def _notes(
+def _collect_notes(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
 ) -> tuple[str, ...]:
     """Doubts about a run, fits that failed, and columns that were not used."""
@@ -313,13 +323,13 @@ def _notes(
     if run is None:
         notes += [
             f"the column {sanitize(name)} was not used; as a drive of all laws: "
-            f"{sanitize(drive_option(name))}"
+            f"{sanitize(drive_option_text(name))}"
             for name in unused_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
 
 
-def _frequency_notes(figures: Sequence[Quantity]) -> tuple[str, ...]:
+def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, ...]:
     """Doubt of a frequency that a record tells worse than is usual in a laboratory."""
     for figure in figures:
         error = figure.total_error / figure.value if figure.value else math.inf
@@ -331,7 +341,7 @@ def _frequency_notes(figures: Sequence[Quantity]) -> tuple[str, ...]:
     return ()
 
 
-def _check_by_runs(
+def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool, falls: bool
 ) -> Identification:
     """Judge laws on another lift and other falls; give figures step errors and scatter.
@@ -340,17 +350,17 @@ def _check_by_runs(
     and other falls, if asked for, where the scene begins with one.
     """
     checks = further.finish(run, falls, progress)
-    comparison, model, figures, own = result.comparison, result.shown, result.figures, result.own
+    comparison, model, figures, own = result.comparison, result.model_of_figures, result.figures, result.own
     record, mass = result.record, result.mass
     if checks.lift is not None and len(result.models) > 1:
         # The laws are ranked anew, and the best one now gives the figures.
-        comparison = compare_on_records(comparison, [checks.lift])
+        comparison = compare_on_further_records(comparison, [checks.lift])
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
-        figures = engineering_quantities(model, record.angle, mass)
-        own = measured_swing(record, order[0])
+        figures = swing_quantities(model, record.angle, mass)
+        own = measure_swing(record, order[0])
     duration = float(record.time[-1] - record.time[0])
-    figures, own, failed = check_figures(figures, own, model, mass, duration, checks)
+    figures, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
     failures = dict.fromkeys((*checks.failures, *failed))
     notes = tuple(f"the check with {entry.what} failed: {entry.cause}" for entry in failures)
     for note in notes:
@@ -405,7 +415,7 @@ def suggest_next_steps(
     ]
     columns = unused_columns(record, [model.law for model in models])
     if run is None and columns:
-        words.append(f"drive the laws by a column that was not used: {drive_option(columns[0])}")
+        words.append(f"drive the laws by a column that was not used: {drive_option_text(columns[0])}")
     if comparison.best.at_rest is not None:
         turns = float(record.time[-1] - record.time[0]) / comparison.best.at_rest.period
         if turns < _USEFUL_TURNS:

@@ -13,7 +13,11 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError
 from granular.shared.html import Page, format_number
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, plain_label, plain_numbers
-from reduced_models.identification.engineering import Quantity, Units, engineering_units
+from reduced_models.identification.swing_quantities import (
+    EngineeringUnits,
+    QuantityWithError,
+    engineering_units,
+)
 from reduced_models.laws.equation import compile_rates
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.backbone import Backbone, driven_backbone, free_backbone
@@ -48,42 +52,42 @@ class MeasuredSwing:
     law_name : str
     amplitudes : tuple of float
         That are shown [m], the greatest first.
-    figures : tuple of Quantity
+    figures : tuple of QuantityWithError
         Frequency and damping ratio of the record at each of them.
-    units : Units
+    units : EngineeringUnits
     """
 
     record: Backbone
     law: Backbone | None
     law_name: str
     amplitudes: tuple[float, ...]
-    figures: tuple[Quantity, ...]
-    units: Units
+    figures: tuple[QuantityWithError, ...]
+    units: EngineeringUnits
 
     @property
-    def named(self) -> tuple[int, ...]:
+    def headline_indices(self) -> tuple[int, ...]:
         """Places of the amplitudes that the headline names: about half of the greatest, and a tenth."""
         wanted = [fraction * self.amplitudes[0] for fraction in _NAMED]
         nearest = [int(np.argmin(np.abs(np.log(np.array(self.amplitudes) / size)))) for size in wanted]
         return tuple(dict.fromkeys(nearest))
 
     @property
-    def differences(self) -> tuple[float, float]:
+    def greatest_differences(self) -> tuple[float, float]:
         """Greatest relative differences of the law's frequency and damping ratio from the record's."""
-        frequency, damping = (max(row[k][0] for row in self._compared) for k in (0, 1))
+        frequency, damping = (max(row[k][0] for row in self._relative_differences) for k in (0, 1))
         return frequency, damping
 
     @property
-    def agrees(self) -> bool:
+    def law_agrees(self) -> bool:
         """True where the law swings as the record does, at all amplitudes that are shown."""
         return self.law is not None and all(
             difference <= max(limit, error)
-            for row in self._compared
+            for row in self._relative_differences
             for (difference, error), limit in zip(row, (_FREQUENCY, _DAMPING), strict=True)
         )
 
     @property
-    def _compared(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    def _relative_differences(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
         """Relative differences and errors of frequency and damping ratio, at each amplitude."""
         assert self.law is not None
         rows = []
@@ -99,63 +103,65 @@ class MeasuredSwing:
         return rows
 
     @property
-    def agreement(self) -> str:
+    def agreement_text(self) -> str:
         """Agreement or contradiction in a sentence."""
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: by it nothing swings"
-        if self.agrees:
-            frequency, damping = (f"{_round_bound(100.0 * value):g} %" for value in self.differences)
+        if self.law_agrees:
+            frequency, damping = (
+                f"{_round_up_bound(100.0 * value):g} %" for value in self.greatest_differences
+            )
             return (
                 f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
             )
-        k = int(np.argmax([row[1][0] + row[0][0] for row in self._compared]))
+        k = int(np.argmax([row[1][0] + row[0][0] for row in self._relative_differences]))
         law = self.law.at(self.amplitudes[k])
         return (
             f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} it has "
             f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
-            f"{' and '.join(figure.text for figure in self.pair(k))}"
+            f"{' and '.join(figure.text_without_error for figure in self.quantities_at(k))}"
         )
 
     def amplitude_text(self, k: int) -> str:
         """Return an amplitude with its unit."""
-        return amplitude_text(self.amplitudes[k], self.units)
+        return format_amplitude(self.amplitudes[k], self.units)
 
-    def pair(self, k: int) -> tuple[Quantity, Quantity]:
+    def quantities_at(self, k: int) -> tuple[QuantityWithError, QuantityWithError]:
         """Frequency and damping ratio of the record at an amplitude."""
         return self.figures[2 * k], self.figures[2 * k + 1]
 
     @property
-    def text(self) -> str:
+    def summary_text(self) -> str:
         """The record's own figures in a sentence, and whether the law agrees."""
         parts = [
             f"at {self.amplitude_text(k)} it swings with {frequency.text_with_error} and a damping ratio of "
             f"{damping.text_with_error}"
-            for k in self.named
-            for frequency, damping in (self.pair(k),)
+            for k in self.headline_indices
+            for frequency, damping in (self.quantities_at(k),)
         ]
         own = f"By the record itself, without a law: {', '.join(parts)}. "
-        words = f"{self.agreement[:1].upper()}{self.agreement[1:]}."
-        return own + words if self.agrees else f"{words} {own}"
+        words = f"{self.agreement_text[:1].upper()}{self.agreement_text[1:]}."
+        return own + words if self.law_agrees else f"{words} {own}"
 
     def to_plain(self) -> dict[str, Any]:
         """Return method, agreement, and figures by amplitude as plain data."""
         return {
             "method": self.record.method,
-            "agreement": self.agreement,
-            "agrees": self.agrees,
+            "agreement": self.agreement_text,
+            "agrees": self.law_agrees,
             "figures": {item.name: item.to_plain() for item in self.figures},
         }
 
-    def add_to(self, page: Page) -> None:
+    def add_section_to(self, page: Page) -> None:
         """Add picture and table to a report."""
         page.section("Frequency and damping of the record itself")
         words = _HOW[self.record.method]
-        page.text(f"{words} {self.agreement[:1].upper()}{self.agreement[1:]}.")
+        page.text(f"{words} {self.agreement_text[:1].upper()}{self.agreement_text[1:]}.")
         unit = self.units.length
         header = [f"amplitude [{unit}]", "frequency [Hz]", "damping ratio [%]"]
         if self.law is not None:
             header += ["law: [Hz]", "law: [%]"]
-        page.table(header, [self._row(k) for k in range(len(self.amplitudes))])
+        page.table(header, [self._table_row(k) for k in range(len(self.amplitudes))])
         with figure(2, 1, height=5.4, size=READABLE, sharex=True) as (drawing, axes):
             for ax, name, scale in zip(
                 axes, ("frequency", "damping_ratio"), (1.0 / math.tau, 100.0), strict=True
@@ -179,10 +185,10 @@ class MeasuredSwing:
                 drawing, "Each point is a cycle of the record; the line is the law's motion, read likewise."
             )
 
-    def _row(self, k: int) -> list[str]:
+    def _table_row(self, k: int) -> list[str]:
         size = self.amplitudes[k]
         row = [format_number(self.units.scale * size, 2)]
-        row += [quantity.cell for quantity in self.pair(k)]
+        row += [quantity.table_cell for quantity in self.quantities_at(k)]
         if self.law is not None:
             law = self.law.at(size)
             row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]
@@ -193,43 +199,47 @@ _LEAST_BOUND = 0.01  # per cent
 _FLAT = 0.02  # of a value, that a picture shows at least
 
 
-def _round_bound(value: float) -> float:
+def _round_up_bound(value: float) -> float:
     """Least number of 0.01, 0.02, 0.05, 0.1 and so on that is no less."""
     size = 10.0 ** math.floor(math.log10(max(value, _LEAST_BOUND)))
     return next(step * size for step in (1.0, 2.0, 5.0, 10.0) if max(value, _LEAST_BOUND) <= step * size)
 
 
-def amplitude_text(size: float, units: Units) -> str:
+def format_amplitude(size: float, units: EngineeringUnits) -> str:
     """Amplitude [m] with its unit."""
     return f"{units.scale * size:.2g} {units.length}"
 
 
-def measured_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
+def measure_swing(record: PistonRecord, model: ReducedModel) -> MeasuredSwing | None:
     """Frequency and damping of a record against amplitude, next to those of a law's motion there.
 
     None where too few cycles of the record stand out of its noise.
     """
     units = engineering_units(record.angle, None)
-    own = _backbone(record, record, model)
+    own = _backbone_of_motion(record, record, model)
     if own is None:
         return None
     amplitudes = own.amplitudes(units.scale)
     try:
-        law = _backbone(model.follow(record), record, model)
+        law = _backbone_of_motion(model.follow(record), record, model)
     except GranularError:
         law = None
-    return MeasuredSwing(own, law, model.law.name, amplitudes, _figures(own, amplitudes, units), units)
+    return MeasuredSwing(
+        own, law, model.law.name, amplitudes, _frequency_and_damping(own, amplitudes, units), units
+    )
 
 
-def figures_at_amplitudes(record: PistonRecord, like: MeasuredSwing) -> tuple[Quantity, ...] | None:
+def quantities_at_amplitudes(
+    record: PistonRecord, like: MeasuredSwing
+) -> tuple[QuantityWithError, ...] | None:
     """Figures of another free record at the amplitudes of one; None where they cannot be read."""
     try:
-        return _figures(free_backbone(record), like.amplitudes, like.units)
+        return _frequency_and_damping(free_backbone(record), like.amplitudes, like.units)
     except GranularError:
         return None
 
 
-def _backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone | None:
+def _backbone_of_motion(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone | None:
     """Curves of a motion; ``record`` has the inputs of the model."""
     law = model.law
     try:
@@ -252,19 +262,21 @@ def _backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -
         return None
 
 
-def _figures(own: Backbone, amplitudes: Sequence[float], units: Units) -> tuple[Quantity, ...]:
+def _frequency_and_damping(
+    own: Backbone, amplitudes: Sequence[float], units: EngineeringUnits
+) -> tuple[QuantityWithError, ...]:
     figures = []
     for size in amplitudes:
-        swing, where = own.at(size), f" at {amplitude_text(size, units)}"
+        swing, where = own.at(size), f" at {format_amplitude(size, units)}"
         figures += [
-            Quantity(
+            QuantityWithError(
                 f"frequency{where}",
                 "f",
                 "Hz",
                 swing.frequency / math.tau,
                 {"fit": swing.frequency_error / math.tau},
             ),
-            Quantity(
+            QuantityWithError(
                 f"damping ratio{where}",
                 "ζ",
                 "%",

@@ -11,17 +11,17 @@ from granular.shared.html import Page, format_number
 from granular.shared.messages import format_factor
 from granular.shared.version import versions
 from reduced_models.identification.comparison_table import Comparison
-from reduced_models.identification.engineering import (
+from reduced_models.identification.pictures import add_comparison_section
+from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.identification.swing_quantities import (
     DAMPING_RATIO,
     PARTS,
-    Quantity,
-    decimal_places,
+    QuantityWithError,
+    decimal_places_of_interval,
     format_fixed,
     format_interval,
-    small_swing_sentence,
+    swing_noun,
 )
-from reduced_models.identification.pictures import add_comparison
-from reduced_models.identification.residual_tests import ResidualTests
 from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
 from reduced_models.models.model import OPEN, ReducedModel
 
@@ -42,10 +42,10 @@ def comparison_page(table: Comparison) -> Page:
         Page with verdict, table and picture; a notebook shows it, and ``save`` writes it.
     """
     page = Page("Laws compared", table.verdict)
-    add_comparison(page, table)
+    add_comparison_section(page, table)
     for row in table.rows:
         for model in row.models[:1]:
-            add_model(page, model, " (first)" if row is table.rows[0] else "")
+            add_law_section(page, model, " (first)" if row is table.rows[0] else "")
     page.footer(provenance_text())
     return page
 
@@ -62,8 +62,8 @@ def capitalise(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def add_engineering(
-    page: Page, figures: Sequence[Quantity], model: ReducedModel, mass: float | None, averaging: str
+def add_swing_section(
+    page: Page, figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
 ) -> None:
     """Add level, frequency, damping and stiffness of the law's swing, and the parts of their errors.
 
@@ -75,16 +75,16 @@ def add_engineering(
     page.section("Level, frequency, damping, stiffness by the law")
     page.table(
         ("figure", "sign", "value", "unit"),
-        [(figure.name, figure.symbol, figure.cell, figure.unit) for figure in figures],
+        [(figure.name, figure.symbol, figure.table_cell, figure.unit) for figure in figures],
     )
-    page.text(_explanation(figures, model, mass))
+    page.text(_swing_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
         page.text("The total error behind ± is the root of the sum of the squares of its parts:")
         page.table(
             ("figure", *known, "unit"),
             [
-                (figure.name, *(_error_text(figure.parts.get(name)) for name in known), figure.unit)
+                (figure.name, *(_format_error_part(figure.parts.get(name)) for name in known), figure.unit)
                 for figure in figures
                 if figure.symbol not in _FOLLOWING
             ],
@@ -107,12 +107,12 @@ _MEANING_OF_PARTS = {
 }
 
 
-def _error_text(value: float | None) -> str:
+def _format_error_part(value: float | None) -> str:
     return "" if value is None else format_number(value, 2)
 
 
-def _explanation(figures: Sequence[Quantity], model: ReducedModel, mass: float | None) -> str:
-    words = f"Of the {small_swing_sentence(model)} about rest, from the fit of {model.law.name}. "
+def _swing_explanation(figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None) -> str:
+    words = f"Of the {swing_noun(model)} about rest, from the fit of {model.law.name}. "
     names = {figure.name for figure in figures}
     words += "The natural frequency is that without damping. "
     if DAMPING_RATIO in names:
@@ -139,7 +139,7 @@ def _explanation(figures: Sequence[Quantity], model: ReducedModel, mass: float |
     )
 
 
-def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
+def add_residual_tests_section(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -> None:
     """Add what each law leaves over, and whether that is noise."""
     if not tests:
         return
@@ -151,8 +151,8 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
             f"{format_number(scale * test.rms, 3)} {unit}",
             format_factor(test.swing),
             format_factor(test.double),
-            _probability(test.whiteness),
-            _probability(test.signs),
+            _format_probability(test.whiteness),
+            _format_probability(test.signs),
         )
         for name, test in tests.items()
     ]
@@ -168,11 +168,11 @@ def add_residuals(page: Page, tests: Mapping[str, ResidualTests], angle: bool) -
     )
 
 
-def _probability(value: float) -> str:
+def _format_probability(value: float) -> str:
     return "< 0.001" if value < 1e-3 else format_number(value, 2)
 
 
-def add_model(page: Page, model: ReducedModel, remark: str) -> None:
+def add_law_section(page: Page, model: ReducedModel, remark: str) -> None:
     """Add a fitted law: its equations, parameters, notes and quality."""
     page.section(f"{model.law.name}{remark}")
     add_equations(page, model)
@@ -196,7 +196,7 @@ def add_model(page: Page, model: ReducedModel, remark: str) -> None:
     ]
     for note in (*undetermined_directions, *model.notes):
         page.note(f"{capitalise(note)}.")
-    page.text(_quality_text(model))
+    page.text(_fit_quality_text(model))
 
 
 def add_equations(page: Page, model: ReducedModel) -> None:
@@ -213,7 +213,7 @@ def add_equations(page: Page, model: ReducedModel) -> None:
         page.text(f"At the start {', '.join(starts)}.")
 
 
-def _quality_text(model: ReducedModel) -> str:
+def _fit_quality_text(model: ReducedModel) -> str:
     quality = model.quality
     size, unit = (180.0 / math.pi, "degrees") if model.angle else (1e6, "micrometres")
     words = (
@@ -244,7 +244,7 @@ def _parameter_rows(model: ReducedModel) -> list[Sequence[str]]:
         low, high = model.intervals[name]
         size = math.floor(math.log10(abs(value))) if value else 0
         # As many digits as the interval is worth, and no fewer than the equation has.
-        digits = max(decimal_places(value, low, high), model.printed_digits - 1 - size)
+        digits = max(decimal_places_of_interval(value, low, high), model.printed_digits - 1 - size)
         interval = "open" if high - low > OPEN * abs(value) else format_interval(low, high, digits)
         rows.append((parameter_symbol(name), format_fixed(value, digits), model.unit_of(name), interval))
     return rows

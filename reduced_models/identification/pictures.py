@@ -39,7 +39,7 @@ def downsample(*columns: np.ndarray) -> list[np.ndarray]:
     return [column[::every] for column in columns]
 
 
-class _Axis(NamedTuple):
+class _DrawnCoordinate(NamedTuple):
     """A coordinate as it is drawn: its name, unit, and what to multiply it by."""
 
     name: str
@@ -51,24 +51,28 @@ class _Axis(NamedTuple):
         return f"{self.name} [{self.unit}]"
 
 
-def _axis(record: PistonRecord) -> _Axis:
-    return _Axis("angle", "°", 180.0 / math.pi) if record.angle else _Axis("height", "mm", 1e3)
+def _coordinate_axis(record: PistonRecord) -> _DrawnCoordinate:
+    return (
+        _DrawnCoordinate("angle", "°", 180.0 / math.pi)
+        if record.angle
+        else _DrawnCoordinate("height", "mm", 1e3)
+    )
 
 
-def _left_over(record: PistonRecord) -> _Axis:
+def _residual_axis(record: PistonRecord) -> _DrawnCoordinate:
     if record.angle:
-        return _Axis("left over", "°", 180.0 / math.pi)
-    return _Axis("left over", "µm", 1e6)
+        return _DrawnCoordinate("left over", "°", 180.0 / math.pi)
+    return _DrawnCoordinate("left over", "µm", 1e6)
 
 
-def _add_curves(
+def _add_curves_and_residuals(
     page: Page,
     caption: str,
     record: PistonRecord,
     curves: Iterable[tuple[str, np.ndarray, Any]],
     *,
     label: str = "record",
-    difference: _Axis,
+    difference: _DrawnCoordinate,
     tested: Sequence[tuple[float, float]] = (),
     height: float = 6.2,
     legend: bool = True,
@@ -78,7 +82,7 @@ def _add_curves(
     A curve is its name, its heights from the record's first sample on, and its look; ``legend``
     puts the names above the picture, and not into it.
     """
-    shown, time = _axis(record), record.time - record.time[0]
+    shown, time = _coordinate_axis(record), record.time - record.time[0]
     with figure(2, 1, height=height, size=READABLE, sharex=True, height_ratios=(2, 1)) as (
         drawing,
         (top, bottom),
@@ -107,36 +111,38 @@ def _add_curves(
 def add_record_section(page: Page, record: PistonRecord, best: ReducedModel) -> None:
     """Add the record, and the best law over it."""
     page.section("The record")
-    _add_curves(
+    _add_curves_and_residuals(
         page,
         "The record, the best law over it, and what it leaves over. The laws are judged on what is "
         f"shaded, {best.quality.tested_text}, by fits that have not seen it.",
         record,
         [(best.law.name, best.follow(record).height, {})],
-        difference=_left_over(record),
+        difference=_residual_axis(record),
         tested=best.quality.test_swings,
         height=6.0,
         legend=False,
     )
 
 
-def add_fits(page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel) -> None:
+def add_fits_section(
+    page: Page, record: PistonRecord, models: Sequence[ReducedModel], best: ReducedModel
+) -> None:
     """Add all fits over the record, and what they leave over."""
     page.section("The record and the fits")
-    _add_curves(
+    _add_curves_and_residuals(
         page,
         "The fits of all laws, and what they leave over.",
         record,
         [(model.law.name, model.follow(record).height, line_style(k)) for k, model in enumerate(models)],
-        difference=_left_over(record),
+        difference=_residual_axis(record),
         tested=best.quality.test_swings,
         height=6.0 + 0.15 * len(models),
     )
 
 
-def add_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
+def add_phase_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
     """Add velocity over height."""
-    shown = _axis(record)
+    shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
         if speed is None:
@@ -154,9 +160,9 @@ def add_portrait(page: Page, record: PistonRecord, best: ReducedModel) -> None:
         page.figure(drawing, "Phase portrait, with the best law.")
 
 
-def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
+def add_higher_lift_section(page: Page, lift: PistonRecord, table: Comparison) -> None:
     """Add a lift that no law has seen, and what the laws predict of it."""
-    ranked = table.by_last_record()
+    ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
     page.section("A lift that no law has seen")
     page.text(
@@ -176,7 +182,7 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
             for score, name in ranked
         ],
     )
-    _add_curves(
+    _add_curves_and_residuals(
         page,
         "The other lift, and what the best laws predict of it.",
         lift,
@@ -185,15 +191,15 @@ def add_lift(page: Page, lift: PistonRecord, table: Comparison) -> None:
             for k, (score, name) in enumerate(ranked[:_MOST_LIFT_LINES])
         ],
         label="simulated",
-        difference=_axis(lift)._replace(name="missed"),
+        difference=_coordinate_axis(lift)._replace(name="missed"),
     )
 
 
-def add_comparison(page: Page, table: Comparison) -> None:
+def add_comparison_section(page: Page, table: Comparison) -> None:
     """Add the table of laws and their test errors."""
     page.section("The laws compared")
     header, cells = table.header, table.cells()
-    if not any(row.blow_ups for row in table.rows):
+    if not any(row.divergence_count for row in table.rows):
         header, cells = header[:-1], [row[:-1] for row in cells]
     page.table(header, cells)
     page.text(
@@ -210,7 +216,7 @@ def add_comparison(page: Page, table: Comparison) -> None:
         page.figure(drawing, "Test errors of the laws.")
 
 
-def add_falls(page: Page, falls: DropScores) -> None:
+def add_falls_section(page: Page, falls: DropScores) -> None:
     """Add what the laws of a fall say of falls that they have not seen, and their errors."""
     page.table(falls.header, falls.cells())
     page.text(
@@ -242,14 +248,14 @@ def add_falls(page: Page, falls: DropScores) -> None:
         page.figure(drawing, "Errors of the laws over the height that the piston fell from.")
 
 
-def add_run(page: Page, run: Trajectory) -> None:
+def add_run_sections(page: Page, run: Trajectory) -> None:
     """Add the bed before and after, the energy ledger, and the settings."""
-    _add_bed(page, run)
-    _add_ledger(page, run)
-    _add_settings(page, run)
+    _add_bed_section(page, run)
+    _add_energy_ledger_section(page, run)
+    _add_settings_section(page, run)
 
 
-def _add_bed(page: Page, run: Trajectory) -> None:
+def _add_bed_section(page: Page, run: Trajectory) -> None:
     page.section("The bed before and after")
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
@@ -276,7 +282,7 @@ def _stage_row(stage: StageResult) -> Sequence[str]:
     return stage.name, start, end, stage.reason, format_number(1e3 * stage.height, 6)
 
 
-def _add_ledger(page: Page, run: Trajectory) -> None:
+def _add_energy_ledger_section(page: Page, run: Trajectory) -> None:
     from granular.scene.dry_friction import degraded_residual_limit
 
     page.section("Energy ledger")
@@ -306,7 +312,7 @@ def _add_ledger(page: Page, run: Trajectory) -> None:
     (page.note if worst > degraded_residual_limit(run.scene) else page.text)(words)
 
 
-def _add_settings(page: Page, run: Trajectory) -> None:
+def _add_settings_section(page: Page, run: Trajectory) -> None:
     page.section("Settings")
     settings = run.settings()
     page.table(

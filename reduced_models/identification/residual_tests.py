@@ -61,14 +61,14 @@ class ResidualTests:
     def verdict(self) -> str:
         """In plain words."""
         if not self.transient:
-            return self._verdict
-        left = f"{100.0 * self.after:.2g} % of the swing"
-        words = f"after the release's first {1e3 * self.transient:.3g} ms {left}, {self._verdict}"
+            return self._verdict_without_transient
         slight = self.structured and self.after < SLIGHT
-        return words.replace(self._verdict, "so the law holds there") if slight else words
+        verdict = "so the law holds there" if slight else self._verdict_without_transient
+        left = f"{100.0 * self.after:.2g} % of the swing"
+        return f"after the release's first {1e3 * self.transient:.3g} ms {left}, {verdict}"
 
     @property
-    def _verdict(self) -> str:
+    def _verdict_without_transient(self) -> str:
         if self.after <= _ROUNDING:
             return "rounding"
         if not self.structured:
@@ -113,7 +113,7 @@ def residual_tests(
         period = model.at_rest.period
         start = count_transient_samples(time, left, period)
         times, later = time[start:], left[start:]
-        swing, double = (_line(times, later, k / period) for k in (1.0, 2.0))
+        swing, double = (_spectral_line_strength(times, later, k / period) for k in (1.0, 2.0))
         if start:
             speed = np.gradient(height[start:], times)
             structure = residual_structure(times, later, speed, period)
@@ -134,7 +134,7 @@ def _rms(values: np.ndarray) -> float:
     return math.sqrt(float((values**2).mean()))
 
 
-def _line(time: np.ndarray, left: np.ndarray, frequency: float) -> float:
+def _spectral_line_strength(time: np.ndarray, left: np.ndarray, frequency: float) -> float:
     """Mean power in a band about a frequency, over that next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, left)

@@ -17,20 +17,20 @@ from reduced_models.falls.unseen_fall_scores import DropScores
 from reduced_models.identification import page as blocks
 from reduced_models.identification import pictures
 from reduced_models.identification.comparison_table import Comparison, best_error_text
-from reduced_models.identification.elliptic import (
-    Averaging,
+from reduced_models.identification.elliptic_averaging import (
+    EllipticAveraging,
     average_elliptically,
-    elliptic_text,
+    elliptic_motion_text,
     solve_elliptic_motion,
-)
-from reduced_models.identification.engineering import (
-    DAMPING_RATIO,
-    Quantity,
-    small_swing_sentence,
-    swing_text,
 )
 from reduced_models.identification.measured_swing import MeasuredSwing
 from reduced_models.identification.residual_tests import ResidualTests
+from reduced_models.identification.swing_quantities import (
+    DAMPING_RATIO,
+    QuantityWithError,
+    swing_noun,
+    swing_sentences,
+)
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.laws.elliptic import EllipticMotion
@@ -54,7 +54,7 @@ class Identification:
         Table of the laws, and the verdict.
     run : Trajectory or None
         Where the record comes from a simulation.
-    figures : tuple of Quantity
+    figures : tuple of QuantityWithError
         Rest, frequency, damping, stiffness of the swing about rest, with their errors.
     figures_law : str
         The law whose fit they come from.
@@ -82,7 +82,7 @@ class Identification:
     models: tuple[ReducedModel, ...]
     comparison: Comparison
     run: Trajectory | None
-    figures: tuple[Quantity, ...]
+    figures: tuple[QuantityWithError, ...]
     figures_law: str
     notes: tuple[str, ...]
     seconds: Mapping[str, float]
@@ -101,14 +101,14 @@ class Identification:
         return next(model for model in self.models if model.law.name == first)
 
     @property
-    def shown(self) -> ReducedModel:
+    def model_of_figures(self) -> ReducedModel:
         """The model that the figures come from: the best one with a level of rest."""
         return next((model for model in self.models if model.law.name == self.figures_law), self.best)
 
     @property
-    def elliptic(self) -> EllipticMotion | None:
+    def elliptic_motion(self) -> EllipticMotion | None:
         """The elliptic motion of the fitted Duffing law; None where another law is better."""
-        model = self.comparison.model_as_good(DUFFING.name)
+        model = self.comparison.model_tied_with_best(DUFFING.name)
         return None if model is None else solve_elliptic_motion(model, self._duration)
 
     @property
@@ -117,23 +117,23 @@ class Identification:
         return float(self.record.time[-1] - self.record.time[0])
 
     @functools.cached_property
-    def averaging(self) -> Averaging | None:
+    def elliptic_averaging(self) -> EllipticAveraging | None:
         """Elliptic averaging of the best law, where that is Duffing's or the Van der Pol-like."""
         return average_elliptically(self.best, self.record.time)
 
-    def figure(self, name: str) -> Quantity | None:
+    def figure(self, name: str) -> QuantityWithError | None:
         """Figure of a name, such as ``natural frequency``; None where the law has none."""
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
-    def shown_figures(self) -> tuple[Quantity, ...]:
+    def figures_to_print(self) -> tuple[QuantityWithError, ...]:
         """Figures to print: a damping ratio that names its amplitude is the record's own, if it tells one."""
         if self.own is None:
             return self.figures
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
 
     @property
-    def subject(self) -> str:
+    def subject_noun(self) -> str:
         """Noun for what moves, with its article."""
         if self.run is not None and self.run.scene.piston is not None:
             return "The piston"
@@ -152,11 +152,11 @@ class Identification:
     def verdict_on_laws(self) -> str:
         """Verdicts on the comparison, an unseen lift and the residuals."""
         words = [self.comparison.verdict]
-        duffing = self.comparison.model_as_good(DUFFING.name)
-        if duffing is not None and (motion := self.elliptic) is not None:
-            words.append(elliptic_text(motion, duffing, self._duration))
+        duffing = self.comparison.model_tied_with_best(DUFFING.name)
+        if duffing is not None and (motion := self.elliptic_motion) is not None:
+            words.append(elliptic_motion_text(motion, duffing, self._duration))
         if self.lift is not None:
-            words.append(lift_verdict(self.comparison))
+            words.append(higher_lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
         if tests is not None and tests.structured:
             words.append(
@@ -168,14 +168,14 @@ class Identification:
     @property
     def summary(self) -> str:
         """The answer in a few sentences, in an engineer's words."""
-        return " ".join(self._answers)
+        return " ".join(self._answer_paragraphs)
 
     @property
-    def _answers(self) -> list[str]:
+    def _answer_paragraphs(self) -> list[str]:
         """Own swing, the law's swing with its error, and falls: a paragraph each."""
-        words = [] if self.own is None else [self.own.text]
+        words = [] if self.own is None else [self.own.summary_text]
         if self.figures:
-            swing = swing_text(self.shown_figures, self.subject, self.mass)
+            swing = swing_sentences(self.figures_to_print, self.subject_noun, self.mass)
             words.append(f"{swing} {best_error_text(self.comparison.rows[0])}")
         else:
             words.append(self.comparison.verdict)
@@ -186,12 +186,12 @@ class Identification:
         return {
             "verdict": self.verdict,
             "best": self.best.law.name,
-            "elliptic": None if self.elliptic is None else self.elliptic._asdict(),
-            "averaging": None if self.averaging is None else self.averaging._asdict(),
+            "elliptic": None if self.elliptic_motion is None else self.elliptic_motion._asdict(),
+            "averaging": None if self.elliptic_averaging is None else self.elliptic_averaging._asdict(),
             "comparison": self.comparison.to_plain(),
             "models": [model.to_plain() for model in self.models],
             "own": None if self.own is None else self.own.to_plain(),
-            "figures": {figure.name: figure.to_plain() for figure in self.shown_figures},
+            "figures": {figure.name: figure.to_plain() for figure in self.figures_to_print},
             "figures_law": self.figures_law,
             "notes": list(self.notes),
             "time_step": None if self.run is None else step_text(self.run),
@@ -211,18 +211,19 @@ class Identification:
                 lines += ["", str(self.falls.best.model)]
         lines += ["", self.verdict]
         if self.own is not None:
-            lines.append(self.own.text)
+            lines.append(self.own.summary_text)
         if self.figures:
-            lines.append(f"{small_swing_sentence(self.shown)} about rest, by {self.figures_law}:")
+            lines.append(f"{swing_noun(self.model_of_figures)} about rest, by {self.figures_law}:")
         lines += [
-            f"  {figure.name}: {figure.text_with_error}{_parts_text(figure)}" for figure in self.shown_figures
+            f"  {figure.name}: {figure.text_with_error}{_error_parts_text(figure)}"
+            for figure in self.figures_to_print
         ]
-        if self.averaging is not None:
-            lines.append(self.averaging.text)
+        if self.elliptic_averaging is not None:
+            lines.append(self.elliptic_averaging.text)
         if self.run is not None:
             method = self.run.method.name
             lines.append(f"simulated with {method}, time step {step_text(self.run)}")
-            lines.append(checked_price_text(self.run, self.figure("level of rest")))
+            lines.append(checked_work_precision_text(self.run, self.figure("level of rest")))
         lines += [f"left out: {words}" for words in self.left_out]
         lines += [f"to try: {words}" for words in self.advice]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
@@ -230,37 +231,37 @@ class Identification:
     def page(self) -> Page:
         """Report: the answer in an engineer's words, the record, then the rest."""
         name = "a record" if self.run is None else f"scene {self.run.scene.name!r}"
-        first, *others = self._answers
+        first, *others = self._answer_paragraphs
         page = Page(f"The equation of {name}", first)
         for words in others:
             page.text(words)
         if self.own is not None:
-            self.own.add_to(page)
-        averaging = "" if self.averaging is None else self.averaging.text
-        blocks.add_engineering(page, self.shown_figures, self.shown, self.mass, averaging)
+            self.own.add_section_to(page)
+        averaging = "" if self.elliptic_averaging is None else self.elliptic_averaging.text
+        blocks.add_swing_section(page, self.figures_to_print, self.model_of_figures, self.mass, averaging)
         pictures.add_record_section(page, self.record, self.best)
         if self.falls is not None:
             page.section("The whole fall")
             if self.falls.best.model is not None:
                 blocks.add_equations(page, self.falls.best.model)
-            pictures.add_falls(page, self.falls)
+            pictures.add_falls_section(page, self.falls)
         page.section("Which law")
         page.text(self.verdict_on_laws)
         for note in (*self.advice, *self.notes):
             page.note(f"{blocks.capitalise(note)}.")
-        pictures.add_comparison(page, self.comparison)
+        pictures.add_comparison_section(page, self.comparison)
         if self.left_out:
             page.text("Laws that cannot win were not fitted:")
             page.listing([f"{blocks.capitalise(words)}." for words in self.left_out])
         if self.lift is not None:
-            pictures.add_lift(page, self.lift, self.comparison)
-        blocks.add_residuals(page, self.residuals, self.record.angle)
+            pictures.add_higher_lift_section(page, self.lift, self.comparison)
+        blocks.add_residual_tests_section(page, self.residuals, self.record.angle)
         for model in self.models:
-            blocks.add_model(page, model, " (best)" if model is self.best else "")
-        pictures.add_fits(page, self.record, self.models, self.best)
-        pictures.add_portrait(page, self.record, self.best)
+            blocks.add_law_section(page, model, " (best)" if model is self.best else "")
+        pictures.add_fits_section(page, self.record, self.models, self.best)
+        pictures.add_phase_portrait(page, self.record, self.best)
         if self.run is not None:
-            pictures.add_run(page, self.run)
+            pictures.add_run_sections(page, self.run)
         page.section("What it took")
         page.table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
         page.footer(blocks.provenance_text())
@@ -286,16 +287,16 @@ class Identification:
         self.page().save(out / "report.html")
 
 
-def _parts_text(figure: Quantity) -> str:
+def _error_parts_text(figure: QuantityWithError) -> str:
     """Parts of a total error, where there are several."""
     if len(figure.parts) < 2:
         return ""
     return f"  ({', '.join(f'{name} {value:.2g}' for name, value in figure.parts.items())})"
 
 
-def lift_verdict(table: Comparison) -> str:
+def higher_lift_verdict(table: Comparison) -> str:
     """Return the law that predicts the last held-out record best, and by how much."""
-    (best, name), *others = table.by_last_record()
+    (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
         return "No law follows a lift three times as high, which none has seen."
     words = (
@@ -313,7 +314,7 @@ def lift_verdict(table: Comparison) -> str:
     return words + "."
 
 
-def checked_price_text(run: Trajectory, rest: Quantity | None) -> str:
+def checked_work_precision_text(run: Trajectory, rest: QuantityWithError | None) -> str:
     """Price of a run whose level of rest was checked; without a check, `work_precision_text`."""
     if rest is None or "step" not in rest.parts or not rest.value > 0.0:
         # Fits alone need nothing of the simulation.

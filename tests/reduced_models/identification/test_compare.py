@@ -14,7 +14,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import compare, fit, identify, roll_out
 from reduced_models.identification import comparison
-from reduced_models.identification.comparison_table import Row
+from reduced_models.identification.comparison_table import ComparisonRow
 from reduced_models.laws import LAWS
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import solve_law
@@ -75,7 +75,7 @@ def test_a_blow_up_is_an_infinite_error(made: Any) -> None:
     found = roll_out(softening, made("duffing"))
     assert math.isinf(found.error)
     assert len(found.motion) < 2000
-    assert Row("softening", (softening,), records=(found,)).blow_ups == 1
+    assert ComparisonRow("softening", (softening,), records=(found,)).divergence_count == 1
 
 
 def test_models_are_compared_by_their_structure(made: Any) -> None:
@@ -102,12 +102,12 @@ def test_roll_out_predicts_from_the_first_period_alone(made: Any) -> None:
 def test_the_simplest_within_a_standard_error_is_first(made: Any) -> None:
     """Eight numbers do not win over three for 1.12 times, unless the swings are surer than that."""
     models = (fit(made("duffing"), "linear", starts=2),)  # which misses far more than the noise
-    small = Row("small", models, 3, error=0.56, standard_error=0.05)
+    small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
     for sure, first, words in (
         (0.08, "small", "large (50 %) is no better by more than a standard error for its 5 more parameters"),
         (0.02, "large", "small is 1.12 times worse"),
     ):
-        large = Row("large", models, 8, error=0.5, standard_error=sure)
+        large = ComparisonRow("large", models, 8, error=0.5, standard_error=sure)
         table = comparison._rank_rows([large, small], [large, small])
         assert table.rows[0].name == first
         assert words in table.verdict
@@ -115,15 +115,15 @@ def test_the_simplest_within_a_standard_error_is_first(made: Any) -> None:
 
 def test_what_exceeds_the_budget_is_left_out_and_named(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The laws before it are fitted; where none is, the error names the option."""
-    spent, make_row = [0.0], comparison._make_row
+    spent, make_row = [0.0], comparison._fit_law_to_row
 
-    def make_slowly(*arguments: Any) -> Row:
+    def make_slowly(*arguments: Any) -> ComparisonRow:
         row = make_row(*arguments)
         spent[0] += 200.0
         return row
 
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", lambda: spent[0])
-    monkeypatch.setattr(comparison, "_make_row", make_slowly)
+    monkeypatch.setattr(comparison, "_fit_law_to_row", make_slowly)
     laws = ["linear", "coulomb", "duffing"]
     with pytest.warns(UserWarning, match=r"fit of duffing failed: not done .*--budget 1500\)"):
         found = identify(made("linear"), laws=laws, starts=2, progress=False)

@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipk
 
 from granular import PistonRecord
 from reduced_models import HeightMap, identify, law_named, load_model
-from reduced_models.identification.elliptic import average_elliptically
+from reduced_models.identification.elliptic_averaging import average_elliptically
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
@@ -24,7 +24,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = identify(PistonRecord(time, z), laws=["linear", "duffing"], progress=False)
-    motion = found.elliptic
+    motion = found.elliptic_motion
     assert motion is not None
     assert motion.function == "cn"
     assert motion[2:] == pytest.approx((1.2, 1.1, 0.6), rel=0.01)
@@ -32,7 +32,7 @@ def test_an_elliptic_motion_and_its_duffing_law_are_one() -> None:
     assert found.best.parameters["k"] == pytest.approx((1.0 - 2.0 * 0.6) * 1.1**2, rel=0.05)
     assert "one motion" in found.verdict
     assert found.to_plain()["elliptic"]["m"] == motion.m
-    drift = found.averaging
+    drift = found.elliptic_averaging
     assert drift is not None
     assert drift.amplitudes == pytest.approx((1.2, 1.2), rel=0.02)
     assert drift.amplitudes == pytest.approx(drift.solved_amplitudes, rel=0.002)
@@ -48,8 +48,8 @@ def test_a_cosine_is_no_elliptic_motion() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = identify(PistonRecord(time, z), laws=["linear", "duffing"], progress=False)
-    assert found.elliptic is None
-    assert found.averaging is None
+    assert found.elliptic_motion is None
+    assert found.elliptic_averaging is None
     assert "elliptic" not in found.verdict
 
 

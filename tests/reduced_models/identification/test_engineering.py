@@ -14,17 +14,17 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord
 from reduced_models import fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import count_transient_samples, residual_structure
-from reduced_models.identification.brief import brief
-from reduced_models.identification.engineering import (
-    Quantity,
-    add_checks,
-    decimal_places,
-    engineering_quantities,
+from reduced_models.identification.measured_swing import measure_swing
+from reduced_models.identification.residual_tests import ResidualTests, residual_tests
+from reduced_models.identification.swing_quantities import (
+    QuantityWithError,
+    add_step_and_start_errors,
+    decimal_places_of_interval,
     format_fixed,
     format_interval,
+    swing_quantities,
 )
-from reduced_models.identification.measured_swing import measured_swing
-from reduced_models.identification.residual_tests import ResidualTests, residual_tests
+from reduced_models.identification.terminal_summary import terminal_summary
 from reduced_models.models.fitted_law import AtRest, EquivalentDamping
 from reduced_models.records.envelope import envelope
 
@@ -37,7 +37,7 @@ def test_a_textbook_oscillator() -> None:
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, intervals)
     )
-    known = {one.name: one for one in engineering_quantities(model, angle=False, mass=7.5)}
+    known = {one.name: one for one in swing_quantities(model, angle=False, mass=7.5)}
     assert known["stiffness"].value == pytest.approx(3000.0)
     assert known["stiffness"].unit == "N/m"
     assert known["damping"].value == pytest.approx(30.0)
@@ -51,11 +51,11 @@ def test_a_textbook_oscillator() -> None:
     assert known["damping"].total_error == pytest.approx(30.0 * math.hypot(0.1, 0.0036606), rel=1e-4)
     assert known["level of rest"].text_with_error == "59.10 ± 0.20 mm"
     assert known["damping ratio"].text_with_error == "10.0 ± 1.0 %"
-    angle = {one.name: one for one in engineering_quantities(model, angle=True, mass=None)}
+    angle = {one.name: one for one in swing_quantities(model, angle=True, mass=None)}
     assert angle["level of rest"].unit == "°"
     assert not any("m" in one.unit for one in angle.values())
     assert (angle["stiffness"].unit, angle["damping"].unit) == ("1/s²", "1/s")
-    assert engineering_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
+    assert swing_quantities(dataclasses.replace(model, at_rest=None), angle=False, mass=None) == ()
 
 
 def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
@@ -64,7 +64,7 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others)
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.026, intervals, equivalent)
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    known = {one.name: one for one in engineering_quantities(model, angle=False, mass=8.0)}
+    known = {one.name: one for one in swing_quantities(model, angle=False, mass=8.0)}
     assert list(known) == [
         "level of rest",
         "natural frequency",
@@ -75,10 +75,10 @@ def test_dry_friction_is_a_force_and_its_damping_names_amplitudes() -> None:
     ]
     assert known["damping ratio at 5 mm"].value == pytest.approx(2.6)
     assert known["damping ratio at 1 mm"].text_with_error == "13.0 ± 1.0 %"
-    assert known["friction"].text == "1.000 N"
+    assert known["friction"].text_without_error == "1.000 N"
     assert known["friction"].unit == "N"
     for angle, unit in ((False, "m/s²"), (True, "rad/s²")):
-        (friction,) = [one for one in engineering_quantities(model, angle, None) if one.symbol == "F"]
+        (friction,) = [one for one in swing_quantities(model, angle, None) if one.symbol == "F"]
         assert (friction.value, friction.unit) == (0.125, unit)
 
 
@@ -87,15 +87,15 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     intervals = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153), "damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-    figures = engineering_quantities(model, angle=False, mass=7.5)
+    figures = swing_quantities(model, angle=False, mass=7.5)
     level = figures[0]
     assert level.parts == pytest.approx({"fit": math.sqrt(0.03), "calibration": 0.1})
     assert level.total_error == pytest.approx(0.2)
 
-    def moved(by: float) -> list[Quantity]:
+    def moved(by: float) -> list[QuantityWithError]:
         return [one._replace(value=one.value + by) for one in figures]
 
-    checked = add_checks(figures, 4 / 3, moved(0.3), moved(0.1), None, moved(-0.1))[0]
+    checked = add_step_and_start_errors(figures, 4 / 3, moved(0.3), moved(0.1), None, moved(-0.1))[0]
     start = 4.302653 * 0.1  # Student's factor for three starts
     assert checked.parts == pytest.approx(level.parts | {"step": 0.4, "start": start})
     assert checked.total_error == pytest.approx(math.sqrt(0.2**2 + 0.4**2 + start**2))
@@ -119,7 +119,7 @@ def test_the_record_s_own_peaks_overrule_a_damping_ratio() -> None:
         rest = AtRest(0.0591, 2.0 * math.pi / 20.0, ratio, intervals, peaks=peaks)
         assert ("record's peaks" in str(rest)) == (not stands)
         model = dataclasses.replace(load_model(SAVED), at_rest=rest)
-        known = {one.name: one for one in engineering_quantities(model, False, 8.0)}
+        known = {one.name: one for one in swing_quantities(model, False, 8.0)}
         assert ("damping ratio" in known, "damping" in known) == (stands, stands)
         assert ("quality factor" in known) == stands
 
@@ -128,11 +128,14 @@ def test_damping_by_friction_in_the_answer(made: Callable[..., PistonRecord]) ->
     """In the table, on the page and in the plain data: no figure of swings that none saw."""
     found = identify(made("coulomb"), laws=["coulomb"], progress=False)
     own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
-    friction, omega = found.shown.parameters["friction"], math.tau / found.shown.at_rest.period
+    friction, omega = (
+        found.model_of_figures.parameters["friction"],
+        math.tau / found.model_of_figures.at_rest.period,
+    )
     for amplitude, ratio in own.items():
         assert ratio == pytest.approx(200.0 * friction / (math.pi * omega**2 * amplitude), rel=0.1)
-    assert found.own.agrees
-    assert not any(one.name.startswith("damping ratio") for one in found.shown_figures)
+    assert found.own.law_agrees
+    assert not any(one.name.startswith("damping ratio") for one in found.figures_to_print)
     for told in (str(found), found.summary):
         assert "damping ratio" in told.lower()
         assert "friction" in told
@@ -146,8 +149,8 @@ def test_a_law_that_contradicts_the_record_is_said_to_before_anything_else(
 ) -> None:
     """A dashpot for dry friction: its damping ratio is one, the record's grows as the swing shrinks."""
     found = identify(made("coulomb"), laws=["linear"], progress=False)
-    assert not found.own.agrees
-    for told in (found.summary, brief(found)):
+    assert not found.own.law_agrees
+    for told in (found.summary, terminal_summary(found)):
         assert told.lower().startswith("the law, linear, contradicts the record: at ")
     assert found.to_plain()["own"]["agrees"] is False
 
@@ -166,13 +169,13 @@ def test_the_own_swing_of_a_driven_record() -> None:
     )
     noise = np.random.default_rng(0).normal(0.0, 1e-7, len(time))
     record = PistonRecord(time, solved.y[0] + noise, extra={"push": push})
-    found = measured_swing(record, fit(record, "z'' + c*z' + k*z = b*push", starts=4, test_fraction=0.0))
+    found = measure_swing(record, fit(record, "z'' + c*z' + k*z = b*push", starts=4, test_fraction=0.0))
     assert found.record.method == "restoring force"
-    assert found.agrees
-    frequency, damping = found.pair(0)
+    assert found.law_agrees
+    frequency, damping = found.quantities_at(0)
     assert frequency.value == pytest.approx(20.0 / math.tau, rel=0.01)
     assert damping.value == pytest.approx(4.0, rel=0.1)
-    assert "By the record itself, without a law: at " in found.text
+    assert "By the record itself, without a law: at " in found.summary_text
 
 
 @pytest.mark.parametrize(
@@ -191,7 +194,7 @@ def test_the_own_swing_of_a_driven_record() -> None:
     ],
 )
 def test_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
-    assert format_fixed(value, decimal_places(value, low, high)) == text
+    assert format_fixed(value, decimal_places_of_interval(value, low, high)) == text
     assert low <= float(text) <= high
 
 

@@ -22,10 +22,10 @@ from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
 from granular.studies.cases import Case
 from reduced_models import identify, load_model
-from reduced_models.identification import checks
-from reduced_models.identification.brief import brief
-from reduced_models.identification.checks import RECORD, scene_with_other_step
+from reduced_models.identification import scene_checks
 from reduced_models.identification.result import Identification
+from reduced_models.identification.scene_checks import RECORD, choose_step_check
+from reduced_models.identification.terminal_summary import terminal_summary
 
 ROOT = Path(__file__).parents[3]
 
@@ -65,7 +65,7 @@ def test_from_csv_by_command(command: Callable, lab: Path, tmp_path: Path) -> No
 
 def fits_a_screen(found: Identification, words: str) -> None:
     """At most nineteen lines of a hundred columns, before that of the report."""
-    text = brief(found)
+    text = terminal_summary(found)
     lines = text.splitlines()
     assert len(lines) <= 19
     assert max(map(len, lines)) <= 100
@@ -75,7 +75,7 @@ def fits_a_screen(found: Identification, words: str) -> None:
 
 @pytest.mark.long  # quick: from a run, from a file by command, a check that fails, falls
 def test_from_scene_with_checks(small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
+    monkeypatch.setattr(scene_checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
     scene = small_damper.replace(
         **{
             "protocol.release.duration": 1.0,
@@ -170,7 +170,7 @@ def test_the_step_is_doubled_where_that_resolves_the_motion(
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
-    check = scene_with_other_step(run)
+    check = choose_step_check(run)
     assert check.check.changes == {"dt": other}
     assert check.factor == pytest.approx(factor)
 
@@ -254,11 +254,11 @@ SCRIPT = """
 import sys
 from granular import load_trajectory
 from granular.studies.background import BackgroundCases
-from reduced_models.identification.checks import free_motions
+from reduced_models.identification.scene_checks import piston_record_columns
 print("started")
 cases = [{"dt": dt} for dt in (1e-3, "auto")]
 settings = {"dt": "auto", "t_end": None, "method": "stormer-verlet"}
-with BackgroundCases(free_motions, None) as background:
+with BackgroundCases(piston_record_columns, None) as background:
     started = background.start(load_trajectory(sys.argv[1]).scene, cases, settings)
     for outcome in background.finish(started, "checks", False):
         print(sorted(outcome["figures"]), outcome["error"])

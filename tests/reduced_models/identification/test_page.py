@@ -12,10 +12,10 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import load_model
-from reduced_models.identification.comparison_table import Comparison, Row
-from reduced_models.identification.engineering import engineering_quantities
+from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
 from reduced_models.identification.result import Identification
+from reduced_models.identification.swing_quantities import swing_quantities
 from reduced_models.laws.catalogue import LAWS
 
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
@@ -50,11 +50,11 @@ def found(names: tuple[str, ...]) -> Identification:
         for name in names
     )
     rows = tuple(
-        Row(one.law.name, (one,), 3, (0.1 + 0.01 * place,), (), 0.1 + 0.01 * place, 1.0, 2.0, 3.0)
+        ComparisonRow(one.law.name, (one,), 3, (0.1 + 0.01 * place,), (), 0.1 + 0.01 * place, 1.0, 2.0, 3.0)
         for place, one in enumerate(models)
     )
     table = Comparison(rows, f"{names[0]} is first", 0.01, 0.5)
-    figures = engineering_quantities(model, angle=False, mass=None)
+    figures = swing_quantities(model, angle=False, mass=None)
     return Identification(record, models, table, None, figures, names[0], names, {"fits": 1.0})
 
 

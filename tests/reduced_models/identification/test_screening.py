@@ -11,12 +11,12 @@ import pytest
 
 from granular import PistonRecord
 from granular.shared.errors import InputError
-from reduced_models.identification.candidates import (
+from reduced_models.identification.candidate_laws import (
     CANDIDATES,
-    candidates,
-    drive_option,
+    choose_candidate_laws,
+    drive_option_text,
     driven_law,
-    screen_laws,
+    screen_laws_by_weak_form,
     unused_columns,
 )
 from reduced_models.laws.catalogue import LAWS
@@ -26,29 +26,29 @@ from reduced_models.records.sources import read_record
 @pytest.mark.parametrize("level", [0.01, *(pytest.param(one, marks=pytest.mark.long) for one in (0.0, 0.1))])
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_the_true_law_is_never_left_out(name: str, level: float, made: Any) -> None:
-    found = screen_laws(made(name, level=level), [LAWS[each] for each in CANDIDATES])
-    assert not found.hopeless(name)
-    assert found.misfits[name] < 3.0 * max(found.least, 1.0)
+    found = screen_laws_by_weak_form(made(name, level=level), [LAWS[each] for each in CANDIDATES])
+    assert not found.is_hopeless(name)
+    assert found.misfits[name] < 3.0 * max(found.least_misfit, 1.0)
 
 
 def test_laws_that_are_far_off_are_left_out_and_said_to_be(made: Any) -> None:
-    found = candidates(made("duffing"))
+    found = choose_candidate_laws(made("duffing"))
     names = [law.name for law in found.laws]
     assert names == ["linear", "polynomial-spring", "duffing"]
-    assert len(found.left_out) == len(CANDIDATES) - len(names)
-    assert any("--law coulomb" in words for words in found.left_out)
+    assert len(found.exclusion_texts) == len(CANDIDATES) - len(names)
+    assert any("--law coulomb" in words for words in found.exclusion_texts)
 
 
 def test_a_record_without_its_law_asks_for_a_discovery(made: Any) -> None:
     """Hysteresis is none of the laws, and more terms explain it better; a linear swing is one."""
-    assert candidates(made("bouc-wen", level=0.0)).screening.incomplete
-    assert not candidates(made("linear")).screening.incomplete
+    assert choose_candidate_laws(made("bouc-wen", level=0.0)).screening.other_terms_fit_better
+    assert not choose_candidate_laws(made("linear")).screening.other_terms_fit_better
 
 
 def test_what_cannot_be_looked_at_is_fitted() -> None:
     """A record of half a swing tells nothing at a glance."""
     time = np.linspace(0.0, 1.0, 24)
-    found = candidates(PistonRecord(time, 0.06 + 0.001 * np.cos(3.0 * time)))
+    found = choose_candidate_laws(PistonRecord(time, 0.06 + 0.001 * np.cos(3.0 * time)))
     assert len(found.laws) >= 1
     assert found.laws[0].name == "linear"
 
@@ -82,7 +82,7 @@ def test_the_advice_to_drive_by_a_column_can_be_followed(name: str, tmp_path: Pa
     (tmp_path / "lab.csv").write_text("\n".join([f"time/s,angle/rad,{name}", *rows]))
     record = read_record(tmp_path / "lab.csv")
     (column,) = unused_columns(record, [])
-    options = shlex.split(drive_option(column))
+    options = shlex.split(drive_option_text(column))
     named = dict([options[options.index("--columns") + 1].split("=")]) if "--columns" in options else {}
     record = read_record(tmp_path / "lab.csv", columns=named)
     for law in CANDIDATES:
@@ -93,7 +93,7 @@ def test_heights_about_zero_are_the_reason_why_a_law_was_not_fitted() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     swing = np.exp(-0.8 * time) * np.cos(21.8 * time)
     noise = np.random.default_rng(0).normal(0.0, 1e-3, len(time))
-    words = candidates(PistonRecord(time, 1e-3 * (swing + noise))).left_out
+    words = choose_candidate_laws(PistonRecord(time, 1e-3 * (swing + noise))).exclusion_texts
     reason = "power-law-spring was not fitted: it cannot describe heights about zero"
     assert any(one.startswith(reason) for one in words)
     assert not any(",000,000" in one for one in words)

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models import fit
-from reduced_models.identification.engineering import engineering_quantities
+from reduced_models.identification.swing_quantities import swing_quantities
 from reduced_models.records.backbone import driven_backbone, free_backbone
 
 SEEDS = range(10)
@@ -126,7 +126,7 @@ def test_no_law_has_more_than_critical_damping_for_what_swings(kind: str, law: s
         model = fit(record, law, starts=2, test_fraction=0.0)
     ratios = [
         figure.value
-        for figure in engineering_quantities(model, angle=False, mass=None)
+        for figure in swing_quantities(model, angle=False, mass=None)
         if figure.name.startswith("damping ratio")
     ]
     assert all(ratio < 100.0 for ratio in ratios)

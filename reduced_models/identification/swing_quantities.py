@@ -27,7 +27,7 @@ _UNDERDAMPED = 0.999  # a damping ratio above which nothing swings
 _STEP = 1e-4  # of a number, by which it is changed to see what follows from it
 
 
-class Quantity(NamedTuple):
+class QuantityWithError(NamedTuple):
     """A number with its total error.
 
     Attributes
@@ -51,28 +51,30 @@ class Quantity(NamedTuple):
         return math.hypot(*self.parts.values())
 
     @property
-    def digits(self) -> int:
+    def decimals(self) -> int:
         """Decimals that the error is worth: it has two of them."""
-        return decimal_places(self.value, self.value - self.total_error, self.value + self.total_error)
+        return decimal_places_of_interval(
+            self.value, self.value - self.total_error, self.value + self.total_error
+        )
 
     @property
-    def text(self) -> str:
+    def text_without_error(self) -> str:
         """The number and its unit."""
-        return f"{format_fixed(self.value, self.digits)} {self.unit}".rstrip()
+        return f"{format_fixed(self.value, self.decimals)} {self.unit}".rstrip()
 
     @property
     def text_with_error(self) -> str:
         """Number, total error and unit."""
-        value, error = format_fixed(self.value, self.digits), self.total_error
+        value, error = format_fixed(self.value, self.decimals), self.total_error
         if not error:  # a law or a map fixes it
-            return self.text if self.value else f"0 {self.unit}".rstrip()
+            return self.text_without_error if self.value else f"0 {self.unit}".rstrip()
         if not math.isfinite(error):
             return f"{value}, open {self.unit}".rstrip()
-        width = f"{error:.2g}" if "e" in value else f"{round(error, self.digits):.{max(0, self.digits)}f}"
+        width = f"{error:.2g}" if "e" in value else f"{round(error, self.decimals):.{max(0, self.decimals)}f}"
         return f"{value} ± {width} {self.unit}".rstrip()
 
     @property
-    def cell(self) -> str:
+    def table_cell(self) -> str:
         """Number and total error, in a table with the unit elsewhere."""
         return self.text_with_error.removesuffix(f" {self.unit}")
 
@@ -86,7 +88,7 @@ class Quantity(NamedTuple):
         }
 
 
-def decimal_places(value: float, low: float, high: float) -> int:
+def decimal_places_of_interval(value: float, low: float, high: float) -> int:
     """Decimals of a number that has an interval; negative ones are zeros before the point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
@@ -119,7 +121,7 @@ def format_interval(low: float, high: float, digits: int) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Units:
+class EngineeringUnits:
     """Units in which the coordinate and its forces are shown.
 
     Attributes
@@ -140,16 +142,16 @@ class Units:
     inertia: float
 
 
-def engineering_units(angle: bool, mass: float | None) -> Units:
+def engineering_units(angle: bool, mass: float | None) -> EngineeringUnits:
     """Those of a height or an angle, for a mass [kg] (or moment of inertia) that may be known."""
     if angle:
-        return Units("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
+        return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
-        return Units("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
-    return Units("mm", 1e3, "N/m", "N s/m", "N", mass)
+        return EngineeringUnits("mm", 1e3, "N/m per kg", "N s/m per kg", "m/s²", 1.0)
+    return EngineeringUnits("mm", 1e3, "N/m", "N s/m", "N", mass)
 
 
-def engineering_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[Quantity, ...]:
+def swing_quantities(model: ReducedModel, angle: bool, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Figures of the swing about rest; none where the law has no level of rest.
 
     A damping ratio that the record's own peaks contradict is left out, and what follows from it.
@@ -160,21 +162,23 @@ def engineering_quantities(model: ReducedModel, angle: bool, mass: float | None)
     units = engineering_units(angle, mass)
     inertia = units.inertia
     figures = [
-        _rest_quantity("level of rest", "z", units.length, rest, lambda height, *_: units.scale * height),
-        _rest_quantity("natural frequency", "f", "Hz", rest, lambda _, period, __: 1.0 / period),
+        _propagate_to_quantity(
+            "level of rest", "z", units.length, rest, lambda height, *_: units.scale * height
+        ),
+        _propagate_to_quantity("natural frequency", "f", "Hz", rest, lambda _, period, __: 1.0 / period),
     ]
     if rest.peaks is None and rest.equivalent is not None:
-        figures += _two_amplitude_figures(rest, rest.equivalent, units)
+        figures += _damping_at_two_amplitudes(rest, rest.equivalent, units)
     elif rest.peaks is None:
-        figures += _small_swing_figures(rest)
+        figures += _damping_of_small_swing(rest)
     figures.append(
-        _rest_quantity(
+        _propagate_to_quantity(
             "stiffness", "k", units.stiffness, rest, lambda _, period, __: inertia * (math.tau / period) ** 2
         )
     )
     if any(figure.name == DAMPING_RATIO for figure in figures):
         figures.append(
-            _rest_quantity(
+            _propagate_to_quantity(
                 "damping",
                 "c",
                 units.damping,
@@ -185,30 +189,38 @@ def engineering_quantities(model: ReducedModel, angle: bool, mass: float | None)
     return tuple(figures)
 
 
-def _small_swing_figures(rest: AtRest) -> list[Quantity]:
+def _damping_of_small_swing(rest: AtRest) -> list[QuantityWithError]:
     ratio = rest.damping_ratio
-    quantities = [_rest_quantity(DAMPING_RATIO, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities = [_propagate_to_quantity(DAMPING_RATIO, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
     if 0.0 < ratio < _UNDERDAMPED:
         quantities += [
-            _rest_quantity("damped frequency", "f_d", "Hz", rest, lambda _, *at: damped_frequency(*at)),
-            _rest_quantity("logarithmic decrement", "δ", "", rest, lambda *at: _decrement(at[2])),
-            _rest_quantity("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
+            _propagate_to_quantity(
+                "damped frequency", "f_d", "Hz", rest, lambda _, *at: damped_frequency(*at)
+            ),
+            _propagate_to_quantity(
+                "logarithmic decrement", "δ", "", rest, lambda *at: _logarithmic_decrement(at[2])
+            ),
+            _propagate_to_quantity("quality factor", "Q", "", rest, lambda *at: 0.5 / at[2]),
         ]
     return quantities
 
 
-def _two_amplitude_figures(rest: AtRest, equivalent: EquivalentDamping, units: Units) -> list[Quantity]:
+def _damping_at_two_amplitudes(
+    rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
+) -> list[QuantityWithError]:
     """Damping ratios at two amplitudes, as far as it swings with them, and friction."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
         for size in (equivalent.amplitude, equivalent.tenth)
     )
 
-    def quantity(name: str, symbol: str, unit: str, scale: float, value: float, key: str) -> Quantity:
+    def quantity(
+        name: str, symbol: str, unit: str, scale: float, value: float, key: str
+    ) -> QuantityWithError:
         low, high = equivalent.intervals[key]
-        return Quantity(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
+        return QuantityWithError(name, symbol, unit, scale * value, {"fit": 0.5 * scale * (high - low)})
 
-    quantities = [_rest_quantity(wide, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
+    quantities = [_propagate_to_quantity(wide, "ζ", "%", rest, lambda *at: 100.0 * at[2])]
     quantities.append(quantity(narrow, "ζ", "%", 100.0, equivalent.tenth_ratio, "tenth_ratio"))
     quantities = [figure for figure in quantities if figure.value < 100.0 * _UNDERDAMPED]
     if equivalent.friction > 0.0:
@@ -218,9 +230,9 @@ def _two_amplitude_figures(rest: AtRest, equivalent: EquivalentDamping, units: U
     return quantities
 
 
-def _rest_quantity(
+def _propagate_to_quantity(
     name: str, symbol: str, unit: str, rest: AtRest, function: Callable[[float, float, float], float]
-) -> Quantity:
+) -> QuantityWithError:
     """Quantity that follows from height, period and damping ratio, with the errors of these."""
     names = ("height", "period", "damping_ratio")
     at = [float(getattr(rest, key)) for key in names]
@@ -236,25 +248,25 @@ def _rest_quantity(
             parts["fit"] = math.hypot(parts.get("fit", 0.0), slope * of_fit)
             if calibration:
                 parts["calibration"] = math.hypot(parts.get("calibration", 0.0), slope * calibration)
-    return Quantity(name, symbol, unit, function(*at), parts)
+    return QuantityWithError(name, symbol, unit, function(*at), parts)
 
 
-def add_checks(
-    figures: Sequence[Quantity],
+def add_step_and_start_errors(
+    figures: Sequence[QuantityWithError],
     factor: float,
-    step: Sequence[Quantity] | None,
-    *starts: Sequence[Quantity] | None,
-) -> tuple[Quantity, ...]:
+    step: Sequence[QuantityWithError] | None,
+    *starts: Sequence[QuantityWithError] | None,
+) -> tuple[QuantityWithError, ...]:
     """Figures with what another step and other random starts say of them.
 
     Parameters
     ----------
-    figures : sequence of Quantity
+    figures : sequence of QuantityWithError
     factor : float
         Error of the step over what the other one changes.
-    step : sequence of Quantity or None
+    step : sequence of QuantityWithError or None
         The same of a run with another time step.
-    *starts : sequence of Quantity or None
+    *starts : sequence of QuantityWithError or None
         The same of runs from other random starts.
     """
     from scipy.stats import t
@@ -274,7 +286,7 @@ def add_checks(
     return tuple(checked)
 
 
-def small_swing_sentence(model: ReducedModel) -> str:
+def swing_noun(model: ReducedModel) -> str:
     """Swing that a model's figures are of."""
     rest = model.at_rest
     return "small swing" if rest is None or rest.equivalent is None else "swing"
@@ -285,12 +297,12 @@ def damped_frequency(period: float, ratio: float) -> float:
     return math.sqrt(1.0 - ratio**2) / period
 
 
-def _decrement(ratio: float) -> float:
+def _logarithmic_decrement(ratio: float) -> float:
     """Logarithm of two amplitudes a period apart."""
     return 2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2)
 
 
-def swing_text(quantities: Sequence[Quantity], subject: str, mass: float | None) -> str:
+def swing_sentences(quantities: Sequence[QuantityWithError], subject: str, mass: float | None) -> str:
     """Rest, frequency, damping and stiffness of the swing in a sentence or two."""
     known = {quantity.name: quantity.text_with_error for quantity in quantities}
     words = (

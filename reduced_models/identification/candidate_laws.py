@@ -44,39 +44,40 @@ REFERENCE = "linear"
 _SPREAD = 1.5  # of the logarithm of a gain's start values
 
 
-class Candidates(NamedTuple):
+class CandidateLaws(NamedTuple):
     """Laws to fit, and why others are not fitted.
 
     Attributes
     ----------
     laws : tuple of Law
-    screening : Screening
-    about_zero : bool
+    screening : LawScreening
+    contains_zero : bool
         Whether the record has heights on both sides of zero, or at it.
     """
 
     laws: tuple[Law, ...]
-    screening: Screening
-    about_zero: bool = False
+    screening: LawScreening
+    contains_zero: bool = False
 
     @property
-    def left_out(self) -> tuple[str, ...]:
+    def exclusion_texts(self) -> tuple[str, ...]:
         """Those that cannot win, in words."""
-        least, fitted = max(self.screening.least, 1.0), {law.name for law in self.laws}
+        least, fitted = max(self.screening.least_misfit, 1.0), {law.name for law in self.laws}
         return tuple(
-            f"{name} was not fitted: {self._reason(misfit / least)}; --law {name} fits it all the same"
+            f"{name} was not fitted: {self._exclusion_reason(misfit / least)}; "
+            f"--law {name} fits it all the same"
             for name, misfit in self.screening.misfits.items()
             if name not in fitted
         )
 
-    def _reason(self, times: float) -> str:
+    def _exclusion_reason(self, times: float) -> str:
         if times > _BEYOND_WORDS:
-            return f"it cannot describe {'heights about zero' if self.about_zero else 'such a motion'}"
+            return f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
         excess = format_factor(times)
         return f"at a glance it leaves {excess} times what the best law leaves (limit {HOPELESS:g})"
 
 
-def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
+def choose_candidate_laws(record: PistonRecord, drive: str | None = None) -> CandidateLaws:
     """Laws that can win on a record, driven by one of its columns where that is named.
 
     Raises
@@ -86,10 +87,10 @@ def candidates(record: PistonRecord, drive: str | None = None) -> Candidates:
     """
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
-        return Candidates(tuple(driven_law(law, record, drive) for law in laws), Screening({}, 1.0))
-    screening = screen_laws(record, laws)
-    saved = tuple(law for law in laws if law.name == REFERENCE or not screening.hopeless(law.name))
-    return Candidates(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
+        return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
+    screening = screen_laws_by_weak_form(record, laws)
+    saved = tuple(law for law in laws if law.name == REFERENCE or not screening.is_hopeless(law.name))
+    return CandidateLaws(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
 
 
 def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
@@ -104,7 +105,7 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
-    if not _names_an_input(drive, law):
+    if not _can_name_input(drive, law):
         raise InputError(f"the column {quote(drive)} cannot be named in an equation; rename it, such as to u")
     size = float(np.abs(input_column(record, drive)).max())
     if not size > 0.0:
@@ -129,13 +130,13 @@ def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
     )
 
 
-def _names_an_input(column: str, law: Law) -> bool:
+def _can_name_input(column: str, law: Law) -> bool:
     return column.isidentifier() and column not in (*law.parameters, "gain", "z", "t", "pi", "e")
 
 
-def drive_option(column: str) -> str:
+def drive_option_text(column: str) -> str:
     """Options of the command line by which a column drives all laws."""
-    if all(_names_an_input(column, LAWS[name]) for name in CANDIDATES):
+    if all(_can_name_input(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
         return "rename it in the file, then --input NAME"
@@ -168,7 +169,7 @@ _FEWEST_ROWS = 12  # integrals beyond a law's parameters, that say something
 
 
 @dataclasses.dataclass(frozen=True)
-class Screening:
+class LawScreening:
     """Misfits of some laws at a glance.
 
     Attributes
@@ -176,29 +177,31 @@ class Screening:
     misfits : mapping of str to float
         What each law leaves of the integrals, in standard deviations of the record's noise: 1 where
         the law holds. Laws that could not be looked at are not in it.
-    library : float
+    library_misfit : float
         The same of all terms that a discovery searches, together.
     """
 
     misfits: Mapping[str, float]
-    library: float
+    library_misfit: float
 
     @property
-    def least(self) -> float:
+    def least_misfit(self) -> float:
         """Least misfit of the laws; infinite where none could be looked at."""
         return min(self.misfits.values(), default=math.inf)
 
-    def hopeless(self, name: str) -> bool:
+    def is_hopeless(self, name: str) -> bool:
         """Return true for a law that cannot win."""
-        return self.misfits.get(name, 0.0) > HOPELESS * max(self.least, 1.0)
+        return self.misfits.get(name, 0.0) > HOPELESS * max(self.least_misfit, 1.0)
 
     @property
-    def incomplete(self) -> bool:
+    def other_terms_fit_better(self) -> bool:
         """True where other terms explain the record clearly better than any of the laws."""
-        return max(self.library, 1.0) < CLEARLY_LESS * self.least and math.isfinite(self.least)
+        return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.least_misfit and math.isfinite(
+            self.least_misfit
+        )
 
 
-def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
+def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawScreening:
     """Fit laws without hidden states and inputs to the weak form; of others it says nothing.
 
     The equation of motion is integrated against smooth bumps, which leaves sums over the samples
@@ -216,14 +219,14 @@ def screen_laws(record: PistonRecord, laws: Sequence[Law]) -> Screening:
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
         )
     except (GranularError, np.linalg.LinAlgError):
-        return Screening({}, math.inf)
+        return LawScreening({}, math.inf)
     misfits = {}
     for law in laws:
         if not law.hidden and not law.inputs:
             misfit = _law_misfit(law, weak, scorer.whitening, guess, height_map)
             if math.isfinite(misfit):
                 misfits[law.name] = misfit
-    return Screening(misfits, math.sqrt(scorer.excess))
+    return LawScreening(misfits, math.sqrt(scorer.excess))
 
 
 class _LawAlongMotion(NamedTuple):

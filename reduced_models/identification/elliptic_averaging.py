@@ -32,16 +32,16 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> EllipticMotio
 
     None where it is a cosine, or drag takes too much of the amplitude for one function.
     """
-    if _lost_energy_fraction(model, duration) > _MOST_LOST:
+    if _lost_amplitude_fraction(model, duration) > _MOST_LOST:
         return None
     values = model.parameters
     motion = elliptic_motion(values["k"], values["beta"], values["rest"], *model.initial)
     return motion if motion is not None and motion.m >= _BENT else None
 
 
-def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
+def elliptic_motion_text(motion: EllipticMotion, model: ReducedModel, duration: float) -> str:
     """Return that a fitted Duffing law and an elliptic function are one motion."""
-    lost = _lost_energy_fraction(model, duration)
+    lost = _lost_amplitude_fraction(model, duration)
     start = "" if lost < 0.01 else f" at the start (drag takes {100 * lost:.2g} % of the swing)"
     return (
         f"The motion of {DUFFING.name}{start} is {motion.text()}, with m = k^2: Jacobi's "
@@ -50,12 +50,12 @@ def elliptic_text(motion: EllipticMotion, model: ReducedModel, duration: float) 
     )
 
 
-def _lost_energy_fraction(model: ReducedModel, duration: float) -> float:
+def _lost_amplitude_fraction(model: ReducedModel, duration: float) -> float:
     """Fraction of the amplitude that the drag takes in so many seconds."""
     return 1.0 - math.exp(-model.parameters["lam"] * duration)
 
 
-class Averaging(NamedTuple):
+class EllipticAveraging(NamedTuple):
     """The drift of a law's amplitude by elliptic averaging, next to that of its own solution.
 
     Attributes
@@ -98,7 +98,7 @@ class Averaging(NamedTuple):
         )
 
 
-def average_elliptically(model: ReducedModel, time: np.ndarray) -> Averaging | None:
+def average_elliptically(model: ReducedModel, time: np.ndarray) -> EllipticAveraging | None:
     """Elliptic averaging of a fitted law; None where none is known, or too few cycles are seen."""
     make = OSCILLATORS.get(model.law.name)
     if make is None or model.law.inputs:
@@ -111,16 +111,16 @@ def average_elliptically(model: ReducedModel, time: np.ndarray) -> Averaging | N
     if not turns_about_rest(cycles.amplitude, oscillator):
         return None
     averaged = averaged_amplitude(cycles.time, float(cycles.amplitude[0]), oscillator)
-    return Averaging(
+    return EllipticAveraging(
         law=model.law.name,
         unit=model.unit,
-        amplitudes=_first_and_last_text(averaged),
-        frequencies=_first_and_last_text(averaged_frequency(averaged, oscillator)),
-        solved_amplitudes=_first_and_last_text(cycles.amplitude),
-        solved_frequencies=_first_and_last_text(cycles.frequency / (2.0 * math.pi)),
+        amplitudes=_first_and_last(averaged),
+        frequencies=_first_and_last(averaged_frequency(averaged, oscillator)),
+        solved_amplitudes=_first_and_last(cycles.amplitude),
+        solved_frequencies=_first_and_last(cycles.frequency / (2.0 * math.pi)),
         critical=greatest_damping_over_rate(float(cycles.amplitude[0]), oscillator),
     )
 
 
-def _first_and_last_text(values: np.ndarray) -> tuple[float, float]:
+def _first_and_last(values: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[-1])

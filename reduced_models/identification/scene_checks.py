@@ -12,8 +12,12 @@ from granular.run.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, RecordError
 from reduced_models.falls.unseen_fall_scores import FALL_LAWS, DropScores, fit_laws_to_fall, score_fitted_laws
 from reduced_models.fitting.fit import fit
-from reduced_models.identification.engineering import Quantity, add_checks, engineering_quantities
-from reduced_models.identification.measured_swing import MeasuredSwing, figures_at_amplitudes
+from reduced_models.identification.measured_swing import MeasuredSwing, quantities_at_amplitudes
+from reduced_models.identification.swing_quantities import (
+    QuantityWithError,
+    add_step_and_start_errors,
+    swing_quantities,
+)
 from reduced_models.models.model import ReducedModel
 from reduced_models.records.first_guesses import first_guesses
 
@@ -36,7 +40,7 @@ FEWEST = 100
 STARTS = 8
 """Of each fit: a fall without noise, which few starts find, and the scene says where to begin."""
 RECORD, FALL = "record", "fall"
-"""Names of what `free_motions` gives."""
+"""Names of what `piston_record_columns` gives."""
 TITLE = "checks of step, random starts, lift and falls"
 _STILL = 0.05  # of the drop: what falls less far is a nudge
 
@@ -56,14 +60,14 @@ class RunCheck(NamedTuple):
     changes: Mapping[str, Any]
 
 
-class Failure(NamedTuple):
+class CheckFailure(NamedTuple):
     """Why a check has no record."""
 
     what: str
     cause: str
 
 
-class StepCheck(NamedTuple):
+class TimeStepCheck(NamedTuple):
     """A run with another time step.
 
     Attributes
@@ -77,29 +81,29 @@ class StepCheck(NamedTuple):
     factor: float
 
 
-class FurtherRuns(NamedTuple):
+class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and laws judged on its falls.
 
     Attributes
     ----------
-    step : PistonRecord or Failure
+    step : PistonRecord or CheckFailure
         With another time step.
-    step_check : StepCheck
-    starts : tuple of (str, PistonRecord or Failure)
+    step_check : TimeStepCheck
+    starts : tuple of (str, PistonRecord or CheckFailure)
         From other random starts, each behind its name.
     lift : PistonRecord or None
         With another lift.
     falls : DropScores or None
-    failures : tuple of Failure
+    failures : tuple of CheckFailure
         Of all that were asked for.
     """
 
-    step: PistonRecord | Failure
-    step_check: StepCheck
-    starts: tuple[tuple[str, PistonRecord | Failure], ...]
+    step: PistonRecord | CheckFailure
+    step_check: TimeStepCheck
+    starts: tuple[tuple[str, PistonRecord | CheckFailure], ...]
     lift: PistonRecord | None
     falls: DropScores | None
-    failures: tuple[Failure, ...]
+    failures: tuple[CheckFailure, ...]
 
 
 class SceneChecks:
@@ -108,7 +112,7 @@ class SceneChecks:
     Parameters
     ----------
     background : BackgroundCases
-        Which measures `free_motions`.
+        Which measures `piston_record_columns`.
     scene : Scene
     settings : mapping
         ``dt``, ``t_end`` and ``method`` of the run.
@@ -120,53 +124,54 @@ class SceneChecks:
         self, background: BackgroundCases, scene: Scene, settings: Mapping[str, Any], lift: bool
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
-        self._starts = self._begin(scenes_with_other_seeds(scene))
-        other = lift_for_testing(scene) if lift else None
-        self._lift = self._begin([] if other is None else [other])
+        self._starts = self._start_runs(random_start_checks(scene))
+        other = higher_lift_check(scene) if lift else None
+        self._lift = self._start_runs([] if other is None else [other])
 
-    def _begin(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
+    def _start_runs(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
         cases = [check.changes for check in checks]
         started = self._background.start(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
-    def finish(self, run: Trajectory, falls: bool, progress: bool) -> FurtherRuns:
+    def finish(self, run: Trajectory, falls: bool, progress: bool) -> CheckOutcomes:
         """Run what depends on the scene's own run, fit laws of its fall meanwhile, wait for all.
 
         Falls, if asked for, are run where the scene begins with one.
         """
-        step = scene_with_other_step(run)
-        other = self._begin([step.check])
+        step = choose_step_check(run)
+        other = self._start_runs([step.check])
         fall = first_fall(run) if falls else None
-        drops = self._begin([] if fall is None else drops_to_run(run, fall))
+        drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
         fits = [] if fall is None else fit_laws_to_fall(fall, FALL_LAWS, self._scene, STARTS)
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.finish([case for _, case in order], TITLE, progress)
-        motions = iter([_motion(*pair) for pair in zip(order, outcomes, strict=True)])
+        motions = iter([_records_of_case(*pair) for pair in zip(order, outcomes, strict=True)])
         (changed,), starts, lifts, others = (
             [next(motions) for _ in group] for group in (other, self._starts, self._lift, drops)
         )
         every = [changed, *starts, *lifts, *others]
-        failures = [motion for motion in every if isinstance(motion, Failure)]
+        failures = [motion for motion in every if isinstance(motion, CheckFailure)]
         scores = None
         if fall is not None:
-            again = [_same_fall(fall, motion) for motion in starts]
+            again = [_fall_of_same_duration(fall, motion) for motion in starts]
             labels = [check.what for check, _ in drops]
             labels += [check.what.removeprefix("random ") for check, _ in self._starts]
             unseen = {
                 label: record
-                for label, record in zip(labels, [*map(_record, others), *again], strict=True)
+                for label, record in zip(labels, [*map(_main_record, others), *again], strict=True)
                 if isinstance(record, PistonRecord)
             }
             try:
-                scores = score_fitted_laws(fall, fits, unseen, _rest_of_fall(run))
+                scores = score_fitted_laws(fall, fits, unseen, _height_after_fall(run))
             except InputError as cause:
-                failures.append(Failure("other falls", str(cause)))
-        lifted = [record for record in map(_record, lifts) if isinstance(record, PistonRecord)]
-        return FurtherRuns(
-            step=_record(changed),
+                failures.append(CheckFailure("other falls", str(cause)))
+        lifted = [record for record in map(_main_record, lifts) if isinstance(record, PistonRecord)]
+        return CheckOutcomes(
+            step=_main_record(changed),
             step_check=step,
             starts=tuple(
-                (check.what, _record(motion)) for (check, _), motion in zip(self._starts, starts, strict=True)
+                (check.what, _main_record(motion))
+                for (check, _), motion in zip(self._starts, starts, strict=True)
             ),
             lift=lifted[0] if lifted else None,
             falls=scores,
@@ -174,7 +179,7 @@ class SceneChecks:
         )
 
 
-def free_motions(run: Trajectory) -> Mapping[str, Any]:
+def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
     """Piston's record of a run, and of its first stage where that is free, as columns."""
     from granular.protocol.free_piston_stages import Free
 
@@ -189,59 +194,64 @@ def free_motions(run: Trajectory) -> Mapping[str, Any]:
     }
 
 
-def _motion(
+def _records_of_case(
     started: tuple[RunCheck, BackgroundCase], outcome: Mapping[str, Any]
-) -> dict[str, PistonRecord] | Failure:
-    """Motions of `free_motions` in a further run, or why there are none."""
+) -> dict[str, PistonRecord] | CheckFailure:
+    """Motions of `piston_record_columns` in a further run, or why there are none."""
     what = started[0].what
     if outcome["error"] is not None:
-        return Failure(what, " ".join(outcome["error"].split()))
+        return CheckFailure(what, " ".join(outcome["error"].split()))
     try:
         return {name: PistonRecord.from_columns(columns) for name, columns in outcome["figures"].items()}
     except RecordError as error:
-        return Failure(what, str(error))
+        return CheckFailure(what, str(error))
 
 
-def _record(motion: dict[str, PistonRecord] | Failure) -> PistonRecord | Failure:
-    return motion if isinstance(motion, Failure) else motion[RECORD]
+def _main_record(motion: dict[str, PistonRecord] | CheckFailure) -> PistonRecord | CheckFailure:
+    return motion if isinstance(motion, CheckFailure) else motion[RECORD]
 
 
-def _same_fall(fall: PistonRecord, motion: dict[str, PistonRecord] | Failure) -> PistonRecord | Failure:
+def _fall_of_same_duration(
+    fall: PistonRecord, motion: dict[str, PistonRecord] | CheckFailure
+) -> PistonRecord | CheckFailure:
     """Fall with which a further run begins, for as long as that of the scene's own."""
-    if isinstance(motion, Failure):
+    if isinstance(motion, CheckFailure):
         return motion
     own = motion.get(FALL, motion[RECORD])
     begin, duration = float(own.time[0]), float(fall.time[-1] - fall.time[0])
     return own.between(begin, begin + duration * (1.0 + 1e-9))
 
 
-def check_figures(
-    figures: Sequence[Quantity],
+def add_check_errors(
+    figures: Sequence[QuantityWithError],
     own: MeasuredSwing | None,
     model: ReducedModel,
     mass: float | None,
     duration: float,
-    runs: FurtherRuns,
-) -> tuple[tuple[Quantity, ...], MeasuredSwing | None, list[Failure]]:
+    runs: CheckOutcomes,
+) -> tuple[tuple[QuantityWithError, ...], MeasuredSwing | None, list[CheckFailure]]:
     """Return figures and own swing with errors of step and start, as far as there are runs.
 
     The records of the runs are fitted by the law and map of the figures' model, over the duration
     of its record [s]. What failed comes last.
     """
     runs_by_name = [(runs.step_check.check.what, runs.step), *runs.starts]
-    fits = [_figures_of_fit(what, swing, duration, model, mass, figures) for what, swing in runs_by_name]
-    refitted = [None if isinstance(outcome, Failure) else outcome for outcome in fits]
+    fits = [
+        _quantities_of_further_run(what, swing, duration, model, mass, figures)
+        for what, swing in runs_by_name
+    ]
+    refitted = [None if isinstance(outcome, CheckFailure) else outcome for outcome in fits]
     factor = runs.step_check.factor
     if own is not None:
         read = [
             None
-            if isinstance(swing, Failure)
-            else figures_at_amplitudes(_first_seconds(swing, duration), own)
+            if isinstance(swing, CheckFailure)
+            else quantities_at_amplitudes(_first_seconds(swing, duration), own)
             for _, swing in runs_by_name
         ]
-        own = dataclasses.replace(own, figures=add_checks(own.figures, factor, *read))
-    failed = [outcome for outcome in fits if isinstance(outcome, Failure)]
-    return add_checks(figures, factor, *refitted), own, failed
+        own = dataclasses.replace(own, figures=add_step_and_start_errors(own.figures, factor, *read))
+    failed = [outcome for outcome in fits if isinstance(outcome, CheckFailure)]
+    return add_step_and_start_errors(figures, factor, *refitted), own, failed
 
 
 def _first_seconds(record: PistonRecord, duration: float) -> PistonRecord:
@@ -249,16 +259,16 @@ def _first_seconds(record: PistonRecord, duration: float) -> PistonRecord:
     return record.between(start, start + duration * (1.0 + 1e-9))
 
 
-def _figures_of_fit(
+def _quantities_of_further_run(
     what: str,
-    record: PistonRecord | Failure,
+    record: PistonRecord | CheckFailure,
     duration: float,
     model: ReducedModel,
     mass: float | None,
-    like: Sequence[Quantity],
-) -> Sequence[Quantity] | Failure:
+    like: Sequence[QuantityWithError],
+) -> Sequence[QuantityWithError] | CheckFailure:
     """Figures of a further run's record, by the law of a model."""
-    if isinstance(record, Failure):
+    if isinstance(record, CheckFailure):
         return record
     try:
         with warnings.catch_warnings():
@@ -271,14 +281,14 @@ def _figures_of_fit(
                 test_fraction=0.0,
             )
     except GranularError as error:
-        return Failure(what, str(error))
-    figures = engineering_quantities(again, model.angle, mass)
+        return CheckFailure(what, str(error))
+    figures = swing_quantities(again, model.angle, mass)
     if [figure.symbol for figure in figures] != [figure.symbol for figure in like]:
-        return Failure(what, "its fit has no such figures")
+        return CheckFailure(what, "its fit has no such figures")
     return figures
 
 
-def scene_with_other_step(run: Trajectory) -> StepCheck:
+def choose_step_check(run: Trajectory) -> TimeStepCheck:
     """Scene of a run with twice its time step, or half of it where twice is too coarse.
 
     A method of order p is off by 1/(2^p - 1) of what twice the step changes; all of the change is
@@ -292,12 +302,12 @@ def scene_with_other_step(run: Trajectory) -> StepCheck:
     dt = settings["dt"]
     coarser = 2.0 * settings["step_times_highest_frequency"]
     if coarser <= RESOLVED and is_step_allowed(run.scene, double_step(dt), run.method):
-        return StepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
+        return TimeStepCheck(RunCheck("twice the time step", {"dt": double_step(dt)}), 1.0)
     power = 2.0**run.method.order
-    return StepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
+    return TimeStepCheck(RunCheck("half the time step", {"dt": halve_step(dt)}), power / (power - 1.0))
 
 
-def scenes_with_other_seeds(scene: Scene) -> list[RunCheck]:
+def random_start_checks(scene: Scene) -> list[RunCheck]:
     """Scene from other random starts, all else alike."""
     first = scene.arrangement.seed + 1
     return [
@@ -306,7 +316,7 @@ def scenes_with_other_seeds(scene: Scene) -> list[RunCheck]:
     ]
 
 
-def lift_for_testing(scene: Scene) -> RunCheck | None:
+def higher_lift_check(scene: Scene) -> RunCheck | None:
     """Scene with a lift three times as high; None where not just one stage lifts."""
     from granular.protocol.driven_piston_stages import Lift
 
@@ -316,7 +326,7 @@ def lift_for_testing(scene: Scene) -> RunCheck | None:
     return RunCheck("a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by})
 
 
-def end_of_run(run: Trajectory) -> float | None:
+def end_time_of_open_run(run: Trajectory) -> float | None:
     """End of a run whose last stage has no end of its own."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
     if run.scene.protocol[-1].total_duration(height) is not None:
@@ -342,22 +352,22 @@ def first_fall(run: Trajectory) -> PistonRecord | None:
         return None
     start = float(record.time[0])
     record = record.between(start, min(float(record.time[-1]), start + PERIODS * period))
-    rest = _rest_of_fall(run)
+    rest = _height_after_fall(run)
     falls = record.height[0] - rest > _STILL * rest
     return record if falls and len(record) >= FEWEST else None
 
 
-def _rest_of_fall(run: Trajectory) -> float:
+def _height_after_fall(run: Trajectory) -> float:
     """Height at which the first stage of a run ends [m]."""
     return run.stage(run.scene.protocol[0].name).height
 
 
-def drops_to_run(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
+def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
     """Run the fall alone, from other heights that the grains fit under."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]
-    rest, height = _rest_of_fall(run), scene.piston.height
+    rest, height = _height_after_fall(run), scene.piston.height
     grid = scene.arrangement.height
     stage = {"kind": "free", "name": first.name, "duration": float(fall.time[-1] - fall.time[0])}
     alone = {"protocol": [stage], "output.record": first.name}
@@ -367,10 +377,10 @@ def drops_to_run(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         below = None if grid is None else other - (height - grid)
         changes = {**alone, "piston.height": other, "arrangement.height": below}
         drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
-    return [drop for drop in drops if _fits_scene(scene, drop)]
+    return [drop for drop in drops if _gives_valid_scene(scene, drop)]
 
 
-def _fits_scene(scene: Scene, check: RunCheck) -> bool:
+def _gives_valid_scene(scene: Scene, check: RunCheck) -> bool:
     """Return true for a scene that can be changed so; a lower piston may leave no space."""
     try:
         scene.replace(**check.changes)
