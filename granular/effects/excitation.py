@@ -111,11 +111,11 @@ class Excitation(Section):
             _table_knots(self)
 
     def _read_record(self) -> None:
-        from granular.readers.formats import read_series
+        from granular.readers.file_formats import read_time_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
         try:
-            times, values = read_series(Path(str(self.file)), unit)
+            times, values = read_time_series(Path(str(self.file)), unit)
         except RecordError as error:
             raise FieldError(str(error), "file") from None
         if len(times) < LEAST_ROWS:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.headers import HEIGHT, normalize_unit
+from granular.readers.column_headers import HEIGHT, normalize_unit
 from granular.readers.role_units import ANGLE_UNITS, SI, role_unit_size
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
@@ -122,18 +122,18 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
 
 
 def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
-    value, spread, top, steps, raw_unit = _scale_parts(scale)
+    value, spread, top, steps, raw_unit = _parse_scale(scale)
     size, angle = _calibrated_unit_size(role, top, f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
-    level, uncertainty = (0.0, 0.0) if zero is None else _zero_parts(zero, raw_unit)
+    level, uncertainty = (0.0, 0.0) if zero is None else _parse_zero(zero, raw_unit)
     deviations = [np.array([-level, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
     known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
     return Calibration(np.array([-factor * level, factor]), np.reshape(known, (-1, 2)), raw_unit, angle)
 
 
-def _scale_parts(text: Any) -> tuple[float, float, str, float, str]:
+def _parse_scale(text: Any) -> tuple[float, float, str, float, str]:
     """Return number, uncertainty, unit, steps and unit of the column of a scale."""
     match = _SCALE.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
     if match is None:
@@ -141,22 +141,22 @@ def _scale_parts(text: Any) -> tuple[float, float, str, float, str]:
             f"scale = {quote(text)}; write a number, the unit of the height and that of the "
             "column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
-    value, spread = _number_and_uncertainty(match)
+    value, spread = _parse_number_and_uncertainty(match)
     return value, spread, match[4], float(match[5] or 1.0), normalize_unit(match[6])
 
 
-def _zero_parts(text: Any, raw_unit: str) -> tuple[float, float]:
+def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
     """Return number and uncertainty of a zero in the unit of the scale's column."""
     match = _ZERO.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST else None
     if match is None:
         raise RecordError(f"zero = {quote(text)}; write a number and a unit, such as '2.513 V'")
     own = raw_unit if match[4] is None else normalize_unit(match[4])
     ratio = _unit_ratio(own, raw_unit, "zero")
-    value, spread = _number_and_uncertainty(match)
+    value, spread = _parse_number_and_uncertainty(match)
     return value * ratio, spread * ratio
 
 
-def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
+def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     """Return the number of a calibration, and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
@@ -230,7 +230,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
                 f"such as '0.1 mm{over}'"
             )
         size, angle = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
-        value, spread = _number_and_uncertainty(match)
+        value, spread = _parse_number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
         angles.add(angle)

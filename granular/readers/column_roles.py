@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.readers.calibration import Calibration, parse_calibration
-from granular.readers.headers import (
+from granular.readers.column_headers import (
     ACCELERATION,
     ANGLES,
     CHANNEL,
@@ -21,11 +21,11 @@ from granular.readers.headers import (
     SYNONYMS,
     TIME,
     VELOCITY,
-    guess_role,
-    normalize_name,
+    guess_column_role,
+    normalize_column_name,
     normalize_unit,
 )
-from granular.readers.options import ANGLE, ROLES, STROKE, ReadOptions
+from granular.readers.read_options import ANGLE, ROLES, STROKE, ReadOptions
 from granular.readers.role_units import SI
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
@@ -46,27 +46,27 @@ _UNEVEN = 0.01
 
 
 def assign_roles(
-    sheet: Sheet, reading: ReadOptions, notes: list[str]
+    sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[dict[str, Column], dict[str, Calibration]]:
     """Return the column of each role: as the user says, by its name, or the only one that fits.
 
     With them the calibrations, by roles too.
     """
-    chosen = {role: _find_named_column(sheet, column) for role, column in reading.columns.items()}
+    chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
             raise RecordError(f"columns: both height and {alias} are given; give one of them")
         chosen[HEIGHT] = chosen.pop(alias)
-    if reading.rate is not None and TIME not in chosen:
-        chosen[TIME] = _evenly_spaced_times(sheet, float(reading.rate))
-    calibrations = _calibrations_by_role(sheet, chosen, reading.calibrations())
+    if options.rate is not None and TIME not in chosen:
+        chosen[TIME] = _evenly_spaced_times(sheet, float(options.rate))
+    calibrations = _calibrations_by_role(sheet, chosen, options.calibrations())
     if HEIGHT in calibrations and calibrations[HEIGHT].raw_unit is not None:
         _choose_by_unit(sheet, chosen, str(calibrations[HEIGHT].raw_unit))
     _choose_by_name(sheet, chosen, notes)
     if TIME not in chosen:
         _choose_time(sheet, chosen, notes)
     if HEIGHT not in chosen:
-        _choose_height(sheet, chosen, reading, notes)
+        _choose_height(sheet, chosen, options, notes)
     return chosen, calibrations
 
 
@@ -85,10 +85,10 @@ def _calibrations_by_role(
         if key not in ROLES and key not in chosen:
             column = _find_named_column(sheet, key)
             role = next((role for role, taken in chosen.items() if taken is column), None)
-            guess = guess_role(column.name)
+            guess = guess_column_role(column.name)
             if role is None and guess in NAMED and guess not in chosen:
                 role = guess
-            if role is None and HEIGHT not in chosen and _gives_a_height(said):
+            if role is None and HEIGHT not in chosen and _is_height_calibration(said):
                 role = HEIGHT
             role = role or column.name.lower()
             chosen[role] = column
@@ -96,7 +96,7 @@ def _calibrations_by_role(
     return {role: parse_calibration(role, said) for role, said in by_role.items()}
 
 
-def _gives_a_height(said: Mapping[str, Any]) -> bool:
+def _is_height_calibration(said: Mapping[str, Any]) -> bool:
     try:
         parse_calibration(HEIGHT, said)
     except RecordError:
@@ -122,7 +122,7 @@ def _choose_by_unit(sheet: Sheet, chosen: dict[str, Column], unit: str) -> None:
         chosen[HEIGHT] = fitting[0]
 
 
-def time_column(sheet: Sheet) -> Column:
+def find_time_column(sheet: Sheet) -> Column:
     """Column of times.
 
     Raises
@@ -154,16 +154,16 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
     called: dict[str, list[Column]] = {}
     for column in sheet.columns:
         if not column.channel:
-            called.setdefault(normalize_name(column.name), []).append(column)
+            called.setdefault(normalize_column_name(column.name), []).append(column)
     for role in (role for role in NAMED if role not in chosen):
         result = [item for word in SYNONYMS[role] for item in called.get(word, []) if id(item) not in taken]
         if role in (HEIGHT, VELOCITY):
             result = [item for item in result if item.name.lower() == role or _unit_fits_role(item, role)]
         if role == FORCE and not result:
             loads = [item for word in LOADS for item in called.get(word, [])]
-            result = [item for item in loads if item.unit and has_dimension(item.unit, "N")]
+            result = [item for item in loads if item.unit and has_same_dimension(item.unit, "N")]
         if role == HEIGHT:
-            result = _moving_first(result)
+            result = _put_moving_column_first(result)
         if not result:
             continue
         chosen[role] = result[0]
@@ -173,21 +173,21 @@ def _choose_by_name(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -
             notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (columns: {role}=...)")
 
 
-def _moving_first(candidates: list[Column]) -> list[Column]:
+def _put_moving_column_first(candidates: list[Column]) -> list[Column]:
     """Columns that may be the coordinate, the one that moves first; refused if several do."""
-    if not candidates or normalize_name(candidates[0].name) in PREFERRED:
+    if not candidates or normalize_column_name(candidates[0].name) in PREFERRED:
         return candidates
-    moving = [item for item in candidates if _value_range(item) > 0.0]
+    moving = [item for item in candidates if _standard_deviation(item) > 0.0]
     if not moving:  # another column may be it
         return []
-    kinds = {(item.unit, normalize_name(item.name) in ANGLES) for item in moving}
+    kinds = {(item.unit, normalize_column_name(item.name) in ANGLES) for item in moving}
     if len(kinds) == 1:
-        largest = max(map(_value_range, moving))
-        moving = [item for item in moving if _value_range(item) > _ALIKE * largest]
+        largest = max(map(_standard_deviation, moving))
+        moving = [item for item in moving if _standard_deviation(item) > _ALIKE * largest]
     names = {item.name.lower() for item in candidates}
     if len(moving) > 1 and len(names) == len(candidates):  # two of a name are said as such
         raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in moving]))
-    if len(moving) != 1 or _increases(moving[0]):  # it may be the time
+    if len(moving) != 1 or _is_increasing(moving[0]):  # it may be the time
         return candidates
     still = [item for item in candidates if item is not moving[0]]
     return [*moving, *still]
@@ -201,11 +201,11 @@ def _ambiguous_columns_text(role: str, names: Sequence[str | int]) -> str:
     return f"{role} may be {columns}; say which: {options}"
 
 
-def _count_known(column: Column) -> int:
+def _count_finite_values(column: Column) -> int:
     return 0 if column.values is None else int(np.isfinite(column.values).sum())
 
 
-def _value_range(column: Column) -> float:
+def _standard_deviation(column: Column) -> float:
     if column.values is None:
         return 0.0
     known = column.values[np.isfinite(column.values)]
@@ -229,28 +229,32 @@ def _choose_time(sheet: Sheet, chosen: dict[str, Column], notes: list[str]) -> N
     taken = list(map(id, chosen.values()))
     free = [column for column in sheet.columns if id(column) not in taken and column.values is not None]
     stamps = [item for item in free if item.clock]
-    timed = [item for item in free if item.unit and has_dimension(item.unit, "s") and _increases(item)]
-    nameless = [item for item in free if not item.name and _increases(item)]
-    even = [item for item in nameless if not _is_uneven(item)]
-    if not stamps and not timed and len(even) > 1 and _count_known(even[0]) >= _LEAST_STEPS:
+    timed = [
+        item for item in free if item.unit and has_same_dimension(item.unit, "s") and _is_increasing(item)
+    ]
+    nameless = [item for item in free if not item.name and _is_increasing(item)]
+    even = [item for item in nameless if not _has_uneven_steps(item)]
+    if not stamps and not timed and len(even) > 1 and _count_finite_values(even[0]) >= _LEAST_STEPS:
         raise RecordError(_ambiguous_columns_text(TIME, [sheet.columns.index(item) + 1 for item in even]))
     result = (stamps or timed or even or nameless)[:1]
     if not result:
-        raise RecordError(f"no column 'time'; found: {_names_text(sheet)}; {_time_advice(free)}")
+        raise RecordError(
+            f"no column 'time'; found: {_column_names_text(sheet)}; {_advice_on_naming_time(free)}"
+        )
     chosen[TIME] = result[0]
     if not stamps and not timed:
         number = sheet.columns.index(result[0]) + 1
         notes.append(f"there are no names: time is column {number}, in s (columns: time=...)")
 
 
-def _time_advice(free: Sequence[Column]) -> str:
+def _advice_on_naming_time(free: Sequence[Column]) -> str:
     """Return what to say of the time, by the columns that are there."""
-    counted = [item for item in free if normalize_name(item.name) in COUNTERS]
+    counted = [item for item in free if normalize_column_name(item.name) in COUNTERS]
     if counted:
         return (
             f"{quote(counted[0].name)} counts samples: give how many there are in a second (rate: '100 Hz')"
         )
-    even = [item for item in free if item.name and _increases(item) and not _is_uneven(item)]
+    even = [item for item in free if item.name and _is_increasing(item) and not _has_uneven_steps(item)]
     if even:
         return (
             f"{quote(even[0].name)} rises in even steps: if it is the time, say so and its unit "
@@ -262,7 +266,7 @@ def _time_advice(free: Sequence[Column]) -> str:
     )
 
 
-def _is_uneven(column: Column) -> bool:
+def _has_uneven_steps(column: Column) -> bool:
     """Return True unless a column's steps are all alike, as those of a sampled time are."""
     assert column.values is not None
     steps = np.diff(column.values[np.isfinite(column.values)])
@@ -272,12 +276,12 @@ def _is_uneven(column: Column) -> bool:
 def _is_acceleration(column: Column) -> bool:
     if column.channel:
         return False
-    if guess_role(column.name) == ACCELERATION:
+    if guess_column_role(column.name) == ACCELERATION:
         return True
-    return column.unit is not None and has_dimension(column.unit, "m/s^2")
+    return column.unit is not None and has_same_dimension(column.unit, "m/s^2")
 
 
-def has_dimension(unit: str, wanted: str) -> bool:
+def has_same_dimension(unit: str, wanted: str) -> bool:
     """Return True for a unit with the dimension of another."""
     try:
         return unit_size(normalize_unit(unit))[1] == unit_size(wanted)[1]
@@ -285,13 +289,13 @@ def has_dimension(unit: str, wanted: str) -> bool:
         return False
 
 
-def _increases(column: Column) -> bool:
+def _is_increasing(column: Column) -> bool:
     assert column.values is not None
     known = column.values[np.isfinite(column.values)]
     return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and known[-1] > known[0]
 
 
-def _choose_height(sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions, notes: list[str]) -> None:
+def _choose_height(sheet: Sheet, chosen: dict[str, Column], options: ReadOptions, notes: list[str]) -> None:
     """Only other column of numbers, or of those without names the next.
 
     None where the user says which one is a velocity or an acceleration, and no other can be it.
@@ -302,20 +306,20 @@ def _choose_height(sheet: Sheet, chosen: dict[str, Column], reading: ReadOptions
         for column in sheet.columns
         if id(column) not in taken and column.values is not None and np.isfinite(column.values).any()
     ]
-    _check_channels(free)
+    _refuse_to_guess_channel(free)
     lengths = [
         item
         for item in free
         if _unit_fits_role(item, HEIGHT)
-        and guess_role(item.name) in (None, HEIGHT)
-        and normalize_name(item.name) not in COUNTERS
+        and guess_column_role(item.name) in (None, HEIGHT)
+        and normalize_column_name(item.name) not in COUNTERS
     ]
     nameless = [length for length in lengths if not length.name]
     result = lengths if len(lengths) == 1 else nameless[:1]
     if not result:
         if len(lengths) > 1:
             raise RecordError(_ambiguous_columns_text(HEIGHT, [item.name for item in lengths]))
-        if not {VELOCITY, ACCELERATION}.isdisjoint(reading.columns):
+        if not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
             notes.append(
                 f"there is no position: a law is fitted to the {motion_role(chosen)}, which tells "
                 "no level of rest (columns: height=... for a position)"
@@ -345,7 +349,7 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
             f"with the square of the time; record a position, or fit a law to the acceleration "
             f"itself (columns: acceleration={sanitize(accelerations[0].name, _LONGEST_NAME)})"
         )
-    sensors = [item for item in free if item.unit and _is_sensor(normalize_unit(item.unit))]
+    sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
     advice = (
         f"; of a sensor in {quote(sensors[0].unit)}, say which it is and its scale (columns: "
         f"height={sanitize(sensors[0].name, _LONGEST_NAME)}, scale: '2.5 mm/{sensors[0].unit}')"
@@ -353,12 +357,12 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
         else ""
     )
     return (
-        f"no column 'height'; found: {_names_text(sheet)}; name the columns in the first line, "
+        f"no column 'height'; found: {_column_names_text(sheet)}; name the columns in the first line, "
         "such as 'time [s], height [mm]', or say which is which (columns: height=NAME)" + advice
     )
 
 
-def _is_sensor(unit: str) -> bool:
+def _is_sensor_unit(unit: str) -> bool:
     """Return True for a unit of what sensors give: electrical, a pressure, or unknown."""
     try:
         dimension = unit_size(unit)[1]
@@ -367,12 +371,12 @@ def _is_sensor(unit: str) -> bool:
     return dimension[3] != 0 or dimension == unit_size("Pa")[1]
 
 
-def _check_channels(columns: Sequence[Column]) -> None:
+def _refuse_to_guess_channel(columns: Sequence[Column]) -> None:
     """Refuse to guess which input of an instrument the height was connected to."""
     names = [
         column.name
         for column in columns
-        if column.channel or (not column.unit and CHANNEL.fullmatch(normalize_name(column.name)))
+        if column.channel or (not column.unit and CHANNEL.fullmatch(normalize_column_name(column.name)))
     ]
     if names and len(names) == len(columns):
         raise RecordError(
@@ -381,6 +385,6 @@ def _check_channels(columns: Sequence[Column]) -> None:
         )
 
 
-def _names_text(sheet: Sheet) -> str:
+def _column_names_text(sheet: Sheet) -> str:
     names = [column.name.lower() for column in sheet.columns if column.name]
     return ", ".join(map(quote, names[:_MOST_SHOWN])) or "none with a name"

@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, is_number, is_timestamp, parse_number, parse_timestamps
-from granular.readers.dialect import (
+from granular.readers.column_headers import TIME, guess_column_role, is_unit, parse_header
+from granular.readers.sheet import Column, Sheet
+from granular.readers.table_cells import LOST, is_number, is_timestamp, parse_number, parse_timestamps
+from granular.readers.text_dialect import (
     SEPARATORS,
     Dialect,
-    Line,
+    NumberedLine,
     detect_dialect,
     has_decimal_commas,
-    is_row,
+    is_table_row,
     replace_decimal_commas,
     split_fields,
     split_header,
     trim_fields,
 )
-from granular.readers.headers import TIME, guess_role, is_unit, parse_header
-from granular.readers.sheet import Column, Sheet
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote, sanitize
 
@@ -58,7 +58,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
         If there is none; the message names the line.
     """
     lines = [
-        Line(number, line)
+        NumberedLine(number, line)
         for number, line in enumerate(re.split(r"\r\n|\r|\n", text)[skip:], start=skip + 1)
         if line.strip()
     ]
@@ -73,8 +73,8 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
     plain = [line for line in lines if line.text.lstrip()[0] not in COMMENTS]
     if not plain:
         raise RecordError("is empty; a header and samples are wanted")
-    form = detect_dialect(plain, decimal, least)
-    if form is None:
+    dialect = detect_dialect(plain, decimal, least)
+    if dialect is None:
         single = detect_dialect(plain, decimal, 1)
         if single is not None and single.width == 1:
             raise RecordError(
@@ -82,23 +82,23 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, least: 
                 "give how many samples there are in a second (rate: '100 Hz'), or a time and a coordinate"
             )
         raise RecordError(_no_table_error(plain or lines))
-    start, head = _find_first_row(plain, form)
-    _check_above(head, form)
-    names, units = _read_header(head, form, lines, plain[start].number)
-    below, commas = plain[start:], form.decimal == ","
-    if form.separator == "," and not names and _has_decimal_commas(below, form, decimal):
+    start, head = _find_first_row(plain, dialect)
+    _check_lines_above_table(head, dialect)
+    names, units = _read_header(head, dialect, lines, plain[start].number)
+    below, commas = plain[start:], dialect.decimal == ","
+    if dialect.separator == "," and not names and _has_decimal_commas(below, dialect, decimal):
         below, commas = replace_decimal_commas(below), True
-        form = detect_dialect(below, ".", least) or form
-    rows, notes = _drop_trailing_text(below, form)
-    columns = _make_columns(rows, form, names, units)
-    words = f"text separated by {SEPARATORS[form.separator]}"
+        dialect = detect_dialect(below, ".", least) or dialect
+    rows, notes = _drop_trailing_text(below, dialect)
+    columns = _make_columns(rows, dialect, names, units)
+    words = f"text separated by {SEPARATORS[dialect.separator]}"
     if commas:
         words += ", decimal commas"
     numbers = np.array([line.number for line in rows])
     return Sheet(columns, numbers, bool(names), words, notes)
 
 
-def _check_width(lines: Sequence[Line]) -> None:
+def _check_width(lines: Sequence[NumberedLine]) -> None:
     for line in lines:
         if len(line.text) > 2 * _MOST_COLUMNS:
             width = 1 + max(map(line.text.count, SEPARATORS))
@@ -109,7 +109,7 @@ def _check_width(lines: Sequence[Line]) -> None:
                 )
 
 
-def _no_table_error(lines: Sequence[Line]) -> str:
+def _no_table_error(lines: Sequence[NumberedLine]) -> str:
     head = next((line.text for line in lines), "")
     separator = max(SEPARATORS, key=lambda mark: len(split_fields(head, mark)))
     names = split_fields(head, separator)
@@ -135,86 +135,87 @@ def _no_table_error(lines: Sequence[Line]) -> str:
 # Beginning, header, end ------------------------------------------------------------------------
 
 
-def _find_first_row(lines: Sequence[Line], form: Dialect) -> tuple[int, Sequence[Line]]:
+def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> tuple[int, Sequence[NumberedLine]]:
     """Return the index of the first row, and the lines above it."""
     full = next(
         k
         for k, line in enumerate(lines)
-        if len(fields := trim_fields(split_fields(line.text, form.separator), form.width)) == form.width
-        and all(is_number(fields[j], form.decimal) or fields[j] in LOST for j in form.numeric)
-        and is_row(fields, form)
+        if len(fields := trim_fields(split_fields(line.text, dialect.separator), dialect.width))
+        == dialect.width
+        and all(is_number(fields[j], dialect.decimal) or fields[j] in LOST for j in dialect.numeric)
+        and is_table_row(fields, dialect)
     )
     start = full
     # A row with a wrong number stands above the first that is right, and below the header.
-    while start and is_row(split_fields(lines[start - 1].text, form.separator), form):
+    while start and is_table_row(split_fields(lines[start - 1].text, dialect.separator), dialect):
         start -= 1
-    above = [k for k in range(start) if _is_header(split_fields(lines[k].text, form.separator), form)]
+    above = [k for k in range(start) if _is_header(split_fields(lines[k].text, dialect.separator), dialect)]
     if not above and start != full:
         start = full
     return start, lines[:start]
 
 
-def _is_header(fields: Sequence[str], form: Dialect) -> bool:
+def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
     """Return True where a line may name the columns: as many words, none of which is a number."""
     words = [cell for cell in fields if cell]
     return (
-        len(fields) >= form.width
+        len(fields) >= dialect.width
         and len(words) >= 1
-        and not any(is_number(cell, form.decimal) for cell in words)
+        and not any(is_number(cell, dialect.decimal) for cell in words)
     )
 
 
-def _check_above(head: Sequence[Line], form: Dialect) -> None:
+def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> None:
     """Refuse rows whose number of fields differs from that of the header, or of rows, above them."""
     numbers = [line.number for line in head if _BEGINS_WITH_NUMBER.match(line.text)]
     if len(numbers) > _MOST_NUMBERS:
         raise RecordError(
-            f"{len(numbers)} lines from line {numbers[0]} on hold numbers too, but not {form.width} between "
-            f"{SEPARATORS[form.separator]}, as those below do; write all lines alike, or say how many at "
-            "the head are no rows (skip: 12)"
+            f"{len(numbers)} lines from line {numbers[0]} on hold numbers too, but not {dialect.width} "
+            f"between {SEPARATORS[dialect.separator]}, as those below do; write all lines alike, or say "
+            "how many at the head are no rows (skip: 12)"
         )
     for index in range(len(head) - 1, -1, -1):
-        fields = split_fields(head[index].text, form.separator)
-        names = len(fields) > 1 and any(guess_role(parse_header(field)[0]) for field in fields)
-        if not names or any(is_number(field, form.decimal) for field in fields):
+        fields = split_fields(head[index].text, dialect.separator)
+        names = len(fields) > 1 and any(guess_column_role(parse_header(field)[0]) for field in fields)
+        if not names or any(is_number(field, dialect.decimal) for field in fields):
             continue
-        below = [] if index + 1 == len(head) else split_fields(head[index + 1].text, form.separator)
-        odd = [field for field in below if is_number(field, form.decimal)]
-        if odd or (not below and len(fields) < form.width):
+        below = [] if index + 1 == len(head) else split_fields(head[index + 1].text, dialect.separator)
+        odd = [field for field in below if is_number(field, dialect.decimal)]
+        if odd or (not below and len(fields) < dialect.width):
             raise RecordError(
-                f"sample 0 has {len(below) or form.width} values for "
+                f"sample 0 has {len(below) or dialect.width} values for "
                 f"{len(fields)} columns (below line {head[index].number}); separate all lines "
                 "alike, and by another character than the decimals"
             )
         return
 
 
-def _has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None) -> bool:
+def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool:
     """Return True where commas separate and are decimal ones too; refuse to guess if unclear."""
-    decimal_commas = has_decimal_commas(lines, form, decimal)
+    decimal_commas = has_decimal_commas(lines, dialect, decimal)
     if decimal_commas is None:
         raise RecordError(
-            f"{quote(lines[0].text)} is {form.width} integers, or "
-            f"{form.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
+            f"{quote(lines[0].text)} is {dialect.width} integers, or "
+            f"{dialect.width // 2} with decimal commas; say which (decimal: '.' or ','), or separate "
             "by semicolons"
         )
     return decimal_commas
 
 
 def _read_header(
-    head: Sequence[Line], form: Dialect, every: Sequence[Line], start: int
+    head: Sequence[NumberedLine], dialect: Dialect, every: Sequence[NumberedLine], start: int
 ) -> tuple[list[str], list[str]]:
     """Return names and units above the rows; empty lists if there are none."""
-    rows = [split_header(line.text, form.separator) for line in head[-_HEADER:]]
-    headers = [row for row in rows if _is_header(row, form)]
+    rows = [split_header(line.text, dialect.separator) for line in head[-_HEADER:]]
+    headers = [row for row in rows if _is_header(row, dialect)]
     if not headers:
         comments = [
             line.text.lstrip().lstrip(COMMENTS + "/ ")
             for line in every
             if line.number < start and line.text.lstrip()[0] in COMMENTS
         ]
-        rows = [split_header(text, form.separator) for text in comments[-3:]]
-        headers = [row for row in rows if _is_header(row, form) and len(row) == form.width]
+        rows = [split_header(text, dialect.separator) for text in comments[-3:]]
+        headers = [row for row in rows if _is_header(row, dialect) and len(row) == dialect.width]
     if not headers:
         return [], []
     if not all(is_unit(cell) or cell in LOST for cell in headers[-1]):
@@ -223,7 +224,7 @@ def _read_header(
     if headers:
         return list(headers[-1]), units
     # A row of units alone, or below one whose names hold numbers, such as that of a channel.
-    above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= form.width else []
+    above = rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else []
     return list(above), units
 
 
@@ -234,70 +235,72 @@ def _best_header_row(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str
     column, such as averaging, below its name and unit. A lowest row that names columns itself is
     the header, whatever a line above it is about.
     """
-    if any(_names_a_column(cell) for cell in rows[-1]):
+    if any(_is_column_header(cell) for cell in rows[-1]):
         return list(rows[-1]), []
     for index in range(len(rows) - 1, -1, -1):
-        if any(guess_role(parse_header(cell)[0]) == TIME for cell in rows[index]):
+        if any(guess_column_role(parse_header(cell)[0]) == TIME for cell in rows[index]):
             below = rows[index + 1] if index + 1 < len(rows) else []
             units = [cell if is_unit(cell) else "" for cell in below]
             return list(rows[index]), units
     return list(rows[-1]), []
 
 
-def _names_a_column(cell: str) -> bool:
+def _is_column_header(cell: str) -> bool:
     """Return True for a cell with a known name, or a name with a unit."""
     name, unit = parse_header(cell)
-    return guess_role(name) is not None or (bool(name) and unit is not None and is_unit(unit))
+    return guess_column_role(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
-def _drop_trailing_text(lines: Sequence[Line], form: Dialect) -> tuple[list[Line], list[str]]:
+def _drop_trailing_text(
+    lines: Sequence[NumberedLine], dialect: Dialect
+) -> tuple[list[NumberedLine], list[str]]:
     """Return the rows without trailing text and without a truncated last row."""
     rows, notes = list(lines), []
-    odd = [k for k, line in enumerate(rows) if _row_width(line.text, form) != form.width]
+    odd = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
     while odd and odd[-1] == len(rows) - 1:
-        fields = split_fields(rows[-1].text, form.separator)
-        if len(fields) > form.width and any(is_number(cell, form.decimal) for cell in fields):
+        fields = split_fields(rows[-1].text, dialect.separator)
+        if len(fields) > dialect.width and any(is_number(cell, dialect.decimal) for cell in fields):
             break
-        if len(rows) == 1 or (len(fields) < form.width and len(rows) - len(odd) < 2):
+        if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(odd) < 2):
             break
-        words = "is cut off" if is_number(fields[0], form.decimal) else "is no row of the table"
+        words = "is cut off" if is_number(fields[0], dialect.decimal) else "is no row of the table"
         notes.append(f"line {rows[-1].number}, the last, {words} and is left out")
         rows.pop()
         odd.pop()
     if odd:
         line = rows[odd[0]]
         raise RecordError(
-            f"sample {odd[0]} has {_row_width(line.text, form)} values for "
-            f"{form.width} columns (line {line.number}); separate all lines like the others"
+            f"sample {odd[0]} has {_row_width(line.text, dialect)} values for "
+            f"{dialect.width} columns (line {line.number}); separate all lines like the others"
         )
     return rows, notes
 
 
-def _row_width(line: str, form: Dialect) -> int:
-    if '"' not in line and form.separator != " ":
-        width = line.count(form.separator) + 1
-        if width <= form.width:
+def _row_width(line: str, dialect: Dialect) -> int:
+    if '"' not in line and dialect.separator != " ":
+        width = line.count(dialect.separator) + 1
+        if width <= dialect.width:
             return width
-    return len(trim_fields(split_fields(line, form.separator), form.width))
+    return len(trim_fields(split_fields(line, dialect.separator), dialect.width))
 
 
 # Columns ---------------------------------------------------------------------------------------
 
 
 def _make_columns(
-    rows: Sequence[Line], form: Dialect, names: Sequence[str], units: Sequence[str]
+    rows: Sequence[NumberedLine], dialect: Dialect, names: Sequence[str], units: Sequence[str]
 ) -> list[Column]:
-    frame = _rows_to_frame(rows, form)
+    frame = _rows_to_frame(rows, dialect)
     columns = []
-    for k in range(form.width):
+    for k in range(dialect.width):
         name, unit = parse_header(names[k]) if k < len(names) else ("", None)
         if k < len(units) and units[k] and not unit:
             unit = units[k].strip("[](){} ")
-        columns.append(_make_column(name, unit or None, frame[k], form.decimal))
+        columns.append(_make_column(name, unit or None, frame[k], dialect.decimal))
     return columns
 
 
-def _rows_to_frame(rows: Sequence[Line], form: Dialect) -> Any:
+def _rows_to_frame(rows: Sequence[NumberedLine], dialect: Dialect) -> Any:
     import pandas
 
     # Exact to the last bit by default from pandas 3 on.
@@ -305,14 +308,16 @@ def _rows_to_frame(rows: Sequence[Line], form: Dialect) -> Any:
     try:
         return pandas.read_csv(
             io.BytesIO(
-                "\n".join(line.text.strip() if form.separator == " " else line.text for line in rows).encode()
+                "\n".join(
+                    line.text.strip() if dialect.separator == " " else line.text for line in rows
+                ).encode()
             ),
-            sep=r"\s+" if form.separator == " " else form.separator,
-            decimal=form.decimal,
+            sep=r"\s+" if dialect.separator == " " else dialect.separator,
+            decimal=dialect.decimal,
             header=None,
-            names=range(form.width),
+            names=range(dialect.width),
             index_col=False,
-            usecols=range(form.width),
+            usecols=range(dialect.width),
             skipinitialspace=True,
             keep_default_na=False,
             na_values=list(LOST),

@@ -8,9 +8,9 @@ import re
 
 import numpy as np
 
+from granular.readers.column_headers import TIME
 from granular.readers.delimited import read_delimited
-from granular.readers.headers import TIME
-from granular.readers.options import ReadOptions
+from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -23,7 +23,7 @@ def is_labview(text: str) -> bool:
     return text.lstrip().startswith("LabVIEW Measurement")
 
 
-def read_labview(text: str, reading: ReadOptions) -> Sheet:
+def read_labview(text: str, options: ReadOptions) -> Sheet:
     """Read the first segment of a LabVIEW measurement file (.lvm).
 
     Without a column of times (``X_Columns No``) these follow from ``X0`` and ``Delta_X``.
@@ -40,7 +40,7 @@ def read_labview(text: str, reading: ReadOptions) -> Sheet:
         raise RecordError(f"has no line {_END}; write the measurement anew")
     mark = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
     file_head = _header_entries(lines[: ends[0]], mark)
-    decimal = reading.decimal or file_head.get("Decimal_Separator", ["."])[0]
+    decimal = options.decimal or file_head.get("Decimal_Separator", ["."])[0]
     head = _header_entries(lines[ends[0] + 1 : ends[1]], mark) if len(ends) > 1 else {}
     begin = ends[1] + 1 if len(ends) > 1 else ends[0] + 1
     later = next((k for k in range(begin + 1, len(lines)) if lines[k].startswith("Channels")), None)
@@ -48,7 +48,7 @@ def read_labview(text: str, reading: ReadOptions) -> Sheet:
     if later is not None:
         notes.append(f"segments from line {later + 1} on are left out")
     body = "\n".join([*[""] * begin, *lines[begin:later]])
-    sheet = read_delimited(_pad_lines(body, file_head), decimal, 0)
+    sheet = read_delimited(_select_sample_lines(body, file_head), decimal, 0)
     sheet.form, sheet.notes = "LabVIEW measurement", [*sheet.notes, *notes]
     channels = [column for column in sheet.columns if column.name.lower() not in ("x_value", "comment")]
     for column, unit in zip(channels, head.get("Y_Unit_Label", []), strict=False):
@@ -84,7 +84,7 @@ def _times_agree(first: Column, second: Column) -> bool:
     return np.array_equal(first.values, second.values, equal_nan=True)
 
 
-def _pad_lines(body: str, head: dict[str, list[str]]) -> str:
+def _select_sample_lines(body: str, head: dict[str, list[str]]) -> str:
     """Return lines that begin with a number; without times they begin with the separator."""
     if head.get("X_Columns", [""])[0] != "No":
         return body
@@ -109,7 +109,7 @@ def _header_number(head: dict[str, list[str]], name: str, decimal: str) -> float
         ) from None
 
 
-def read_tdms(content: bytes, reading: ReadOptions) -> Sheet:
+def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
     """Read a group of a TDMS file: the first with samples, or that which ``sheet`` names.
 
     Times are a channel of that name, or follow from the channels' ``wf_increment``.
@@ -124,7 +124,7 @@ def read_tdms(content: bytes, reading: ReadOptions) -> Sheet:
 
         file = TdmsFile.read(io.BytesIO(content))
         groups = {group.name: group.channels() for group in file.groups()}
-    candidates = reading.select_table(groups, "group")
+    candidates = options.select_table(groups, "group")
     name, channels = next(
         ((name, some) for name, some in candidates.items() if some and len(some[0])), ("", [])
     )

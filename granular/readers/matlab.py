@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.headers import TIME, guess_role, parse_header
-from granular.readers.options import ReadOptions
+from granular.readers.column_headers import TIME, guess_column_role, parse_header
+from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -23,7 +23,7 @@ _HEAD, _COMPRESSED, _MATRIX = 128, 15, 14
 """Bytes before the first variable of a file of version 5 to 7, and types of its elements."""
 
 
-def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
+def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     """Read the vectors of one length in a MATLAB file of version 4 to 7.
 
     Times are a vector, or follow from the numbers ``Tstart`` and ``Tinterval`` of PicoScope.
@@ -32,7 +32,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
     Parameters
     ----------
     content : bytes
-    reading : ReadOptions
+    options : ReadOptions
         ``sheet`` names a structure, or a matrix, whose columns are taken.
 
     Raises
@@ -44,7 +44,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
     import scipy.io
 
     with report_parsing_errors("a MATLAB file"):
-        _check_unpacked(content)
+        _check_unpacked_size(content)
         try:
             loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
         except NotImplementedError:
@@ -52,7 +52,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
                 "is of MATLAB's version 7.3, which is not read; save it with save(..., '-v7')"
             ) from None
     variables = {name: value for name, value in loaded.items() if not name.startswith("__")}
-    variables = dict(reading.select_table(variables, "variable"))
+    variables = dict(options.select_table(variables, "variable"))
     vectors = _numeric_vectors(variables)
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
@@ -61,7 +61,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
         for name, values in vectors.items()
         if len(values) == length
     ]
-    timed = TIME in reading.columns or any(guess_role(column.name) == TIME for column in columns)
+    timed = TIME in options.columns or any(guess_column_role(column.name) == TIME for column in columns)
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
             column.channel = len(column.name) == 1
@@ -74,7 +74,7 @@ def read_matlab(content: bytes, reading: ReadOptions) -> Sheet:
     return Sheet(columns, None, any(column.name for column in columns), "MATLAB file")
 
 
-def _check_unpacked(content: bytes) -> None:
+def _check_unpacked_size(content: bytes) -> None:
     """Refuse what unpacks to far more; a file of version 4 is as long as what it holds."""
     order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
     if order is None:
@@ -91,7 +91,7 @@ def _check_unpacked(content: bytes) -> None:
                 f"unpacks to more than {_MAX_UNPACKED // 2**20} MB, the limit; "
                 "save time and height alone, or sample less often"
             )
-        if _is_nested(element, order):
+        if _is_nested_too_deeply(element, order):
             raise RecordError(
                 f"a structure or cell array in it has more than {_MAX_ELEMENTS} "
                 f"parts, or they are more than {_MAX_DEPTH} deep; save time and height as vectors"
@@ -99,7 +99,7 @@ def _check_unpacked(content: bytes) -> None:
         offset += 8 + size
 
 
-def _is_nested(content: bytes, order: str) -> bool:
+def _is_nested_too_deeply(content: bytes, order: str) -> bool:
     """Return True for an element with too many others in it, or nested too deeply."""
     count, stack = 0, [(0, len(content))]
     while stack:
@@ -120,7 +120,7 @@ def _is_nested(content: bytes, order: str) -> bool:
 def _sampling_times(variables: Mapping[str, Any], length: int) -> Column:
     """Return times by PicoScope's start and interval."""
     first, step = variables.get("Tstart", 0.0), variables["Tinterval"]
-    if not _is_finite(first) or not _is_finite(step) or step <= 0.0:
+    if not _is_finite_number(first) or not _is_finite_number(step) or step <= 0.0:
         raise RecordError(
             f"Tstart = {quote(first)} and Tinterval = {quote(step)}; a start "
             "and an interval above 0, both in s, are wanted: or save the times as a vector"
@@ -128,7 +128,7 @@ def _sampling_times(variables: Mapping[str, Any], length: int) -> Column:
     return Column(TIME, "s", float(first) + float(step) * np.arange(length))
 
 
-def _is_finite(value: Any) -> bool:
+def _is_finite_number(value: Any) -> bool:
     """Return True for one finite real number."""
     array = np.asarray(value)
     return array.ndim == 0 and array.dtype.kind in "iuf" and bool(np.isfinite(array))

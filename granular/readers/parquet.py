@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.headers import parse_header
-from granular.readers.options import ReadOptions
+from granular.readers.column_headers import parse_header
+from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Column, Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.files import write_atomically
@@ -33,10 +33,10 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
         source = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
         schema, rows = source.schema_arrow, source.metadata.num_rows
         # Texts may be many times as large as the file, and no number.
-        numeric = [field.name for field in schema if _is_numeric(field.type)]
-        _check_count(rows, len(numeric))
+        numeric = [field.name for field in schema if _is_numeric_type(field.type)]
+        _check_table_size(rows, len(numeric))
         table = source.read(columns=numeric)
-    named = _with_metadata([parse_header(name) for name in schema.names], schema)
+    named = _add_metadata_units([parse_header(name) for name in schema.names], schema)
     read: dict[str, list[Any]] = {}  # of one name there may be several
     for field, column in zip(table.schema, table.columns, strict=True):
         read.setdefault(field.name, []).append(column)
@@ -51,13 +51,13 @@ def _make_column(name: str, unit: str | None, column: Any) -> Column:
     import pyarrow
 
     kind = getattr(column, "type", column)
-    if not _is_numeric(kind):
+    if not _is_numeric_type(kind):
         return Column(name, unit, None, (0, f"of the type {kind}"))
     values = column.cast(pyarrow.float64(), safe=False).to_numpy()
     return Column(name, unit, np.asarray(values, dtype=np.float64))
 
 
-def _check_count(rows: int, columns: int) -> None:
+def _check_table_size(rows: int, columns: int) -> None:
     if rows * columns > _MAX_NUMBERS:
         raise RecordError(
             f"holds {rows} rows of {columns} columns of numbers; at most "
@@ -93,7 +93,7 @@ def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[
         pyarrow.parquet.write_table(table, part)
 
 
-def _with_metadata(named: list[tuple[str, str | None]], schema: Any) -> list[tuple[str, str | None]]:
+def _add_metadata_units(named: list[tuple[str, str | None]], schema: Any) -> list[tuple[str, str | None]]:
     """Add units of the metadata to names; they may not contradict those in the names."""
     pairs = []
     for (name, unit), field in zip(named, schema, strict=True):
@@ -109,7 +109,7 @@ def _with_metadata(named: list[tuple[str, str | None]], schema: Any) -> list[tup
     return pairs
 
 
-def _is_numeric(kind: Any) -> bool:
+def _is_numeric_type(kind: Any) -> bool:
     import pyarrow
 
     types = pyarrow.types

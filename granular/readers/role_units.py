@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular.readers.headers import (
+from granular.readers.column_headers import (
     ACCELERATION,
     BASE_ACCELERATION,
     BASE_HEIGHT,
@@ -43,7 +43,7 @@ _SPECIAL = {
 """Units that mean another thing in a role: the acceleration of gravity, and forces as masses."""
 
 
-def si_unit(role: str, *, angle: bool = False) -> str:
+def si_unit_of_role(role: str, *, angle: bool = False) -> str:
     """Return the SI unit of a role's column; empty for an input, which may have any."""
     return _ANGULAR.get(role, SI.get(role, "")) if angle else SI.get(role, "")
 

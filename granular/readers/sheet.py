@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from granular.readers.cells import LOST, parse_timestamps
-from granular.readers.headers import parse_header
+from granular.readers.column_headers import parse_header
+from granular.readers.table_cells import LOST, parse_timestamps
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote, sanitize
 

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element, iterparse
 from zipfile import ZipFile, ZipInfo
 
 from granular.readers.delimited import read_delimited
-from granular.readers.options import ReadOptions
+from granular.readers.read_options import ReadOptions
 from granular.readers.sheet import Sheet, report_parsing_errors
 from granular.shared.errors import RecordError
 from granular.shared.messages import quote
@@ -67,7 +67,7 @@ def refuse_old_workbook(content: bytes) -> None:
         )
 
 
-def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
+def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     """Read a sheet of a workbook: the first that holds a table, or that which is named.
 
     Raises
@@ -75,11 +75,11 @@ def read_workbook(content: bytes, reading: ReadOptions) -> Sheet:
     RecordError
         If it cannot be read as such, there is no such sheet, or what reads it is not installed.
     """
-    tables = reading.select_table(_sheet_tables(content), "sheet")
+    tables = options.select_table(_sheet_tables(content), "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
-            sheet = read_delimited(_sheet_to_csv(table), None, reading.skip, 2 if reading.rate is None else 1)
+            sheet = read_delimited(_sheet_to_csv(table), None, options.skip, 2 if options.rate is None else 1)
         except RecordError as error:
             first_error = first_error or error
             continue
@@ -95,9 +95,9 @@ def _sheet_tables(content: bytes) -> dict[str, list[Sequence[Any]]]:
     ):
         check_archive_sizes(archive)
         if "content.xml" in archive.namelist():
-            sheets = libre_office_sheets(archive)
+            sheets = iterate_libre_office_sheets(archive)
         else:
-            sheets = excel_sheets(io.BytesIO(content))
+            sheets = iterate_excel_sheets(io.BytesIO(content))
         tables: dict[str, list[Sequence[Any]]] = {}
         cells_left = MAX_CELLS
         for name, rows in sheets:
@@ -157,10 +157,10 @@ def check_archive_sizes(archive: ZipFile) -> None:
         elements = itertools.count(1)
         for info in parts[start]:
             with archive.open(info) as part:
-                _check_elements(info.filename, part, elements, most.elements)
+                _check_element_count(info.filename, part, elements, most.elements)
 
 
-def _check_elements(name: str, part: IO[bytes], elements: Iterator[int], most: int) -> None:
+def _check_element_count(name: str, part: IO[bytes], elements: Iterator[int], most: int) -> None:
     rows = itertools.count(1)
 
     def begin(kind: str, _attributes: object) -> None:
@@ -207,7 +207,7 @@ def expand_rows(rows: Rows, most: int = MAX_CELLS) -> list[Sequence[Any]]:
 # Excel -----------------------------------------------------------------------------------------
 
 
-def excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
+def iterate_excel_sheets(file: IO[bytes]) -> Iterator[tuple[str, Rows]]:
     """Names and rows of the sheets of a file in Office Open XML."""
     import openpyxl
 
@@ -229,7 +229,7 @@ _VALUES = {"date": "date-value", "time": "time-value", "boolean": "boolean-value
 _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
 
 
-def libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
+def iterate_libre_office_sheets(archive: ZipFile) -> Iterator[tuple[str, Rows]]:
     """Names and rows of the sheets of an OpenDocument spreadsheet."""
     with archive.open("content.xml") as part:
         events = iterparse(part, ("start", "end"))

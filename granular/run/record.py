@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from granular.readers.headers import ACCELERATION, VELOCITY
-from granular.readers.integration import integrate_motion
-from granular.readers.options import ReadOptions
+from granular.readers.column_headers import ACCELERATION, VELOCITY
+from granular.readers.read_options import ReadOptions
+from granular.readers.signal_integration import integrate_without_drift
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.files import write_atomically
 from granular.shared.messages import quote, sanitize
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from granular.readers.formats import Format
-    from granular.readers.interpretation import Interpretation
+    from granular.readers.file_formats import FileFormat
+    from granular.readers.sheet_interpretation import SheetInterpretation
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 _LEAST_SAMPLES = 2
@@ -207,7 +207,7 @@ class PistonRecord:
         units : mapping of str to str, optional
             Units of the columns, instead of those in the file.
         **said
-            The fields of `granular.readers.options.ReadOptions`: ``columns``, ``decimal``,
+            The fields of `granular.readers.read_options.ReadOptions`: ``columns``, ``decimal``,
             ``skip``, ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``,
             ``rate``, ``sort``, but for ``release``, which `reduced_models.read_record` heeds.
 
@@ -231,9 +231,9 @@ class PistonRecord:
         **said
             How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
             ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.options.ReadOptions`.
+            `granular.readers.read_options.ReadOptions`.
         """
-        from granular.readers.formats import TEXT
+        from granular.readers.file_formats import TEXT
 
         return cls._read(Path(path), TEXT, units, said)
 
@@ -255,9 +255,9 @@ class PistonRecord:
         **said
             How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
             ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.options.ReadOptions`.
+            `granular.readers.read_options.ReadOptions`.
         """
-        from granular.readers.formats import PARQUET
+        from granular.readers.file_formats import PARQUET
 
         return cls._read(Path(path), PARQUET, units, said)
 
@@ -276,7 +276,7 @@ class PistonRecord:
         **said
             How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``,
             ``between``, ``scale``, ``zero``, ``calibration``, ``rate`` and ``sort``, the fields of
-            `granular.readers.options.ReadOptions`.
+            `granular.readers.read_options.ReadOptions`.
 
         Raises
         ------
@@ -293,8 +293,8 @@ class PistonRecord:
         >>> len(record)
         2000
         """
-        from granular.readers.interpretation import interpret_sheet
         from granular.readers.sheet import sheet_from_table
+        from granular.readers.sheet_interpretation import interpret_sheet
 
         meaning = interpret_sheet(sheet_from_table(table), ReadOptions(units=units or {}, **said))
         if meaning.notes:
@@ -303,9 +303,9 @@ class PistonRecord:
 
     @classmethod
     def _read(
-        cls, path: Path, form: Format | None, units: Mapping[str, str] | None, said: dict[str, Any]
+        cls, path: Path, form: FileFormat | None, units: Mapping[str, str] | None, said: dict[str, Any]
     ) -> PistonRecord:
-        from granular.readers.formats import interpret_record_file
+        from granular.readers.file_formats import interpret_record_file
 
         meaning = interpret_record_file(path, ReadOptions(units=units or {}, **said), form)
         try:
@@ -317,12 +317,12 @@ class PistonRecord:
         return record
 
     @classmethod
-    def from_interpretation(cls, meaning: Interpretation) -> PistonRecord:
-        """Record that columns were taken for; see `granular.readers.interpretation`.
+    def from_interpretation(cls, meaning: SheetInterpretation) -> PistonRecord:
+        """Record that columns were taken for; see `granular.readers.sheet_interpretation`.
 
         Parameters
         ----------
-        meaning : Interpretation
+        meaning : SheetInterpretation
             Columns of a file with their roles and units.
 
         Raises
@@ -428,7 +428,7 @@ class PistonRecord:
     def _integrated(self) -> PistonRecord:
         """Record with the integral of what was measured for its height."""
         values = self.columns[self.measured]
-        height = integrate_motion(self.time, values, _INTEGRALS[self.measured])
+        height = integrate_without_drift(self.time, values, _INTEGRALS[self.measured])
         return dataclasses.replace(self, height=height)
 
     def between(self, start: float, stop: float) -> PistonRecord:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import command, option, option_group, print_result
 from granular.commands.options import OUTPUT
-from granular.readers.options import ALL
+from granular.readers.read_options import ALL
 from granular.shared.errors import InputError, SceneError
 from granular.shared.messages import quote
 
 if TYPE_CHECKING:
-    from granular.readers.options import ReadOptions
+    from granular.readers.read_options import ReadOptions
     from granular.run.record import PistonRecord
 
 A_SOURCE = "a scene (name or TOML file), a run directory, or a record as an instrument wrote it"
@@ -79,7 +79,7 @@ def read_options_from_line(options: Any) -> ReadOptions:
     InputError
         If an option is no such.
     """
-    from granular.readers.options import ReadOptions
+    from granular.readers.read_options import ReadOptions
 
     between = None
     if options.between is not None:
@@ -196,7 +196,12 @@ examples:
 )
 def look(options: Any) -> None:
     """Show what was understood, and keep it if asked."""
-    from granular.readers.options import ReadOptions, is_description, read_description, write_description
+    from granular.readers.read_options import (
+        ReadOptions,
+        is_record_description,
+        read_record_description,
+        write_record_description,
+    )
     from reduced_models.records.look import look as look_at
     from reduced_models.records.look import plot_look
 
@@ -207,12 +212,12 @@ def look(options: Any) -> None:
 
         save_picture(plot_look(seen), options.plot, overwrite=True)
     if options.write is not None:
-        if is_description(path):
-            path, described = read_description(path)
+        if is_record_description(path):
+            path, described = read_record_description(path)
             said = described.merge(said)
         columns = {role: name for role, name in seen.meaning.source.items() if name}
         understood = ReadOptions(columns=columns, units=seen.meaning.units)
-        write_description(Path(options.write), path, understood.merge(said))
+        write_record_description(Path(options.write), path, understood.merge(said))
     text = str(seen)
     if options.write is not None:
         text += f"\nwritten to {options.write}"

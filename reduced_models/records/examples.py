@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.options import ReadOptions, write_description
+from granular.readers.read_options import ReadOptions, write_record_description
 from granular.shared.errors import InputError
 from granular.shared.files import write_text
 from reduced_models.records.sources import make_directory, show_path
@@ -28,7 +28,7 @@ class Example(NamedTuple):
         Makes the columns (n,) by their headings, with noise of the generator that it is given; or the
         file of a real record.
     options : mapping of str to any
-        Fields of `granular.readers.options.ReadOptions` that go into the description.
+        Fields of `granular.readers.read_options.ReadOptions` that go into the description.
     truth : str
         Law and numbers that the motion was made with, or what it is a record of.
     """
@@ -76,7 +76,7 @@ def write_examples(out: str | Path) -> dict[str, str]:
             lines = [",".join(columns), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
             write_text(files[name], "\n".join([*lines, ""]))
         options = ReadOptions(**example.options)
-        write_description(files[name].with_suffix(".toml"), files[name], options)
+        write_record_description(files[name].with_suffix(".toml"), files[name], options)
     return {files[name].name: example.truth for name, example in EXAMPLES.items()}
 
 

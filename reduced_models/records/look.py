@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular.readers.formats import interpret_record_file
-from granular.readers.interpretation import Interpretation
-from granular.readers.options import ReadOptions
+from granular.readers.file_formats import interpret_record_file
+from granular.readers.read_options import ReadOptions
+from granular.readers.sheet_interpretation import SheetInterpretation
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from granular.shared.messages import sanitize
@@ -37,7 +37,7 @@ class Look:
     Attributes
     ----------
     record : PistonRecord
-    meaning : Interpretation
+    meaning : SheetInterpretation
         Role of each column.
     rate : float
         Samples a second [1/s].
@@ -52,7 +52,7 @@ class Look:
     """
 
     record: PistonRecord
-    meaning: Interpretation
+    meaning: SheetInterpretation
     rate: float
     gaps: int
     noise: float

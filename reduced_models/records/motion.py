@@ -13,7 +13,7 @@ import warnings
 
 import numpy as np
 
-from granular.readers.options import ALL
+from granular.readers.read_options import ALL
 from granular.run.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning
 from reduced_models.records.first_guesses import LEAST_SAMPLES, crossings, noise_level

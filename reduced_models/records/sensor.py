@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from granular.readers.headers import BASE_ACCELERATION, BASE_HEIGHT
-from granular.readers.integration import integrate_motion
+from granular.readers.column_headers import BASE_ACCELERATION, BASE_HEIGHT
+from granular.readers.signal_integration import integrate_without_drift
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from granular.shared.messages import quote
@@ -179,7 +179,7 @@ class Sensor:
             return height - (height[-len(height) // 3 :].mean() if about_rest else 0.0)
         values = (self.signal(columns) - self.nominal_offset) / (self.sign * self.nominal_gain)
         values = values - self.base_motion(columns)
-        return integrate_motion(columns["time"], values, self.derivative)
+        return integrate_without_drift(columns["time"], values, self.derivative)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
         """Deviations of a record that has the signal for its height.

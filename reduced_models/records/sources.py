@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.readers.options import ReadOptions, is_description, read_description
+from granular.readers.read_options import ReadOptions, is_record_description, read_record_description
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError, StoreError
 from granular.shared.messages import quote, sanitize
@@ -125,7 +125,7 @@ def read_record(path: str | Path, units: Mapping[str, str] | None = None, **said
     **said
         How the file is read: ``columns``, ``decimal``, ``skip``, ``sheet``, ``flip``, ``between``,
         ``scale``, ``zero``, ``calibration``, ``rate``, ``sort`` and ``release``, the fields of
-        `granular.readers.options.ReadOptions`.
+        `granular.readers.read_options.ReadOptions`.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def stated_release(path: Path, options: ReadOptions) -> int | str | None:
 
 
 def _described(path: Path, options: ReadOptions) -> ReadOptions:
-    return read_description(path)[1].merge(options) if is_description(path) else options
+    return read_record_description(path)[1].merge(options) if is_record_description(path) else options
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
@@ -236,7 +236,7 @@ def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene
 
 def is_record_file(path: Path) -> bool:
     """Return whether a path is the file of a record, or describes one."""
-    return path.is_file() and (path.suffix != ".toml" or is_description(path))
+    return path.is_file() and (path.suffix != ".toml" or is_record_description(path))
 
 
 def check_run_options(options: RunOptions) -> None:

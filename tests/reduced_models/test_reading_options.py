@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.readers.options import ReadOptions
+from granular.readers.read_options import ReadOptions
 from granular.shared.errors import InputError
 from reduced_models.__main__ import parser
 from reduced_models.records.inputs import input_column

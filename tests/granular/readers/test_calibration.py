@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granular import PistonRecord
 from granular.readers.calibration import Calibration, parse_calibration
-from granular.readers.options import read_description, write_description
+from granular.readers.read_options import read_record_description, write_record_description
 from granular.shared.errors import RecordError
 
 TIME = np.arange(400) / 200.0
@@ -129,10 +129,10 @@ def test_points_of_a_file_in_a_description(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="beyond the calibration's points"):
         record = PistonRecord.from_file(tmp_path / "record.toml")
     assert np.abs(record.height - HEIGHT).max() < 1e-12
-    options = read_description(tmp_path / "record.toml")[1]
+    options = read_record_description(tmp_path / "record.toml")[1]
     (tmp_path / "other").mkdir()
     again = tmp_path / "other" / "again.toml"
-    write_description(again, tmp_path / "lvdt.csv", options)
+    write_record_description(again, tmp_path / "lvdt.csv", options)
     with pytest.warns(UserWarning, match="beyond the calibration's points"):
         assert np.array_equal(PistonRecord.from_file(again).height, record.height)
 

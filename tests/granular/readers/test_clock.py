@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from granular.readers.cells import parse_timestamps
+from granular.readers.table_cells import parse_timestamps
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+02:00", "-0530"])

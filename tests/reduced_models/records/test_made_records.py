@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from granular.readers.options import ReadOptions, write_description
+from granular.readers.read_options import ReadOptions, write_record_description
 from reduced_models import identify
 from reduced_models.records.sources import read_record
 
@@ -108,7 +108,7 @@ def make(directory: Path, number: int) -> Made:
     ]
     path = directory / f"made{number}.csv"
     path.write_text("\n".join([f"time [s],{head}", *rows, ""]))
-    write_description(path.with_suffix(".toml"), path, ReadOptions(**options))
+    write_record_description(path.with_suffix(".toml"), path, ReadOptions(**options))
     words = (
         f"{'linear' if power is None else 'power law'}, {frequency:.2f} Hz, {100 * ratio:.2f} %, {sensor}, "
         f"hold {hold:.2f} s, noise {100 * noise:.1f} %, {swings:.0f} swings of {samples:.0f} samples"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granular.readers.options import ALL, ReadOptions
+from granular.readers.read_options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_releases
 from reduced_models.records.motion import find_motion, find_motions

@@ -11,15 +11,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.readers.column_roles import has_dimension, time_column
+from granular.readers.column_headers import ACCELERATION, FORCE, TIME, guess_column_role, normalize_unit
+from granular.readers.column_roles import find_time_column, has_same_dimension
 from granular.readers.delimited import read_delimited
-from granular.readers.headers import ACCELERATION, FORCE, TIME, guess_role, normalize_unit
 from granular.readers.instruments import is_labview, is_rigol, read_labview, read_rigol, read_tdms
-from granular.readers.interpretation import Interpretation, check_values, interpret_sheet, spread_ticks
 from granular.readers.matlab import read_matlab
-from granular.readers.options import ReadOptions, is_description, name_description_in_errors, read_description
 from granular.readers.parquet import read_parquet
+from granular.readers.read_options import (
+    ReadOptions,
+    is_record_description,
+    name_description_in_errors,
+    read_record_description,
+)
 from granular.readers.sheet import Column, Sheet
+from granular.readers.sheet_interpretation import (
+    SheetInterpretation,
+    interpret_sheet,
+    require_numeric_values,
+    spread_rounded_times,
+)
 from granular.readers.workbook import MAX_BYTES as MAX_WORKBOOK_BYTES
 from granular.readers.workbook import read_workbook, refuse_old_workbook
 from granular.schema.units import unit_size
@@ -44,14 +54,16 @@ _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
 _MAX_SHOWN = 20
 
 
-class Format(NamedTuple):
+class FileFormat(NamedTuple):
     """A format of files: the reader of its bytes, and how many it takes at most."""
 
     read: Callable[[bytes, ReadOptions], Sheet]
     most: int = MAX_BYTES
 
 
-def interpret_record_file(path: Path, options: ReadOptions, form: Format | None = None) -> Interpretation:
+def interpret_record_file(
+    path: Path, options: ReadOptions, form: FileFormat | None = None
+) -> SheetInterpretation:
     """Columns of a file, or of the file that a description names, with their meaning, in SI.
 
     Parameters
@@ -59,7 +71,7 @@ def interpret_record_file(path: Path, options: ReadOptions, form: Format | None 
     path : Path
     options : ReadOptions
         Goes before what a description says.
-    form : Format, optional
+    form : FileFormat, optional
         Without, by the ending of the file's name.
 
     Raises
@@ -67,9 +79,9 @@ def interpret_record_file(path: Path, options: ReadOptions, form: Format | None 
     RecordError
         If it cannot be read as such; the message names the file.
     """
-    if not is_description(path):
+    if not is_record_description(path):
         return _interpret_file(path, _load_calibration_points(path, options), form)
-    file, described = read_description(path)
+    file, described = read_record_description(path)
     every = _load_calibration_points(path, described.merge(options))
     with name_description_in_errors(path, file):
         return _interpret_file(file, every, None)
@@ -82,11 +94,11 @@ def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
         if isinstance(given.get("points"), str):
             file = Path(given["points"])
             with name_description_in_errors(path, file):
-                calibrations[column] = {**given, "points": _read_points(file)}
+                calibrations[column] = {**given, "points": _read_calibration_points(file)}
     return options.merge(ReadOptions(calibration=calibrations)) if calibrations else options
 
 
-def _read_points(path: Path) -> dict[str, Any]:
+def _read_calibration_points(path: Path) -> dict[str, Any]:
     """Points of a calibration in a file: raw, value and, where it is there, uncertainty."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
@@ -94,19 +106,19 @@ def _read_points(path: Path) -> dict[str, Any]:
             raise RecordError("holds one column; raw, value and uncertainty are wanted")
         columns = dict(zip(("raw", "value", "uncertainty"), sheet.columns, strict=False))
         points: dict[str, Any] = {
-            name: check_values(sheet, name, column).tolist() for name, column in columns.items()
+            name: require_numeric_values(sheet, name, column).tolist() for name, column in columns.items()
         }
     points["units"] = {name: column.unit for name, column in columns.items() if column.unit}
     return points
 
 
-def _interpret_file(path: Path, options: ReadOptions, form: Format | None) -> Interpretation:
+def _interpret_file(path: Path, options: ReadOptions, form: FileFormat | None) -> SheetInterpretation:
     sheet = read_sheet(path, options, form)
     with _name_file_in_errors(path):
         return interpret_sheet(sheet, options)
 
 
-def read_sheet(path: Path, options: ReadOptions, form: Format | None = None) -> Sheet:
+def read_sheet(path: Path, options: ReadOptions, form: FileFormat | None = None) -> Sheet:
     """Sheet of a file; its name's ending tells a format that is no text.
 
     Raises
@@ -142,7 +154,7 @@ def _read_bytes(path: Path, most: int) -> bytes:
 # Text ------------------------------------------------------------------------------------------
 
 
-def read_text(content: bytes, options: ReadOptions) -> Sheet:
+def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     """Sheet of a file of text, in any of the encodings that instruments write.
 
     Raises
@@ -193,17 +205,17 @@ def _not_a_text_error(reason: str) -> RecordError:
     return RecordError(f"cannot be read as text: {sanitize(reason)}; save it as CSV in UTF-8")
 
 
-TEXT = Format(read_text)
-PARQUET = Format(read_parquet)
-_WORKBOOK = Format(read_workbook, MAX_WORKBOOK_BYTES)
+TEXT = FileFormat(read_text_table)
+PARQUET = FileFormat(read_parquet)
+_WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
 BINARY = {
     ".parquet": PARQUET,
     ".pq": PARQUET,
     ".xlsx": _WORKBOOK,
     ".xlsm": _WORKBOOK,
     ".ods": _WORKBOOK,
-    ".tdms": Format(read_tdms),
-    ".mat": Format(read_matlab),
+    ".tdms": FileFormat(read_tdms),
+    ".mat": FileFormat(read_matlab),
 }
 """Formats that are no text, by the endings of their names."""
 
@@ -211,7 +223,7 @@ BINARY = {
 # A time and one other column -------------------------------------------------------------------
 
 
-def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
+def read_time_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
     """Read times [s] and numbers of a file in the form of a laboratory record.
 
     Parameters
@@ -231,16 +243,16 @@ def read_series(path: Path, unit: str) -> tuple[np.ndarray, np.ndarray]:
     """
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):
-        time = time_column(sheet)
+        time = find_time_column(sheet)
         other = _choose_value_column(sheet, time, unit)
         name = sanitize(other.name) or f"column {sheet.columns.index(other) + 1}"
-        times = check_values(sheet, TIME, time) * _unit_factor(TIME, time, "s")
-        values = check_values(sheet, name, other) * _unit_factor(name, other, unit)
+        times = require_numeric_values(sheet, TIME, time) * _unit_factor(TIME, time, "s")
+        values = require_numeric_values(sheet, name, other) * _unit_factor(name, other, unit)
     here, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
     if not here.all():
         first = sheet.describe_row(int(np.argmin(here)))
         notes.append(f"{(~here).sum()} of {len(here)} samples are lost and left out: {first} first")
-    times = spread_ticks(times[here], notes)
+    times = spread_rounded_times(times[here], notes)
     if notes:
         warnings.warn(f"{sanitize(path)}: {'; '.join(notes)}", RecordWarning, stacklevel=2)
     return times, values[here]
@@ -251,8 +263,8 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     others = [column for column in sheet.columns if column is not time]
     choices: Sequence[list[Column]] = (
         others,
-        [column for column in others if column.unit and has_dimension(column.unit, unit)],
-        [column for column in others if guess_role(column.name) == _ROLES.get(unit, "")],
+        [column for column in others if column.unit and has_same_dimension(column.unit, unit)],
+        [column for column in others if guess_column_role(column.name) == _ROLES.get(unit, "")],
         [] if any(column.name for column in others) else others[:1],
     )
     chosen = next((columns for columns in choices if len(columns) == 1), None)

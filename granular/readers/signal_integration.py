@@ -13,7 +13,7 @@ _SLOW = 0.2  # of the strongest frequency: what is slower is taken out
 _PADDING = 0.5  # periods of the slowest that stays, laid on each end
 
 
-def integrate_motion(time: np.ndarray, values: np.ndarray, times: int) -> np.ndarray:
+def integrate_without_drift(time: np.ndarray, values: np.ndarray, times: int) -> np.ndarray:
     """Return a signal (n,) integrated so many times over its times (n,) [s], about zero."""
     from scipy.integrate import cumulative_trapezoid
     from scipy.signal import butter, sosfiltfilt

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from granular.readers.cells import LOST, is_number, is_timestamp
+from granular.readers.table_cells import LOST, is_number, is_timestamp
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _LOOKED_AT = 200
@@ -17,7 +17,7 @@ _ENOUGH, _FEWEST = 2**20, 12
 """Characters after which no further lines are inspected, and the least number of lines."""
 
 
-class Line(NamedTuple):
+class NumberedLine(NamedTuple):
     """A line of a file: its number, from 1, and its text."""
 
     number: int
@@ -42,7 +42,7 @@ class Dialect(NamedTuple):
     numeric: tuple[int, ...]
 
 
-def detect_dialect(lines: Sequence[Line], decimal: str | None, least: int = 2) -> Dialect | None:
+def detect_dialect(lines: Sequence[NumberedLine], decimal: str | None, least: int = 2) -> Dialect | None:
     """Return the dialect in which most lines are rows of at least so many numbers, or None."""
     sample = [lines[k].text for k in _indices_to_inspect(lines)]
     best: tuple[tuple[int, float, int], Dialect] | None = None
@@ -54,7 +54,7 @@ def detect_dialect(lines: Sequence[Line], decimal: str | None, least: int = 2) -
     return None if best is None else best[1]
 
 
-def _indices_to_inspect(lines: Sequence[Line]) -> list[int]:
+def _indices_to_inspect(lines: Sequence[NumberedLine]) -> list[int]:
     """Return the indices of the lines to inspect; fewer if lines are very long."""
     middle = len(lines) // 2
     numbers = (number for k in range(_LOOKED_AT) for number in (k, middle + k, len(lines) - 1 - k))
@@ -72,9 +72,9 @@ def _indices_to_inspect(lines: Sequence[Line]) -> list[int]:
 def _try_dialect(
     sample: Sequence[str], separator: str, decimal: str, least: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
-    """Count the lines that a form explains, the fraction of numbers in them, and columns."""
+    """Count the lines that a dialect explains, the fraction of numbers in them, and columns."""
     rows = [split_fields(line, separator) for line in sample]
-    if decimal == "," and any(_replace_comma_by_point(cell) for row in rows for cell in row):
+    if decimal == "," and any(_is_number_with_point(cell) for row in rows for cell in row):
         return None
     numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
     widths = collections.Counter(
@@ -100,7 +100,7 @@ _WITH_COMMA = re.compile(r"\s*[+-]?(\d+),\d+", re.ASCII)
 _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
-def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None) -> bool | None:
+def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
     """Return True if every second comma is a decimal one, None if that is uncertain.
 
     No integer begins with a zero, as decimals may; and decimals are as many in each line, or
@@ -108,11 +108,11 @@ def has_decimal_commas(lines: Sequence[Line], form: Dialect, decimal: str | None
     """
     rows = [lines[k].text.strip().split(",") for k in _indices_to_inspect(lines)]
     pairs = [_WITH_COMMA.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)]
-    if decimal == "." or form.width < 4 or not all(pairs):
+    if decimal == "." or dialect.width < 4 or not all(pairs):
         return False
     if decimal == ",":
         return True
-    behind = [[row[k] for row in rows] for k in range(1, form.width, 2)]
+    behind = [[row[k] for row in rows] for k in range(1, dialect.width, 2)]
     digits = [cell for column in behind for cell in column]
     as_many = all(len(set(map(len, column))) == 1 for column in behind)
     if not (as_many or not any(cell.endswith("0") for cell in digits)):
@@ -125,12 +125,12 @@ def _is_zero_padded(digits: str) -> bool:
     return len(digits) > 1 and digits[0] == "0"
 
 
-def replace_decimal_commas(lines: Sequence[Line]) -> list[Line]:
+def replace_decimal_commas(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
     """Replace the first comma of each line, and every second one after it, by a point."""
-    return [Line(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
+    return [NumberedLine(line.number, _COMMA.sub(r"\1.\2", line.text)) for line in lines]
 
 
-def _replace_comma_by_point(cell: str) -> bool:
+def _is_number_with_point(cell: str) -> bool:
     return "." in cell and is_number(cell, ".") and not is_timestamp(cell)
 
 
@@ -159,11 +159,11 @@ def split_header(line: str, separator: str) -> list[str]:
     return _WORD.findall(line) if separator == " " else split_fields(line, separator)
 
 
-def is_row(fields: Sequence[str], form: Dialect) -> bool:
+def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
     """Return True for a line of the table: as many fields, of which some are numbers."""
-    if not form.width <= len(trim_fields(fields, form.width)) <= form.width:
+    if not dialect.width <= len(trim_fields(fields, dialect.width)) <= dialect.width:
         return False
-    return any(is_number(fields[k], form.decimal) for k in form.numeric)
+    return any(is_number(fields[k], dialect.decimal) for k in dialect.numeric)
 
 
 def trim_fields(fields: Sequence[str], width: int) -> Sequence[str]:

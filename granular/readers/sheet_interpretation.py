@@ -9,18 +9,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular.readers.calibration import Calibration
-from granular.readers.column_roles import assign_roles, motion_role
-from granular.readers.headers import (
+from granular.readers.column_headers import (
     ACCELERATION,
     ANGLES,
     HEIGHT,
     TIME,
     VELOCITY,
-    normalize_name,
+    normalize_column_name,
     normalize_unit,
 )
-from granular.readers.options import ANGLE, STROKE, ReadOptions
-from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit
+from granular.readers.column_roles import assign_roles, motion_role
+from granular.readers.read_options import ANGLE, STROKE, ReadOptions
+from granular.readers.role_units import ANGLE_UNITS, role_unit_size, si_unit_of_role
 from granular.readers.sheet import Column, Sheet
 from granular.schema.sections import unknown
 from granular.schema.units import unit_size
@@ -47,7 +47,7 @@ _AGREEMENT = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
-class Interpretation:
+class SheetInterpretation:
     """Columns in SI, and how they came about.
 
     Attributes
@@ -84,7 +84,7 @@ class Interpretation:
     prescribed: bool = False
 
 
-def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
+def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     """Interpretation of a sheet, from the user's words and else from its names and units.
 
     Raises
@@ -93,24 +93,24 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
         If there is no time or no coordinate, a unit does not fit, or a value is no number.
     """
     notes = list(sheet.notes)
-    chosen, calibrations = assign_roles(sheet, reading, notes)
-    _check_duplicate_names(sheet, chosen, reading)
-    units = _units_by_role(sheet, chosen, reading)
-    raw = {role: check_values(sheet, role, column) for role, column in chosen.items()}
+    chosen, calibrations = assign_roles(sheet, options, notes)
+    _check_duplicate_names(sheet, chosen, options)
+    units = _units_by_role(sheet, chosen, options)
+    raw = {role: require_numeric_values(sheet, role, column) for role, column in chosen.items()}
     motion = motion_role(chosen)
     if HEIGHT in calibrations:
         angle = calibrations[HEIGHT].angle
     elif motion != HEIGHT:
-        angle = _is_turning(motion, units.get(motion))
+        angle = _is_angular_rate(motion, units.get(motion))
     else:
-        angle = _is_angle(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in reading.columns)
+        angle = _is_angle(chosen[HEIGHT], raw[HEIGHT], units, notes, ANGLE in options.columns)
     own, deviations = {}, {}
     for role, numbers in raw.items():
         if role in calibrations:
             own[role], left = _apply_calibration(role, numbers, units, calibrations[role], notes)
             if len(left):
                 deviations[role] = left
-        elif role == HEIGHT and units.get(role) == "1" and "1" in reading.units.values():
+        elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             own[role] = numbers
             notes.append(
                 "the height is a pure number: what is called m is its own unit; a frequency and a "
@@ -118,35 +118,35 @@ def interpret_sheet(sheet: Sheet, reading: ReadOptions) -> Interpretation:
             )
         else:
             own[role] = numbers * _unit_size_in_role(role, units.get(role), angle)
-    _check_epoch(own, chosen[TIME], notes)
-    _check_sizes(own, chosen, units, notes)
-    _check_velocity(own, notes)
-    if reading.flip:
+    _convert_epoch_times(own, chosen[TIME], notes)
+    _note_large_values_without_unit(own, chosen, units, notes)
+    _note_velocity_unlike_slope(own, notes)
+    if options.flip:
         own |= {role: -own[role] for role in (HEIGHT, VELOCITY, ACCELERATION) if role in own}
     others, left_out = _remaining_columns(sheet, chosen)
     own[_ROW] = np.arange(len(own[TIME]), dtype=float)
-    own, others = _drop_gaps(sheet, own, others, notes, left_out, motion)
-    if reading.sort:
+    own, others = _drop_incomplete_samples(sheet, own, others, notes, left_out, motion)
+    if options.sort:
         order = np.argsort(own[TIME], kind="stable")
         own = {role: numbers[order] for role, numbers in own.items()}
         others = {name: numbers[order] for name, numbers in others.items()}
-    own[TIME] = spread_ticks(own[TIME], notes)
+    own[TIME] = spread_rounded_times(own[TIME], notes)
     every = own | others
-    if reading.between is not None:
-        start, stop = reading.between
+    if options.between is not None:
+        start, stop = options.between
         inside = (own[TIME] >= start) & (own[TIME] <= stop)
         every = {name: numbers[inside] for name, numbers in every.items()}
     rows = every.pop(_ROW).astype(int)
-    return Interpretation(
+    return SheetInterpretation(
         every,
         {role: column.name for role, column in chosen.items()},
-        {role: units.get(role) or si_unit(role) for role in chosen},
+        {role: units.get(role) or si_unit_of_role(role) for role in chosen},
         angle,
         sheet.form,
         tuple(notes),
         tuple(left_out),
         {role: left[:, rows] for role, left in deviations.items() if role in every},
-        STROKE in reading.columns,
+        STROKE in options.columns,
     )
 
 
@@ -166,13 +166,13 @@ def _apply_calibration(
     return calibration.apply(numbers, unit)
 
 
-def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> None:
+def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOptions) -> None:
     """Refuse to choose between columns of one name, unless the user says a number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
         name = column.name.lower()
         indices = [k for k, item in enumerate(names, start=1) if item == name]
-        if name and len(indices) > 1 and not str(reading.columns.get(role, "")).isdigit():
+        if name and len(indices) > 1 and not str(options.columns.get(role, "")).isdigit():
             listed = ", ".join(map(str, indices[:-1])) + f" and {indices[-1]}"
             raise RecordError(
                 f"the column {quote(name)} is there twice, in columns {listed}; names "
@@ -183,9 +183,9 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], reading: 
 # Units -----------------------------------------------------------------------------------------
 
 
-def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], reading: ReadOptions) -> dict[str, str]:
+def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOptions) -> dict[str, str]:
     """Return the unit of each role: as the user says, else as in the file."""
-    said = {name.strip().lower(): unit for name, unit in reading.units.items()}
+    said = {name.strip().lower(): unit for name, unit in options.units.items()}
     known = {*(column.name.lower() for column in sheet.columns if column.name), *chosen}
     for alias in {ANGLE, STROKE} & {*said} - known:
         said[HEIGHT] = said.pop(alias)
@@ -214,7 +214,7 @@ def _is_angle(
             f"the angle {quote(column.name)} has the unit {quote(unit)}; give deg or rad "
             "(units: angle=deg), or its scale (scale: '360 deg/2048 counts')"
         )
-    if unit is not None or not (said or normalize_name(column.name) in ANGLES):
+    if unit is not None or not (said or normalize_column_name(column.name) in ANGLES):
         return False
     known = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     units[HEIGHT], other = ("deg", "rad") if known > _TURN else ("rad", "deg")
@@ -225,17 +225,17 @@ def _is_angle(
     return True
 
 
-def _is_turning(role: str, unit: str | None) -> bool:
+def _is_angular_rate(role: str, unit: str | None) -> bool:
     """Tell an angular velocity or acceleration by its unit."""
     if unit is None:
         return False
     try:
-        return role_unit_size(role, unit)[1] == unit_size(si_unit(role, angle=True))[1]
+        return role_unit_size(role, unit)[1] == unit_size(si_unit_of_role(role, angle=True))[1]
     except SceneError:
         return False
 
 
-def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -> None:
+def _convert_epoch_times(own: dict[str, np.ndarray], column: Column, notes: list[str]) -> None:
     """Turn times since 1970, told by their size, into seconds since the first sample."""
     if column.clock or column.unit is not None:
         return
@@ -248,7 +248,7 @@ def _check_epoch(own: dict[str, np.ndarray], column: Column, notes: list[str]) -
             return
 
 
-def _check_sizes(
+def _note_large_values_without_unit(
     own: Mapping[str, np.ndarray], chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
     """Note numbers without a unit that are large for those of a laboratory in SI."""
@@ -273,7 +273,7 @@ def _check_sizes(
             )
 
 
-def _check_velocity(own: dict[str, np.ndarray], notes: list[str]) -> None:
+def _note_velocity_unlike_slope(own: dict[str, np.ndarray], notes: list[str]) -> None:
     """Note a velocity that is not the slope of the height."""
     if VELOCITY not in own or HEIGHT not in own:
         return
@@ -301,7 +301,7 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
     """SI size of a unit in a role; that of an input's is 1 where it is unknown."""
     if unit is None:
         return 1.0
-    wanted = si_unit(role, angle=angle)
+    wanted = si_unit_of_role(role, angle=angle)
     try:
         size, dimension = role_unit_size(role, unit)
     except SceneError as error:
@@ -330,7 +330,7 @@ def _unit_size_in_role(role: str, unit: str | None, angle: bool) -> float:
 # Values ----------------------------------------------------------------------------------------
 
 
-def check_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
+def require_numeric_values(sheet: Sheet, role: str, column: Column) -> np.ndarray:
     """Numbers of a column, NaN where a sample is lost.
 
     Raises
@@ -371,7 +371,7 @@ def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[dict
     return others, left_out
 
 
-def _drop_gaps(
+def _drop_incomplete_samples(
     sheet: Sheet,
     own: dict[str, np.ndarray],
     others: dict[str, np.ndarray],
@@ -408,7 +408,7 @@ def _ticks_are_regular(steps: np.ndarray, counts: np.ndarray) -> bool:
     return bool(even.mean() > 0.8 and counts.max() <= 2 * np.median(counts) + 1)
 
 
-def spread_ticks(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
+def spread_rounded_times(time: np.ndarray, notes: Sequence[str] | list[str]) -> np.ndarray:
     """Return the times that a clock has rounded to its tick, spread evenly between its ticks.
 
     Equal neighbours are samples of one tick: each run of them is spread up to the next tick.

@@ -152,7 +152,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     cell = cell.strip()
     if "$" in cell and len(cell) <= _LONGEST:
         cell = _TEX.sub("", cell).strip()
-    group = _unit_group(cell)
+    group = _find_unit_brackets(cell)
     if group is not None:
         rest = f"{cell[: group.start()].strip()} {cell[group.end() :].strip()}".strip()
         unit = group[1].strip() or None
@@ -170,7 +170,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     if match is not None and is_unit(match[2]):
         return match[1], match[2]
     match = _BEHIND.fullmatch(cell) if len(cell) <= _LONGEST else None
-    if match is not None and is_unit(match[2]) and guess_role(match[1]) is not None:
+    if match is not None and is_unit(match[2]) and guess_column_role(match[1]) is not None:
         return match[1], match[2]
     match = _ENDING.fullmatch(cell) if len(cell) <= _LONGEST else None
     if match is not None:
@@ -182,7 +182,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
     return cell, None
 
 
-def _unit_group(cell: str) -> re.Match[str] | None:
+def _find_unit_brackets(cell: str) -> re.Match[str] | None:
     """Brackets of a header that hold its unit, by what stands in them or else by their kind."""
     groups = list(_GROUP.finditer(cell))
     units = [group for group in groups if is_unit(group[1])]
@@ -191,7 +191,7 @@ def _unit_group(cell: str) -> re.Match[str] | None:
     return [None, *groups[:1], *square, *units, *named][-1]
 
 
-def normalize_name(name: str) -> str:
+def normalize_column_name(name: str) -> str:
     """Name in lower case, without remarks in brackets and a run's number, and its words alone."""
     words = re.sub(r"[\W_]+", " ", _GROUP.sub(" ", name.lower())).split()
     phrase = _RUN.sub("", " ".join(words))
@@ -199,7 +199,7 @@ def normalize_name(name: str) -> str:
     return (match[1] or match[2]) if match else phrase
 
 
-def guess_role(name: str) -> str | None:
+def guess_column_role(name: str) -> str | None:
     """Role of a column of that name, by its synonyms."""
-    words = normalize_name(name)
+    words = normalize_column_name(name)
     return next((role for role, known in SYNONYMS.items() if words in known), None)

@@ -127,11 +127,11 @@ class ReadOptions:
             object.__setattr__(self, "release", int(number))
         self.calibrations()
         if self.rate is not None:
-            object.__setattr__(self, "rate", _sampling_rate(self.rate))
+            object.__setattr__(self, "rate", _parse_sampling_rate(self.rate))
         if self.sheet is not None and not isinstance(self.sheet, str):
             raise RecordError(f"sheet = {quote(self.sheet)}; give a name")
         if self.between is not None:
-            object.__setattr__(self, "between", _time_range(self.between))
+            object.__setattr__(self, "between", _parse_time_range(self.between))
 
     def merge(self, more: ReadOptions) -> ReadOptions:
         """Return these options, overridden by those that are given in another."""
@@ -164,7 +164,7 @@ class ReadOptions:
                 raise RecordError(f"{name} = {quote(given)}; give a text with units")
             by_column = {"height": given} if isinstance(given, str) else given
             for column, text in by_column.items():
-                result.setdefault(_column_key(column), {})[name] = text
+                result.setdefault(_calibration_key(column), {})[name] = text
         of_height = {key: value for key, value in self.calibration.items() if key in _CALIBRATION}
         for column, given in self.calibration.items():
             if column not in of_height:
@@ -173,7 +173,7 @@ class ReadOptions:
                         f"calibration: {unknown(str(column), _CALIBRATION, 'key')}; or give a "
                         "table for a column"
                     )
-                result.setdefault(_column_key(column), {}).update(given)
+                result.setdefault(_calibration_key(column), {}).update(given)
         if of_height:
             result.setdefault("height", {}).update(of_height)
         return result
@@ -241,13 +241,13 @@ def _check_role(role: str) -> None:
         raise RecordError(f"columns: {unknown(role, known, 'column of a record')}")
 
 
-def _column_key(name: object) -> str:
+def _calibration_key(name: object) -> str:
     """Name of a column, or its role, as the keys of a calibration have it."""
     key = str(name).strip().lower()
     return "height" if key in (ANGLE, STROKE) else key
 
 
-def _sampling_rate(rate: Any) -> float:
+def _parse_sampling_rate(rate: Any) -> float:
     try:
         value = si_value(str(rate), "Hz")
     except SceneError as error:
@@ -257,7 +257,7 @@ def _sampling_rate(rate: Any) -> float:
     return value
 
 
-def _time_range(times: Any) -> tuple[float, float]:
+def _parse_time_range(times: Any) -> tuple[float, float]:
     try:
         start, stop = (float(time) for time in times)
     except (TypeError, ValueError):
@@ -270,14 +270,14 @@ def _time_range(times: Any) -> tuple[float, float]:
 # Descriptions ----------------------------------------------------------------------------------
 
 
-def is_description(path: Path) -> bool:
+def is_record_description(path: Path) -> bool:
     """Return True for a file that describes a record; a scene has no key ``file``."""
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > _MAX_BYTES:
         return False
     return FILE in read_toml(path)
 
 
-def read_description(path: Path) -> tuple[Path, ReadOptions]:
+def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
     """Return the file that a description names, and the options to read it with.
 
     Raises
@@ -328,7 +328,7 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
         return False
 
 
-def write_description(path: Path, file: Path, options: ReadOptions) -> None:
+def write_record_description(path: Path, file: Path, options: ReadOptions) -> None:
     """Write a description, with the path from it to the file.
 
     Raises
