@@ -25,7 +25,7 @@ def hand_and_engine(
     rate = sum(flow.decay_rate(system.scales) for flow in flows)
     calls = {
         "by hand": lambda: kernel(bed, system.downward_acceleration, rate, STEP, steps),
-        "engine": lambda: engine.make(steps),
+        "engine": lambda: engine.make_steps(steps),
     }
     return bed, engine, calls
 

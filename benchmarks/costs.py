@@ -24,7 +24,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
 from granular.shared.version import versions
-from validation.cost.advised_setting import Point, SolverSettings
+from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision import (
     ReferenceValue,
     measure_points,
@@ -165,7 +165,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     chosen = [QUANTITIES[name] for name in item.quantities]
     known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
     result = measure_points(scenes, chosen, setting, known, None, 1)
-    if any(entry.failed for entry in result):
+    if any(entry.has_failed for entry in result):
         return {}
     started = time.process_time()  # other programs take none of it
     seen = run_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
@@ -176,7 +176,10 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
         "fraction": validated_step(setting.dt, item.scene).fraction,
         "frequency": rounded(seen),
         "seconds": rounded(seconds),
-        "bounds": {name: rounded(entry.bound) for name, entry in zip(item.quantities, result, strict=True)},
+        "bounds": {
+            name: rounded(entry.upper_error_bound)
+            for name, entry in zip(item.quantities, result, strict=True)
+        },
         "clear": _clear(item.quantities, result),
     }
 
@@ -194,7 +197,7 @@ def _row(item: Priced, truth: Plain, entries: Sequence[Plain]) -> Plain:
     }
 
 
-def _clear(names: Sequence[str], result: Sequence[Point]) -> list[str]:
+def _clear(names: Sequence[str], result: Sequence[WorkPrecisionPoint]) -> list[str]:
     """Quantities whose error stands out against its doubt, and so falls with the step."""
     return [name for name, item in zip(names, result, strict=True) if item.error > 2.0 * item.doubt]
 

@@ -123,7 +123,7 @@ def own_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
 
 
 def _call(engine: EngineSteps, steps: int) -> Any:
-    return lambda: engine.make(steps)
+    return lambda: engine.make_steps(steps)
 
 
 def own_starts(rounds: int = 5) -> list[dict[str, Any]]:

@@ -69,10 +69,10 @@ def _measure(count: int, method: str) -> dict[str, int]:
     from validation.effect_costs import EngineSteps
 
     small = EngineSteps(bed_of(92, {"pairs.method": method}))
-    small.make(16)
+    small.make_steps(16)
     before = _peak()
     engine = EngineSteps(bed_of(count, {"pairs.method": method}))
-    engine.make(16)
+    engine.make_steps(16)
     return {"bytes": _peak(), "of 92 grains": before}
 
 

@@ -53,7 +53,7 @@ def _kernels() -> dict[str, Kernel]:
 
     def step(count: int, changes: dict[str, Any]) -> Kernel:
         engine = EngineSteps(bed_of(count, changes))
-        return Kernel(lambda: engine.make(STEPS), STEPS)
+        return Kernel(lambda: engine.make_steps(STEPS), STEPS)
 
     grains = PaddedGrains(arrangement(GRAINS))
     friction: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}

@@ -57,7 +57,7 @@ _BARE: dict[str, Any] = {"effects.gravity": None, "effects.drag": None}
 def method_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     """Time of a step [s] by each method of summing pairs, on one core; grains move."""
     engines = {name: EngineSteps(bed_of(count, {"pairs.method": name})) for name in PAIR_METHODS}
-    calls = {name: partial(engine.make, STEPS) for name, engine in engines.items()}
+    calls = {name: partial(engine.make_steps, STEPS) for name, engine in engines.items()}
     result = least_seconds(calls, rounds=rounds, seconds=0.0)
     return [
         {"method": name, "grains": count, "seconds": time / STEPS, "times direct": result["direct"] / time}
@@ -73,7 +73,7 @@ def thread_steps(count: int, rounds: int) -> list[dict[str, Any]]:
     for name in PAIR_METHODS:
         scene = bed_of(count, {"pairs.method": name})
         engines = {threads: EngineSteps(scene, threads) for threads in (1, 2)}
-        calls = {str(k): partial(engine.make, STEPS) for k, engine in engines.items()}
+        calls = {str(k): partial(engine.make_steps, STEPS) for k, engine in engines.items()}
         result = least_seconds(calls, rounds=rounds, seconds=0.0)
         alike = bool((engines[1].run.state.x == engines[2].run.state.x).all())
         rows += [
@@ -101,7 +101,7 @@ def effect_steps(count: int, rounds: int) -> list[dict[str, Any]]:
         effects = {name: changes for name, changes in EFFECTS.items() if "slabs" not in name}
     engines = {name: EngineSteps(bed_of(count, bare | changes)) for name, changes in effects.items()}
     steps = max(STEPS, math.ceil(2e7 / count**2))
-    calls = {name: partial(engine.make, steps) for name, engine in engines.items()}
+    calls = {name: partial(engine.make_steps, steps) for name, engine in engines.items()}
     result = least_seconds(calls, rounds=rounds, seconds=0.0)
     base = next(iter(result.values()))
     return [

@@ -106,7 +106,7 @@ plt.show()
 # Steps that are too long for a method are stopped by the energy ledger; they count as failed.
 
 # %%
-failed = [one for one in study.points if one.failed]
+failed = [one for one in study.points if one.has_failed]
 for one in failed:
     print(f"{one.setting.method}, {one.setting.dt}: {one.failure}")
 
@@ -117,7 +117,7 @@ for one in failed:
 # as well.
 
 # %%
-choices = {tolerance: study.cheapest(tolerance) for tolerance in (1e-2, 1e-4, 1e-6, 1e-9)}
+choices = {tolerance: study.cheapest_point(tolerance) for tolerance in (1e-2, 1e-4, 1e-6, 1e-9)}
 for tolerance, choice in choices.items():
     setting = choice.setting
     print(

@@ -31,12 +31,12 @@ import numpy as np
 
 from granular import GranularError, Scene, damper, load_scene, simulate
 from validation import (
-    catalogue,
     energy_change,
     energy_trend,
+    hard_case_catalogue,
     head_on_collision,
-    near_stability_limit,
-    outcome,
+    run_hard_case,
+    scene_near_stability_limit,
 )
 from validation.exact.bounce import harmonic_period
 from validation.exact.bounce import oscillation_problem as wide_swing
@@ -149,8 +149,8 @@ print(f"energy ledger closed to {heavy_ledger:.1e} of the energy turned over")
 # and remedy. What was computed before is not lost.
 
 # %%
-below_limit, short = near_stability_limit(0.95)
-beyond_limit, long = near_stability_limit(1.05)
+below_limit, short = scene_near_stability_limit(0.95)
+beyond_limit, long = scene_near_stability_limit(1.05)
 
 
 def every_step(scene: Scene, step: float) -> Scene:
@@ -206,7 +206,7 @@ for what, attempt in impossible.items():
 # %% [markdown]
 # ## From the catalogue
 #
-# `validation.hard_cases` holds many more; `outcome` runs one and judges it. Accurate: the error is
+# `validation.hard_cases` holds many more; `run_hard_case` runs one and judges it. Accurate: the error is
 # below the limit. Stopped: a typed error that the case may end with. There must be no silent
 # failure, whose figures are wrong without a word.
 
@@ -222,8 +222,8 @@ chosen = (
     "injected nan: a velocity",
     "injected inf: the step",
 )
-cases = [one for one in catalogue() if not QUICK or one.name in chosen]
-outcomes = [outcome(one, full=False) for one in cases]
+cases = [one for one in hard_case_catalogue() if not QUICK or one.name in chosen]
+outcomes = [run_hard_case(one, full=False) for one in cases]
 print(f"{'case':38} {'outcome':10} {'error':>8} {'limit':>8}")
 for one in outcomes:
     error = "" if np.isnan(one.error) else f"{one.error:.1e}"
@@ -266,7 +266,7 @@ for axes, (name, (times, share)) in zip(pair, courses.items(), strict=True):
     axes.set(xlabel="time [s]", ylabel="energy, relative change", title=name)
 plt.show()
 for name, trend in trends.items():
-    print(f"{name:15} {trend.verdict():6} drift {trend.drift:+.1e}, swing {trend.swing:.1e}, ", end="")
+    print(f"{name:15} {trend.verdict():6} drift {trend.total_drift:+.1e}, swing {trend.swing:.1e}, ", end="")
     print(f"p = {trend.p_value:.2g}")
 
 # %% [markdown]
@@ -280,7 +280,7 @@ control_verdict = trends["runge-kutta-4"].verdict()
 print(f"A collision down to {CLOSEST} D keeps its energy to 1e-6 with {variable_steps} variable ")
 print(f"steps, and with {equal_steps} equal ones. Of {len(outcomes)} hard cases none failed silently.")
 print(f"Beyond the stability limit the run ends in an {stop_error}. Verlet's energy has no trend;")
-print(f"that of Runge and Kutta {control_verdict} {-trends['runge-kutta-4'].drift:.1e} of itself.")
+print(f"that of Runge and Kutta {control_verdict} {-trends['runge-kutta-4'].total_drift:.1e} of itself.")
 
 # %% [markdown]
 # ## Exercises

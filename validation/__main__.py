@@ -81,7 +81,7 @@ examples:
 def report(options: Any) -> None:
     """Measure all sections, the overview alone, or scenes of the user's own."""
     from granular.scene.loading import load_scene
-    from validation.overview import OVERVIEW, make_overview
+    from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
 
     changes = parse_changes(options.changes)
@@ -92,7 +92,7 @@ def report(options: Any) -> None:
         _measure_sections(options, [OVERVIEW], options.out)
     elif options.scenes:
         scenes = [load_scene(scene).replace(**changes) for scene in options.scenes]
-        _measure_sections(options, [make_overview(scenes)], options.out or REPORT)
+        _measure_sections(options, [overview_section_for(scenes)], options.out or REPORT)
     else:
         _measure_sections(options, SECTIONS.values(), options.out or REPORT)
 

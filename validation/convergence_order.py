@@ -31,13 +31,13 @@ from validation.convergence_result import (
     CLEAR,
     HIGH_ORDER,
     ConvergenceResult,
-    Slope,
+    FittedSlope,
     convergence_table,
     convergence_verdict,
     show_convergence,
 )
 from validation.exact import NAMES, bounce, exact_problem
-from validation.exact.problem import Problem, Snapshot
+from validation.exact.problem import ExactProblem, GrainStates
 from validation.report_tasks import Plain, Section, Task
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ NEIGHBOURS = 21
 _LEAST_POINTS = 4
 _SLACK = 0.98  # numbers of steps are whole, so a decade may be a little less
 
-Solver = Callable[[Problem, int], Snapshot]
+Solver = Callable[[ExactProblem, int], GrainStates]
 """The grains at a problem's time, after that many equal steps."""
 
 
@@ -81,14 +81,14 @@ def toolkit_solver(method: str) -> Solver:
     variable = method_named(method).variable
     automatic: dict[str, int] = {}
 
-    def step(problem: Problem, count: int) -> float | str:
+    def step(problem: ExactProblem, count: int) -> float | str:
         if not variable:
             return problem.time / count
         if problem.name not in automatic:
             automatic[problem.name] = int(run(problem, "auto").settings()["steps"])
         return f"auto*{automatic[problem.name] / count:.15f}"
 
-    def run(problem: Problem, dt: float | str) -> Trajectory:
+    def run(problem: ExactProblem, dt: float | str) -> Trajectory:
         scene = problem.scene
         if not isinstance(dt, str) and dt > scene.output.scalars:
             scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
@@ -96,37 +96,39 @@ def toolkit_solver(method: str) -> Solver:
             warnings.simplefilter("ignore")  # the error is measured here, and shown
             return simulate(scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False)
 
-    def solve(problem: Problem, count: int) -> Snapshot:
+    def solve(problem: ExactProblem, count: int) -> GrainStates:
         done = run(problem, step(problem, count))
         data, steps = done.dataset, int(done.settings()["steps"])
-        return Snapshot(data["position"].values[-1], data["velocity"].values[-1], steps if variable else None)
+        return GrainStates(
+            data["position"].values[-1], data["velocity"].values[-1], steps if variable else None
+        )
 
     return solve
 
 
-def step_counts(problem: Problem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
+def step_counts(problem: ExactProblem, solver: Solver, order: int, points: int = 10) -> tuple[int, ...]:
     """Numbers of steps, a factor sqrt(2) apart, from the first that is not too coarse.
 
-    That is the first one, from `Problem.fewest` on (fewer for high orders, see `LONGER`), at which
+    That is the first one, from `ExactProblem.fewest_steps` on (fewer for high orders, see `LONGER`), at which
     the solver neither fails nor misses by more than `COARSE` diameters.
     """
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
-    start = problem.fewest / (LONGER if order >= HIGH_ORDER else 1.0)
+    start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
     while start < MOST_STEPS / 16 and not _is_resolved(problem, solver, round(start), exact, coarse):
         start *= math.sqrt(2.0)
     start *= LATER if order == 1 else 1.0
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(points))
 
 
-def _is_resolved(problem: Problem, solver: Solver, count: int, exact: np.ndarray, coarse: float) -> bool:
+def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.ndarray, coarse: float) -> bool:
     try:
         return bool(np.abs(solver(problem, count).positions - exact).max() < coarse)
     except (RunError, InputError):
         return False  # too long a step may be refused, or stopped
 
 
-def method_suits_problem(problem: Problem, method: str) -> bool:
+def method_suits_problem(problem: ExactProblem, method: str) -> bool:
     """Tell if the method suits the problem.
 
     Some methods take no dry friction, and variable steps follow distances, so there must be some.
@@ -140,7 +142,7 @@ def method_suits_problem(problem: Problem, method: str) -> bool:
 
 
 def convergence(
-    problem: Problem,
+    problem: ExactProblem,
     method: str,
     counts: Sequence[int] | None = None,
     *,
@@ -151,7 +153,7 @@ def convergence(
 
     Parameters
     ----------
-    problem : Problem
+    problem : ExactProblem
         Exact problem.
     method : str
         One of `granular.methods.METHODS`, or any name where a solver is given.
@@ -201,16 +203,16 @@ def convergence(
         tuple(steps),
         tuple(errors),
         rounding,
-        fitted_slope(steps, errors, rounding),
+        fit_convergence_slope(steps, errors, rounding),
         tuple(seconds),
     )
 
 
-def _neighbouring_counts(problem: Problem, count: int) -> range:
+def _neighbouring_counts(problem: ExactProblem, count: int) -> range:
     return range(count, count + (1 if problem.smooth else NEIGHBOURS))
 
 
-def _rounding_error(problem: Problem, solve: Solver, count: int, plain: np.ndarray) -> float:
+def _rounding_error(problem: ExactProblem, solve: Solver, count: int, plain: np.ndarray) -> float:
     differences = [solve(problem.perturb_start(bits), count).positions - plain for bits in NUDGES]
     if problem.smooth:
         less, more = (solve(problem, count + by).positions for by in (-1, 1))
@@ -222,7 +224,9 @@ def _rounding_error(problem: Problem, solve: Solver, count: int, plain: np.ndarr
     )
 
 
-def fitted_slope(steps: Sequence[float], errors: Sequence[float], rounding: float) -> Slope | None:
+def fit_convergence_slope(
+    steps: Sequence[float], errors: Sequence[float], rounding: float
+) -> FittedSlope | None:
     """Slope over the finest decade of steps whose errors are `CLEAR` of rounding.
 
     Parameters
@@ -247,14 +251,14 @@ def fitted_slope(steps: Sequence[float], errors: Sequence[float], rounding: floa
     return _fit_line(steps, errors, first, last)
 
 
-def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> Slope:
+def _fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> FittedSlope:
     from scipy import stats
 
     chosen = slice(first, last + 1)
     line = stats.linregress(np.log(steps[chosen]), np.log(errors[chosen]))
     margin = float(stats.t.ppf(0.975, last - first - 1)) * float(line.stderr)
     value = float(line.slope)
-    return Slope(value, (value - margin, value + margin), first, last)
+    return FittedSlope(value, (value - margin, value + margin), first, last)
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -272,7 +276,7 @@ OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 def convergence_tasks(full: bool) -> list[Task]:
     """Every method on every exact problem it fits."""
     tasks = [
-        convergence_task(method_to_plot(method), name, full)
+        convergence_task(method_name_to_plot(method), name, full)
         for name in NAMES
         for method in METHODS
         if (full or method in QUICK_METHODS or name == QUICK_PROBLEM)
@@ -292,7 +296,7 @@ def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task
     return Task(f"{method} on {problem}", key, partial(_measure_convergence, problem, method, full))
 
 
-def method_to_plot(name: str) -> str:
+def method_name_to_plot(name: str) -> str:
     """Form in which a method shows its order: high orders with compensated sums.
 
     Six decades of error fit above rounding only if sums do not add to it.
@@ -311,9 +315,11 @@ def _measure_convergence(name: str, method: str, full: bool) -> Plain:
     if short and name == "bounce":
         problem = bounce.bounce_problem(time=bounce.SHORT)
     if reference:
-        solve, order = external_integrators.outside_solver(method), external_integrators.ORDERS[method]
+        solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]
         # A Runge-Kutta method shows its order at shorter steps than a symmetric composition.
-        counts = step_counts(dataclasses.replace(problem, fewest=2 * problem.fewest), solve, order)
+        counts = step_counts(
+            dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps), solve, order
+        )
         return convergence(problem, method, counts, solver=solve, order=order).to_plain()
     return convergence(problem, method).to_plain()
 

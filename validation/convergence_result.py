@@ -12,7 +12,7 @@ import numpy as np
 from granular.shared.plotting import COLOURS, STYLES, axes_or_new, figure
 from validation.external_integrators import ORDERS
 from validation.report_tasks import PlainData
-from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
     import pandas
@@ -28,7 +28,7 @@ CLEAR = 7.0
 the finest steps reach so far down: with methods of order four and more."""
 
 
-class Slope(NamedTuple):
+class FittedSlope(NamedTuple):
     """A fitted slope.
 
     Attributes
@@ -64,7 +64,7 @@ class ConvergenceResult(PlainData):
         Greatest error of a coordinate at the problem's time [m].
     rounding : float
         What rounding does at the finest step [m].
-    fit : Slope or None
+    fit : FittedSlope or None
         None where too few errors stand clear of rounding, or no step was short enough.
     seconds : tuple of float
         Wall time of a run with each step.
@@ -77,11 +77,11 @@ class ConvergenceResult(PlainData):
     steps: tuple[float, ...]
     errors: tuple[float, ...]
     rounding: float
-    fit: Slope | None
+    fit: FittedSlope | None
     seconds: tuple[float, ...]
 
     @property
-    def slopes(self) -> tuple[float, ...]:
+    def local_slopes(self) -> tuple[float, ...]:
         """Slope from each step to the next finer one; NaN where an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
@@ -89,32 +89,32 @@ class ConvergenceResult(PlainData):
         )
 
     @property
-    def exact(self) -> bool:
+    def is_exact(self) -> bool:
         """True where no error stands clear of rounding."""
         return max(self.errors) <= CLEAR * self.rounding
 
-    def holds(self, tolerance: float) -> bool:
+    def shows_declared_order(self, tolerance: float) -> bool:
         """Tell if the slope is the declared order within a tolerance, or the method is exact."""
-        if self.exact:
+        if self.is_exact:
             return True
         return self.fit is not None and abs(self.fit.value - self.order) <= tolerance
 
     @property
-    def decades(self) -> float:
+    def decades_of_fit(self) -> float:
         """Over how many decades of steps the slope was fitted."""
         if self.fit is None:
             return 0.0
         return math.log10(self.steps[self.fit.first] / self.steps[self.fit.last])
 
-    def summary(self) -> tuple[str, ...]:
+    def table_row(self) -> tuple[str, ...]:
         """Row of this result in a table of results; see `HEADER`."""
-        measured = "exact to rounding" if self.exact else "too few steps above rounding"
+        measured = "exact to rounding" if self.is_exact else "too few steps above rounding"
         interval = steps_range = ""
         if self.fit is not None:
             measured = f"{self.fit.value:.4f}"
             interval = f"{self.fit.interval[0]:.3f} to {self.fit.interval[1]:.3f}"
             first, last = self.steps[self.fit.first], self.steps[self.fit.last]
-            steps_range = f"{first:.3g} to {last:.3g} ({self.decades:.2f} decades)"
+            steps_range = f"{first:.3g} to {last:.3g} ({self.decades_of_fit:.2f} decades)"
         declared = str(self.order) if self.smooth else f"{self.order}, motion not smooth"
         return (
             self.problem,
@@ -129,7 +129,7 @@ class ConvergenceResult(PlainData):
 
     def table(self) -> TextTable:
         """Step, error, local slope and wall time of each run."""
-        rows = zip(self.steps, self.errors, ("", *self.slopes), self.seconds, strict=True)
+        rows = zip(self.steps, self.errors, ("", *self.local_slopes), self.seconds, strict=True)
         return text_table(
             ("step [s]", "error [m]", "slope", "seconds"),
             [
@@ -142,7 +142,7 @@ class ConvergenceResult(PlainData):
         """Run a row: step [s], error [m], slope to it from the step before, wall time [s]."""
         import pandas
 
-        slopes = (math.nan, *self.slopes)
+        slopes = (math.nan, *self.local_slopes)
         columns = {"step": self.steps, "error": self.errors, "slope": slopes}
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
@@ -190,7 +190,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> TextTable:
     TextTable
         Table of texts: problem, method, its declared order, the measured slope and errors.
     """
-    return TextTable(HEADER, tuple(result.summary() for result in results))
+    return TextTable(HEADER, tuple(result.table_row() for result in results))
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -217,11 +217,11 @@ def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
         "outside references, on forces of their own, which must reach the same exact solution. "
         "An empty cell: the method does not suit the problem, or was not run on it."
     )
-    tabulate(page, slopes(results))
+    add_table_to_page(page, slope_table(results))
     for failed in (result for result in results if not convergence_holds(result)):
         page.note(f"{failed.method} on {failed.problem} does not show its order {failed.order}.")
     for name in dict.fromkeys(result.problem for result in results):
-        group = [result for result in results if result.problem == name and not result.exact]
+        group = [result for result in results if result.problem == name and not result.is_exact]
         if not group:
             page.text(f"On {name} every method shown is exact to rounding.")
             continue
@@ -229,15 +229,15 @@ def show_convergence(page: Page, results: Sequence[ConvergenceResult]) -> None:
             for k, result in enumerate(group):
                 style = STYLES[k // len(COLOURS) % len(STYLES)]
                 result.plot(axes, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.0)
-            legend_below(axes)
+            draw_legend_below(axes)
             page.figure(drawing, f"{name}: error at the end over the time step.")
 
 
-def slopes(results: Sequence[ConvergenceResult]) -> TextTable:
+def slope_table(results: Sequence[ConvergenceResult]) -> TextTable:
     """Measured slopes: a row a method, a column a problem."""
     problems = tuple(dict.fromkeys(result.problem for result in results))
     declared = {result.method: result.order for result in results}
-    cells = {(result.method, result.problem): _slope(result) for result in results}
+    cells = {(result.method, result.problem): _slope_text(result) for result in results}
     rows = [
         (method, order, *(cells.get((method, problem), "") for problem in problems))
         for method, order in sorted(declared.items(), key=lambda pair: pair[1])
@@ -245,10 +245,10 @@ def slopes(results: Sequence[ConvergenceResult]) -> TextTable:
     return text_table(("method", "order", *problems), rows)
 
 
-def _slope(convergence_result: ConvergenceResult) -> str:
+def _slope_text(convergence_result: ConvergenceResult) -> str:
     wrong = "" if convergence_holds(convergence_result) else " (!)"
     if convergence_result.fit is None:
-        return f"{'exact' if convergence_result.exact else 'too few steps'}{wrong}"
+        return f"{'exact' if convergence_result.is_exact else 'too few steps'}{wrong}"
     return f"{convergence_result.fit.value:.3f}{wrong}"
 
 
@@ -265,8 +265,8 @@ def convergence_holds(convergence_result: ConvergenceResult) -> bool:
     if convergence_result.fit is None and convergence_result.order > HIGH_ORDER:
         return True  # errors of order eight are rounding before they have fallen for half a decade
     clear = (
-        convergence_result.exact
-        or convergence_result.decades >= FULL
+        convergence_result.is_exact
+        or convergence_result.decades_of_fit >= FULL
         or convergence_result.order > HIGH_ORDER
     )
     if (
@@ -278,7 +278,7 @@ def convergence_holds(convergence_result: ConvergenceResult) -> bool:
         return clear and convergence_result.fit.value < convergence_result.order + 1 + _slope_tolerance(
             convergence_result.order
         )
-    return clear and convergence_result.holds(_slope_tolerance(convergence_result.order))
+    return clear and convergence_result.shows_declared_order(_slope_tolerance(convergence_result.order))
 
 
 def _slope_tolerance(order: int) -> float:

@@ -10,10 +10,15 @@ from granular.methods import METHODS, Method, method_named
 from granular.methods.registry import method_setting, register_methods
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
-from validation.convergence_order import CONVERGENCE, convergence_task, method_suits_problem, method_to_plot
+from validation.convergence_order import (
+    CONVERGENCE,
+    convergence_task,
+    method_name_to_plot,
+    method_suits_problem,
+)
 from validation.cost.report_section import WORK_PRECISION, work_precision_task
 from validation.cost.work_precision import candidate_settings
-from validation.energy_drift import ENERGY, energy_task, wall_oscillation
+from validation.energy_drift import ENERGY, energy_task, wall_oscillation_run
 from validation.exact import NAMES, exact_problem
 from validation.measured_quantities import quantity_named
 from validation.report import report
@@ -99,13 +104,13 @@ def _convergence_of_methods(names: Sequence[str], full: bool) -> Iterator[Task]:
     for problem in NAMES:
         for name in names:
             if method_suits_problem(exact_problem(problem), name):
-                yield convergence_task(method_to_plot(name), problem, full, **_table(name))
+                yield convergence_task(method_name_to_plot(name), problem, full, **_table(name))
 
 
 def _energy_of_methods(names: Sequence[str]) -> Iterator[Task]:
     for name in names:
         if not method_named(name).variable:
-            yield energy_task(wall_oscillation(name, PERIODS), **_table(name))
+            yield energy_task(wall_oscillation_run(name, PERIODS), **_table(name))
 
 
 def _cost_of_methods(

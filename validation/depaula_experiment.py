@@ -25,7 +25,7 @@ from granular.schema.scales import Scales
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation.exact import bounce
 from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import WIDTH, TextTable, legend_below, text_table
+from validation.text_tables import WIDTH, TextTable, draw_legend_below, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +42,7 @@ _SAMPLES = 200
 
 
 @numba.njit
-def _position_form(
+def _integrate_position_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """End, and how many peaks were found, by the position form from rest."""
@@ -64,7 +64,7 @@ def _position_form(
 
 
 @numba.njit
-def _compensated_form(
+def _integrate_compensated_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """Return the same sequence in compensated increments."""
@@ -135,45 +135,45 @@ class DepaulaStepTest(PlainData):
 
     runs: tuple[DepaulaRun, ...]
 
-    def of(self, form: str) -> tuple[DepaulaRun, ...]:
+    def runs_of_form(self, form: str) -> tuple[DepaulaRun, ...]:
         """Return the runs of one form, from coarse to fine."""
         return tuple(run for run in self.runs if run.form == form)
 
-    def slope(self, form: str, finest: float = 5e-8) -> float:
+    def error_slope(self, form: str, finest: float = 5e-8) -> float:
         """Slope of the error against the exact height, from the coarsest step to a finest one."""
-        runs = [run for run in self.of(form) if run.step >= 0.999 * finest]
+        runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _slope([run.step for run in runs], [run.error for run in runs])
 
-    def slope_to_finest(self, form: str) -> float:
+    def slope_relative_to_finest(self, form: str) -> float:
         """Slope of the error against the finest step's height: de Paula's figure."""
-        *runs, last = self.of(form)
+        *runs, last = self.runs_of_form(form)
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
-    def scatter_to_finest(self, form: str) -> float:
+    def scatter_about_slope(self, form: str) -> float:
         """Greatest distance of those errors from their line, over what the line gives."""
-        *runs, last = self.of(form)
+        *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])
         away = errors - np.polynomial.Polynomial.fit(steps, errors, 1)(steps)
         return float(np.expm1(np.abs(away).max()))
 
-    def rounding(self) -> dict[float, float]:
+    def rounding_errors(self) -> dict[float, float]:
         """Effect of rounding on the position form at each step [m]."""
-        clean = {run.step: run.end for run in self.of(COMPENSATED)}
-        return {run.step: abs(run.end - clean[run.step]) for run in self.of(PLAIN)}
+        clean = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
+        return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
-    def agreement(self) -> float:
+    def greatest_form_difference(self) -> float:
         """Greatest difference of the position form and the velocity form, both compensated [m].
 
         They are the same sequence of positions: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
         from two steps of the velocity form (Hairer, Lubich and Wanner 2003, section 1).
         """
-        ends = {run.step: run.end for run in self.of(COMPENSATED)}
-        return max(abs(run.end - ends[run.step]) for run in self.of(TOOLKIT))
+        ends = {run.step: run.end for run in self.runs_of_form(COMPENSATED)}
+        return max(abs(run.end - ends[run.step]) for run in self.runs_of_form(TOOLKIT))
 
     def table(self) -> TextTable:
         """One row a run."""
-        rounding = self.rounding()
+        rounding = self.rounding_errors()
         rows = [
             (
                 run.form,
@@ -192,7 +192,7 @@ class DepaulaStepTest(PlainData):
         """Draw the errors of each form over the step, and those relative to the finest step."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
-            runs = self.of(form)
+            runs = self.runs_of_form(form)
             steps = [run.step for run in runs]
             axes.loglog(
                 steps,
@@ -222,7 +222,7 @@ class DepaulaStepTest(PlainData):
     def plot_path(self, ax: Axes | None = None) -> Axes:
         """Draw the height over time at the finest step, next to free fall."""
         axes = axes_or_new(ax)
-        run = self.of(COMPENSATED)[-1]
+        run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * bounce.TIME / len(run.path)
         axes.plot(time, 1e3 * np.array(run.path), color=COLOURS[0], label=f"step {run.step:g} s")
         gravity = bounce.bounce_problem().scene.effects.gravity
@@ -245,7 +245,7 @@ class DepaulaStepTest(PlainData):
         """Draw how far each peak is from the start's height, at the finest step."""
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
-            run = self.of(form)[-1]
+            run = self.runs_of_form(form)[-1]
             away = np.abs(run.peaks)
             axes.semilogy(
                 1 + np.arange(len(away)), np.where(away > 0.0, away, np.nan), "o", color=colour, label=form
@@ -262,7 +262,7 @@ class DepaulaStepTest(PlainData):
         )
         axes.set_xlabel("bounce")
         axes.set_ylabel("peak off the start [m]")
-        axes.set_xticks(range(1, 1 + len(self.of(PLAIN)[-1].peaks)))
+        axes.set_xticks(range(1, 1 + len(self.runs_of_form(PLAIN)[-1].peaks)))
         return axes
 
 
@@ -270,7 +270,7 @@ def _slope(steps: list[float], errors: list[float]) -> float:
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-def depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
+def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
     """Carry out the experiment.
 
     Parameters
@@ -291,7 +291,7 @@ def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     scales = Scales.from_grains(scene.grains)
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
-    loop = _position_form if form == PLAIN else _compensated_form
+    loop = _integrate_position_form if form == PLAIN else _integrate_compensated_form
     peaks, path = np.zeros(_PEAKS), np.zeros(_SAMPLES)
     h, count = step / scales.time, round(bounce.TIME / step)
     start = float(bounce.START)
@@ -330,33 +330,33 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_depaula(page: Page, experiments: Sequence[DepaulaStepTest]) -> None:
+def show_depaula_section(page: Page, experiments: Sequence[DepaulaStepTest]) -> None:
     """Show errors over the step, and the peaks, with and without rounding."""
     for experiment in experiments:
-        clean, plain = experiment.of(COMPENSATED)[-1], experiment.of(PLAIN)[-1]
+        clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
         page.text(
             "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
-            f"against the exact height falls with the slope {experiment.slope(COMPENSATED):.4f}, "
+            f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
             f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
             f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: what a "
             "plot of it shows below 1e-6 s is rounding. The greatest difference of two peaks is "
             f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
             f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same "
             "sequence: its heights, compensated, differ from those of the position form by "
-            f"{experiment.agreement():.1g} m at most."
+            f"{experiment.greatest_form_difference():.1g} m at most."
         )
         page.text(
             "De Paula sees its points scatter about the line, and ascribes that to errors that "
             "are relative to the finest step. That alone makes a slope of "
-            f"{experiment.slope_to_finest(COMPENSATED):.3f}, with points within "
-            f"{experiment.scatter_to_finest(COMPENSATED):.0%} of the line, as the compensated sums "
+            f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
+            f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line, as the compensated sums "
             "show. In the plain position form rounding makes it "
-            f"{experiment.slope_to_finest(PLAIN):.2f}, with points off the line by up to "
-            f"{experiment.scatter_to_finest(PLAIN):.0%}."
+            f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points off the line by up to "
+            f"{experiment.scatter_about_slope(PLAIN):.0%}."
         )
         with figure(width=WIDTH, height=5.2) as (drawing, axes):
             experiment.plot(axes)
-            legend_below(axes, columns=1)
+            draw_legend_below(axes, columns=1)
             page.figure(
                 drawing,
                 "Error of the height after 2 s: against the exact one (dots), and relative to the "
@@ -374,14 +374,14 @@ def show_depaula(page: Page, experiments: Sequence[DepaulaStepTest]) -> None:
 
 
 def _verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
-    slopes = [experiment.slope(COMPENSATED) for experiment in experiments]
+    slopes = [experiment.error_slope(COMPENSATED) for experiment in experiments]
     words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
     return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
 
 
 def _tasks(full: bool) -> list[Task]:
     label = "seven steps" if full else "four steps"
-    return [Task(label, {"full": full}, lambda: depaula_experiment(full=full).to_plain())]
+    return [Task(label, {"full": full}, lambda: run_depaula_experiment(full=full).to_plain())]
 
 
 DEPAULA = Section(
@@ -391,6 +391,6 @@ DEPAULA = Section(
     DepaulaStepTest.from_plain,
     lambda experiments: [("De Paula's test.", experiment.table()) for experiment in experiments],
     _verdict,
-    show_depaula,
+    show_depaula_section,
     behind=False,
 )

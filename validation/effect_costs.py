@@ -42,7 +42,7 @@ class EngineSteps:
         self.watch = self.run.stop_criteria()._replace(stiff=math.inf, rest=-1.0)
         self.rows = np.zeros((3, record_width(len(system.effects))))
 
-    def make(self, steps: int) -> None:
+    def make_steps(self, steps: int) -> None:
         """Make that many steps, and check the state at their end."""
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
@@ -107,7 +107,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> dict[s
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             list(pool.map(_compile_engine, builds.values()))
-    calls, steps = _timed_calls(builds)
+    calls, steps = _calls_of_equal_duration(builds)
     seconds = _time_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     rows = []
@@ -162,20 +162,22 @@ def _replace_effect(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def _compile_engine(scene: Scene) -> None:
-    EngineSteps(scene, step=STILL).make(1)
+    EngineSteps(scene, step=STILL).make_steps(1)
 
 
-def _timed_calls(builds: Mapping[str, Scene]) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
+def _calls_of_equal_duration(
+    builds: Mapping[str, Scene],
+) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
     """Return the calls that take about `BURST` each, and the steps of each."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}
     for name, scene in builds.items():
         engine = EngineSteps(scene, step=STILL)
-        engine.make(16)
+        engine.make_steps(16)
         started = time.thread_time()
-        engine.make(64)
+        engine.make_steps(64)
         steps[name] = max(16, math.ceil(64 * BURST / (time.thread_time() - started)))
-        calls[name] = partial(engine.make, steps[name])
+        calls[name] = partial(engine.make_steps, steps[name])
     return calls, steps
 
 
@@ -199,7 +201,7 @@ def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tupl
     return float(np.median(off)), float(1.57 * (quarters[1] - quarters[0]) / math.sqrt(len(off)))
 
 
-def costs_agree(row: Mapping[str, Any]) -> bool:
+def first_and_last_costs_agree(row: Mapping[str, Any]) -> bool:
     """Tell if an effect costs the same first and last, within a fifth."""
     first, last = row["first"], row["last"]
     return bool(abs(first - last) <= AGREE * max(abs(first), abs(last)))

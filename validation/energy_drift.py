@@ -22,8 +22,8 @@ from granular.shared.errors import RunError
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
 from validation.exact import bounce
 from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import WIDTH, TextTable, legend_below, text_table
-from validation.trend_significance import BLOCKS, SIGNIFICANCE, Trend, energy_trend
+from validation.text_tables import WIDTH, TextTable, draw_legend_below, text_table
+from validation.trend_significance import BLOCKS, SIGNIFICANCE, EnergyTrend, energy_trend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +76,7 @@ class EnergyStudy(PlainData):
         The error that stopped it.
     times, errors : tuple of float
         Samples of the energy's error over the energy turned over.
-    trend : Trend
+    trend : EnergyTrend
         Of all samples.
     heights, velocities : tuple of float
         Phase portrait of the first grain, from its frames [D], [m/s]; empty for a bed.
@@ -90,12 +90,12 @@ class EnergyStudy(PlainData):
     stopped: str | None
     times: tuple[float, ...]
     errors: tuple[float, ...]
-    trend: Trend
+    trend: EnergyTrend
     heights: tuple[float, ...] = ()
     velocities: tuple[float, ...] = ()
 
 
-def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
+def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     """Return the runs of the report.
 
     Every method on a grain that swings above the wall, at steps at which the controls' trend is
@@ -103,12 +103,12 @@ def energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     and 1e6 of the frictionless bed, with the controls next to them.
     """
     swings = tuple(
-        wall_oscillation(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
+        wall_oscillation_run(name, 64 if full else 40) for name in METHODS if not METHODS[name].variable
     )
     if not full:
         return swings
     bounces = tuple(_bounce_run(*bounce) for bounce in _BOUNCES)
-    return (*swings, *bounces, bounces_with_variable_steps(), *(_bed_run(*bounce) for bounce in _BEDS))
+    return (*swings, *bounces, variable_step_bounce_run(), *(_bed_run(*bounce) for bounce in _BEDS))
 
 
 _STEPS = {"explicit-euler": 1e-6, "symplectic-euler": 5e-6, "runge-kutta-4": 6e-3}
@@ -122,19 +122,19 @@ _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-
 """Method, step [s] and time [s]; the controls at steps that show their trend."""
 
 
-def wall_oscillation(method: str, periods: int) -> EnergyRun:
+def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
     """Grain that swings above the wall, with a method and so many periods."""
     start, dt = bounce.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * bounce.harmonic_period(start.scene, 0.5)
-    return EnergyRun("swing above the wall", _with_records(start.scene, dt, time), method, dt, time)
+    return EnergyRun("swing above the wall", _set_record_intervals(start.scene, dt, time), method, dt, time)
 
 
 def _bounce_run(method: str, dt: float, time: float) -> EnergyRun:
-    scene = _with_records(bounce.bounce_problem().scene, dt, time)
+    scene = _set_record_intervals(bounce.bounce_problem().scene, dt, time)
     return EnergyRun("bouncing grain", scene, method, dt, time)
 
 
-def bounces_with_variable_steps() -> EnergyRun:
+def variable_step_bounce_run() -> EnergyRun:
     """1e4 bounces with variable steps, some 160 a bounce."""
     scene = bounce.bounce_problem().scene
     time = 1e4 * float(bounce.bounce_period(scene))
@@ -144,17 +144,17 @@ def bounces_with_variable_steps() -> EnergyRun:
 
 def _bed_run(method: str, dt: float, time: float) -> EnergyRun:
     scene = load_scene("bed").replace(**{"effects.drag": None})
-    return EnergyRun("bed without friction", _with_records(scene, dt, time), method, dt, time)
+    return EnergyRun("bed without friction", _set_record_intervals(scene, dt, time), method, dt, time)
 
 
-def _with_records(scene: Scene, dt: float, time: float) -> Scene:
+def _set_record_intervals(scene: Scene, dt: float, time: float) -> Scene:
     """Scene with so many records, integers of steps apart, and frames of a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     return scene.replace(**{"output.scalars": record, "output.frames": every * record})
 
 
-def energy_study(run: EnergyRun) -> EnergyStudy:
+def run_energy_study(run: EnergyRun) -> EnergyStudy:
     """Carry out a run and test its energy.
 
     Raises
@@ -172,10 +172,10 @@ def energy_study(run: EnergyRun) -> EnergyStudy:
         except RunError as error:
             stopped = f"{type(error).__name__}: {error}"
             done = cast("Trajectory", error.trajectory)
-    return _study(run, done, stopped)
+    return _make_energy_study(run, done, stopped)
 
 
-def _study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy:
+def _make_energy_study(run: EnergyRun, done: Trajectory, stopped: str | None) -> EnergyStudy:
     data = done.dataset
     time = data["time"].values
     energy = np.sum([data[name].values for name in _ENERGIES if name in data], axis=0)
@@ -228,7 +228,7 @@ def energy_table(studies: Sequence[EnergyStudy]) -> TextTable:
             _step_text(study.dt),
             study.steps,
             f"{study.trend.swing:.1e}",
-            f"{study.trend.drift:+.1e}",
+            f"{study.trend.total_drift:+.1e}",
             f"{study.trend.p_value:.2g}",
             study.trend.verdict(),
             "" if study.stopped is None else study.stopped.split(":", 1)[0],
@@ -259,17 +259,17 @@ CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
 """Trend that each control should show."""
 
 
-def energy_holds(energy_study: EnergyStudy) -> bool:
+def trend_is_as_expected(study: EnergyStudy) -> bool:
     """Tell if a run is of its kind: without a trend, or with a control's.
 
     Of a user's method that is not symplectic nothing is claimed.
     """
-    if not energy_study.keeps and energy_study.method not in CONTROLS:
+    if not study.keeps and study.method not in CONTROLS:
         return True
-    return energy_study.trend.verdict() == ("none" if energy_study.keeps else CONTROLS[energy_study.method])
+    return study.trend.verdict() == ("none" if study.keeps else CONTROLS[study.method])
 
 
-def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
+def show_energy_section(page: Page, studies: Sequence[EnergyStudy]) -> None:
     """Show trends, the error over time, and phase portraits."""
     page.text(
         "Error of the energy over the energy turned over. A trend is claimed where it stands out "
@@ -278,10 +278,10 @@ def show_energy(page: Page, studies: Sequence[EnergyStudy]) -> None:
         "(explicit Euler) or lose (Runge-Kutta)."
     )
     for study in studies:
-        if not energy_holds(study):
+        if not trend_is_as_expected(study):
             page.note(
                 f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
-                f"{study.trend.drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
+                f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike its kind."
             )
     for system in dict.fromkeys(study.system for study in studies):
         _energy_figures(page, system, [study for study in studies if study.system == system])
@@ -304,7 +304,7 @@ def _energy_figures(page: Page, system: str, group: Sequence[EnergyStudy]) -> No
             axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # what hardly changes looks so
             axes.set_ylabel("greatest energy error")
             axes.set_xlabel("fraction of the run")
-            legend_below(axes)
+            draw_legend_below(axes)
             page.figure(
                 drawing,
                 f"{system}, {kind}: greatest error of the energy in each {BINS}th of the run (of "
@@ -320,12 +320,12 @@ def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
     return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
 
 
-def _error_envelope(energy_study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     """Middle of each part of the run, over its length, and the greatest error in it."""
-    bins = min(BINS, len(energy_study.errors))
-    greatest = np.array([part.max() for part in np.array_split(np.abs(energy_study.errors), bins)])
-    middles = np.array([part.mean() for part in np.array_split(np.array(energy_study.times), bins)])
-    return middles / energy_study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
+    bins = min(BINS, len(study.errors))
+    greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])
+    middles = np.array([part.mean() for part in np.array_split(np.array(study.times), bins)])
+    return middles / study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
 def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> None:
@@ -348,16 +348,16 @@ def _phase_portraits(page: Page, system: str, group: Sequence[EnergyStudy]) -> N
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
 
 
-def _turning_point_limits(axes: Axes, energy_study: EnergyStudy) -> None:
+def _turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
     """Upper turning point, wide enough for a drift of a hundredth."""
-    top, fastest = energy_study.heights[0], max(map(abs, energy_study.velocities))
+    top, fastest = study.heights[0], max(map(abs, study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)
     axes.set_ylim(-0.25 * fastest, 0.25 * fastest)
     axes.axvline(top, color=GREY, linewidth=0.8)
 
 
 def _verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
-    right = sum(map(energy_holds, studies))
+    right = sum(map(trend_is_as_expected, studies))
     words = f"{right} of {len(studies)} energy runs are of their kind (no trend, or a control's)"
     return words, right == len(studies)
 
@@ -372,16 +372,16 @@ def energy_task(run: EnergyRun, **more: Any) -> Task:
         "time": run.time,
         **more,
     }
-    return Task(f"{run.method}: {run.system}", key, lambda: energy_study(run).to_plain())
+    return Task(f"{run.method}: {run.system}", key, lambda: run_energy_study(run).to_plain())
 
 
 ENERGY = Section(
     "energy",
     "Energy over long runs",
-    lambda full: [energy_task(run) for run in energy_runs(full=full)],
+    lambda full: [energy_task(run) for run in report_energy_runs(full=full)],
     EnergyStudy.from_plain,
     lambda studies: [("Energy over long runs.", energy_table(studies))],
     _verdict,
-    show_energy,
+    show_energy_section,
     behind=False,
 )

@@ -18,7 +18,7 @@ from granular.protocol import Hold
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from validation.exact.problem import Problem, Snapshot
+from validation.exact.problem import ExactProblem, GrainStates
 
 SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
@@ -30,7 +30,7 @@ Rate = Callable[[Any, Any], Any]
 """d state/dt for a time and a state (4 n,) in natural units: positions, then velocities."""
 
 
-class Start(NamedTuple):
+class IntegratorStart(NamedTuple):
     """A scene ready for an outside integrator.
 
     Attributes
@@ -58,7 +58,7 @@ def supports_scene(scene: Scene) -> bool:
     )
 
 
-def initial_state(scene: Scene) -> Start:
+def initial_state(scene: Scene) -> IntegratorStart:
     """State a scene starts from.
 
     Raises
@@ -74,7 +74,7 @@ def initial_state(scene: Scene) -> Start:
     scales = Scales.from_grains(scene.grains)
     positions, velocities = scene.initial_positions_and_velocities()
     state = [positions / scales.length, velocities / scales.velocity]
-    return Start(np.concatenate([part.ravel() for part in state]), scales)
+    return IntegratorStart(np.concatenate([part.ravel() for part in state]), scales)
 
 
 def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
@@ -129,30 +129,30 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[int, float, float]]
     return result
 
 
-def outside_solver(name: str) -> Callable[[Problem, int], Snapshot]:
+def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
     """Outside reference at equal steps, to see its order with `validation.convergence_order`."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
-    def fixed(problem: Problem, count: int) -> Snapshot:
+    def fixed(problem: ExactProblem, count: int) -> GrainStates:
         return solve(problem.scene, problem.time, count, None)
 
     return fixed
 
 
-def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> Snapshot:
+def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:
     """Grains at a time [s], by an outside reference that chooses its steps by a tolerance."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 
 
-def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> Snapshot:
+def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> GrainStates:
     positions, velocities = np.split(np.asarray(state), 2)
-    return Snapshot(
+    return GrainStates(
         positions.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
     )
 
 
-def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
+def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
     from scipy.integrate import DOP853
 
     begin = initial_state(scene)
@@ -177,7 +177,7 @@ _SOLVES: dict[str, Any] = {}
 """Compiled by JAX, for each set of forces and kind of step."""
 
 
-def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> Snapshot:
+def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
     begin = initial_state(scene)
     until = time / begin.scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)

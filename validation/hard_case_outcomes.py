@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 from granular.methods.method import COMPENSATED
 from granular.shared.errors import GranularError
-from validation.hard_cases import catalogue
+from validation.hard_cases import hard_case_catalogue
 from validation.hard_cases.hard_case import BROKEN, HardCase
 from validation.report_tasks import PlainData, Section, Task
-from validation.text_tables import TextTable, tabulate, text_table
+from validation.text_tables import TextTable, add_table_to_page, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page
@@ -30,7 +30,7 @@ OVERLAP = "less than a diameter"
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome(PlainData):
+class HardCaseOutcome(PlainData):
     """Ending of a case.
 
     Attributes
@@ -63,9 +63,9 @@ class Outcome(PlainData):
     measured: str = ""
 
 
-def outcome(
+def run_hard_case(
     case: HardCase, method: str = "stormer-verlet", dt: float | str | None = None, *, full: bool = False
-) -> Outcome:
+) -> HardCaseOutcome:
     """Run a case and judge how it ended.
 
     Parameters
@@ -81,20 +81,20 @@ def outcome(
 
     Returns
     -------
-    Outcome
+    HardCaseOutcome
         How the run ended, its error in the case's unit, and its wall time [s]. A run that raises an
         error is an outcome too.
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()
-    kind, error, said = _run_case(case, method, dt, case.full if full else case.quick)
+    kind, error, said = _run_case(case, method, dt, case.full_time if full else case.quick_time)
     name = said.split(":", 1)[0]
     allowed = (
         kind == ACCURATE
         or (kind == DEGRADED and case.may_degrade)
         or (kind == STOPPED and name in case.errors)
     )
-    return Outcome(
+    return HardCaseOutcome(
         case.name,
         method,
         str(dt),
@@ -104,7 +104,7 @@ def outcome(
         said,
         allowed,
         time.perf_counter() - started,
-        case.measure.words,
+        case.measure.description,
     )
 
 
@@ -130,9 +130,9 @@ def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tup
 # In the report ----------------------------------------------------------------------------------
 
 
-def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
+def show_outcomes(page: Page, outcomes: Sequence[HardCaseOutcome]) -> None:
     """Show the outcome of every hard case."""
-    page.text(stability_verdict(outcomes))
+    page.text(outcome_summary(outcomes))
     for outcome in outcomes:
         if not outcome.allowed:
             page.note(f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}")
@@ -142,10 +142,10 @@ def show_outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
         "for a step four times as long). An InputError says that a method does not suit the scene. "
         "All measurements are at the end of this page, with the messages."
     )
-    tabulate(page, stability_matrix(outcomes))
+    add_table_to_page(page, outcome_matrix(outcomes))
 
 
-def stability_verdict(outcomes: Sequence[Outcome]) -> str:
+def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
     """Say in two sentences how the cases ended."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
@@ -156,12 +156,12 @@ def stability_verdict(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def stability_matrix(outcomes: Sequence[Outcome]) -> TextTable:
+def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     """Outcomes: a row a case, a column for its own settings and for each method and step."""
     own = "its own settings"
     rows: dict[str, dict[str, str]] = {}
     columns: dict[str, None] = {own: None}
-    first: dict[str, Outcome] = {}
+    first: dict[str, HardCaseOutcome] = {}
     for outcome in outcomes:
         new = first.setdefault(outcome.case, outcome) is outcome
         column = own if new else _table_column(outcome)
@@ -185,18 +185,18 @@ def _split_unit(words: str) -> str:
     return words if words.endswith("]") or not words else f"{words} [1]"
 
 
-def _table_column(outcome: Outcome) -> str:
+def _table_column(outcome: HardCaseOutcome) -> str:
     return f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
 
 
-def _how_it_ended(outcome: Outcome) -> str:
+def _how_it_ended(outcome: HardCaseOutcome) -> str:
     wrong = "" if outcome.allowed else " (!)"
     if outcome.kind == STOPPED:
         return f"stopped: {outcome.said.split(':', 1)[0]}{wrong}"
     return f"{outcome.kind}: {outcome.error:.1g}{wrong}"
 
 
-def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
+def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     """One row an outcome."""
     rows = [
         (
@@ -215,9 +215,13 @@ def stability_table(outcomes: Sequence[Outcome]) -> TextTable:
     return text_table(header, rows)
 
 
-def case_table(names: Collection[str]) -> TextTable:
+def hard_case_descriptions(names: Collection[str]) -> TextTable:
     """Return a table of what is hard about each case, and of what its error is."""
-    rows = [(case.name, case.what, case.measure.words) for case in catalogue() if case.name in names]
+    rows = [
+        (case.name, case.difficulty, case.measure.description)
+        for case in hard_case_catalogue()
+        if case.name in names
+    ]
     return text_table(("case", "what is hard", "error"), rows)
 
 
@@ -239,10 +243,10 @@ def stability_tasks(full: bool) -> list[Task]:
         return Task(
             case.name,
             {"case": case.name, "method": method, "dt": str(dt), "full": late},
-            lambda: outcome(case, method, dt, full=late).to_plain(),
+            lambda: run_hard_case(case, method, dt, full=late).to_plain(),
         )
 
-    cases = catalogue()
+    cases = hard_case_catalogue()
     tasks = [task(case, "stormer-verlet", None, late=full) for case in cases]
     if full:
         tasks += [
@@ -261,17 +265,20 @@ def _vary_settings(case: HardCase, times: float) -> HardCase:
     )
 
 
-def _verdict(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
-    return stability_verdict(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
+def _verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
+    return outcome_summary(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
 
 
-def _tables(outcomes: Sequence[Outcome]) -> list[tuple[str, TextTable]]:
+def _tables(outcomes: Sequence[HardCaseOutcome]) -> list[tuple[str, TextTable]]:
     return [
-        ("Hard cases.", stability_table(outcomes)),
-        ("What is hard, and what is measured.", case_table({outcome.case for outcome in outcomes})),
+        ("Hard cases.", outcome_table(outcomes)),
+        (
+            "What is hard, and what is measured.",
+            hard_case_descriptions({outcome.case for outcome in outcomes}),
+        ),
     ]
 
 
 STABILITY = Section(
-    "stability", "Hard cases", stability_tasks, Outcome.from_plain, _tables, _verdict, show_outcomes
+    "stability", "Hard cases", stability_tasks, HardCaseOutcome.from_plain, _tables, _verdict, show_outcomes
 )

@@ -64,7 +64,7 @@ def _rest_height(run: Trajectory) -> float:
     )
 
 
-def small_swing(record: PistonRecord) -> tuple[float, float]:
+def swing_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     """Period [s] and damping ratio of a swing that dies out.
 
     From its turning points (parabolas through the samples about each): the distance of those of
@@ -101,11 +101,11 @@ def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _period(run: Trajectory) -> float:
-    return small_swing(run.piston())[0]
+    return swing_period_and_damping(run.piston())[0]
 
 
 def _damping_ratio(run: Trajectory) -> float:
-    return small_swing(run.piston())[1]
+    return swing_period_and_damping(run.piston())[1]
 
 
 def _piston_force(run: Trajectory) -> float:

@@ -19,26 +19,40 @@ from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import finite_or_none
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from validation.cost.advised_setting import FLOORS, USUAL, Advice, Point, SolverSettings, duration_text
+from validation.cost.advised_setting import (
+    FLOORS,
+    USUAL,
+    AdvisedSetting,
+    SolverSettings,
+    WorkPrecisionPoint,
+    duration_text,
+)
 from validation.cost.report_section import studies_from_plain
 from validation.cost.work_precision import (
     STEPS,
     depends_on_seed,
-    make_study,
+    make_work_precision,
     measure_points,
     reference_setting,
     reference_values,
     run_setting,
     scenes_with_other_seeds,
 )
-from validation.cost.work_precision_result import LEVELS, WorkPrecision, plain_numbers
-from validation.effect_costs import costs_agree, effect_costs
-from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, Outcome, outcome, stability_verdict
-from validation.hard_cases import COSTLY, catalogue
+from validation.cost.work_precision_result import LEVELS, WorkPrecision, label_run_times
+from validation.effect_costs import effect_costs, first_and_last_costs_agree
+from validation.hard_case_outcomes import (
+    ACCURATE,
+    DEGRADED,
+    STOPPED,
+    HardCaseOutcome,
+    outcome_summary,
+    run_hard_case,
+)
+from validation.hard_cases import COSTLY, hard_case_catalogue
 from validation.measured_quantities import QUANTITIES, MeasuredQuantity
 from validation.report_scenes import compression_scene
 from validation.report_tasks import Plain, Section, Task
-from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,8 +98,8 @@ def _measure_effects(scene: Scene) -> Plain:
 
 
 def _run_hard_cases() -> Plain:
-    light = [case for case in catalogue() if not any(word in case.name for word in COSTLY)]
-    return {"outcomes": [outcome(case).to_plain() for case in light]}
+    light = [case for case in hard_case_catalogue() if not any(word in case.name for word in COSTLY)]
+    return {"outcomes": [run_hard_case(case).to_plain() for case in light]}
 
 
 def suitable_quantities(scene: Scene) -> tuple[str, ...]:
@@ -107,7 +121,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> Plain:
     truth = reference_values(scenes, chosen, given, until)
     rows = [measure_points(scenes, chosen, item, truth, until, 1) for item in ladder]
     studies = [
-        make_study(scene, quantity, until, [row[k] for row in rows], truth[k])
+        make_work_precision(scene, quantity, until, [row[k] for row in rows], truth[k])
         for k, quantity in enumerate(chosen)
     ]
     fresh = _check_with_fresh_start(scenes, chosen, truth, studies, until) if len(scenes) > 1 else []
@@ -166,7 +180,7 @@ def _check_with_fresh_start(
         if quantity.of_start and quantity.exact is None:
             continue
         for words, level in LEVELS.items():
-            best = study.cheapest(level)
+            best = study.cheapest_point(level)
             if best is None:
                 continue
             label = f"{best.setting.family}, {best.setting.dt}"
@@ -194,9 +208,9 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
         return math.inf
 
 
-def price_of_digit(study: WorkPrecision, best: Point | None) -> str:
+def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
     """Say how many times the time a digit more takes."""
-    measured = study.digit()
+    measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
     order = METHODS[best.setting.method].order if best is not None else 2
@@ -215,11 +229,11 @@ def show_overview(page: Page, results: Sequence[Plain]) -> None:
             _show_effects(page, result["effects"])
     if outcomes := _outcomes(results):
         page.section("Hard cases at a glance")
-        tabulate(page, hard_case_table(outcomes))
+        add_table_to_page(page, outcome_count_table(outcomes))
 
 
-def _outcomes(results: Sequence[Plain]) -> list[Outcome]:
-    return [Outcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
+def _outcomes(results: Sequence[Plain]) -> list[HardCaseOutcome]:
+    return [HardCaseOutcome.from_plain(row) for result in results for row in result.get("outcomes", ())]
 
 
 def _show_accuracy(page: Page, plain: Plain) -> None:
@@ -235,19 +249,19 @@ def _show_accuracy(page: Page, plain: Plain) -> None:
             f"{USUAL[0]}."
         )
     with figure(width=WIDTH, height=4.2) as (drawing, axes):
-        plot_error_over_time(axes, studies)
-        legend_below(axes)
+        plot_error_over_run_time(axes, studies)
+        draw_legend_below(axes)
         until = "" if first.horizon is None else f" over {first.horizon:g} s"
         page.figure(drawing, f"{first.scene}{until}: error over the time of a run.")
-    tabulate(page, advice_table(studies))
+    add_table_to_page(page, advice_table(studies))
 
 
-def plot_error_over_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
+def plot_error_over_run_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
     """Error over seconds: a colour a quantity, a line a method, the floor dashed."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
-        for j, (name, family) in enumerate(study.families().items()):
-            done = [point for point in family if not point.failed and point.error > 0.0]
+        for j, (name, family) in enumerate(study.points_by_family().items()):
+            done = [point for point in family if not point.has_failed and point.error > 0.0]
             seconds = [point.seconds for point in done]
             words = study.quantity if j == 0 else f"{study.quantity}, {name}"
             axes.loglog(
@@ -263,7 +277,7 @@ def plot_error_over_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
             axes.vlines(
                 seconds,
                 [point.error for point in done],
-                [point.bound for point in done],
+                [point.upper_error_bound for point in done],
                 color=colour,
                 linewidth=0.8,
             )
@@ -271,7 +285,7 @@ def plot_error_over_time(axes: Axes, studies: Sequence[WorkPrecision]) -> None:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
     for level in LEVELS.values():
         axes.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
-    plain_numbers(axes)
+    label_run_times(axes)
     axes.set_xlabel("time of a run [s]")
     axes.set_ylabel("error")
 
@@ -280,25 +294,25 @@ def advice_table(studies: Sequence[WorkPrecision]) -> TextTable:
     """Quantity a row: what to take for each level and its price, scatter, price of a digit."""
     rows = []
     for study in studies:
-        advised = [study.advice(level) for level in LEVELS.values()]
+        advised = [study.advise(level) for level in LEVELS.values()]
         scatter = f"{study.floor:.1g}" if study.floor else "none"
         rows.append(
             (
                 study.quantity,
                 *map(_setting_and_price, advised),
                 scatter,
-                price_of_digit(study, advised[0].point),
+                cost_of_digit_text(study, advised[0].point),
             )
         )
     return text_table(("quantity", *LEVELS, "starts scatter by", "a digit costs"), rows)
 
 
-def _setting_and_price(advice: Advice) -> str:
+def _setting_and_price(advice: AdvisedSetting) -> str:
     """Return the setting to take for a level, and its price."""
     if advice.point is None:
         return str(advice)
     method, price = advice.point.setting.method, duration_text(advice.seconds)
-    if advice.below_floor:
+    if advice.needs_more_starts:
         number = f"{advice.starts:d}" if advice.starts < 1000 else f"{advice.starts:.0e}"
         return f"{number} starts of any step: {price}"
     named = "" if method == USUAL[0] else f"{method} "
@@ -317,18 +331,18 @@ def _show_effects(page: Page, plain: Mapping[str, Any]) -> None:
         "more than a fifth. What a scene does not name leaves nothing in its step; "
         '"python -m benchmarks --part absent" times that next to steps written by hand.'
     )
-    tabulate(page, effect_table(plain))
+    add_table_to_page(page, effect_cost_table(plain))
     sums = ", ".join(f"{name} {value:.3g}" for name, value in plain["sums"].items())
     page.text(f"A whole step by the sum over pairs: {sums} microseconds.")
 
 
-def effect_table(plain: Mapping[str, Any]) -> TextTable:
+def effect_cost_table(plain: Mapping[str, Any]) -> TextTable:
     """Row an effect: one price, or what it adds first and what it saves last."""
     rows = []
     for effect in plain["effects"]:
         first, last = _price_text(effect, "first"), _price_text(effect, "last")
         both = effect["first"] is not None and effect["last"] is not None
-        shown = "yes" if both and costs_agree(effect) else "no"
+        shown = "yes" if both and first_and_last_costs_agree(effect) else "no"
         rows.append((effect["effect"], first, last, shown))
     header = (
         "effect",
@@ -347,7 +361,7 @@ def _price_text(mapping: Mapping[str, Any], which: str) -> str:
 # Hard cases -------------------------------------------------------------------------------------
 
 
-def hard_case_table(outcomes: Sequence[Outcome]) -> TextTable:
+def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> TextTable:
     """Return how many cases ended how, in one row."""
     counts = [sum(item.kind == kind for item in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [item.case for item in outcomes if not item.allowed]
@@ -370,9 +384,9 @@ def _tables(results: Sequence[Plain]) -> list[tuple[str, TextTable]]:
             tables.append((f"{studies[0].scene}: what accuracy costs", advice_table(studies)))
         elif "effects" in result:
             plain = result["effects"]
-            tables.append((f"{plain['scene']}: what its effects cost", effect_table(plain)))
+            tables.append((f"{plain['scene']}: what its effects cost", effect_cost_table(plain)))
     if outcomes := _outcomes(results):
-        tables.append(("Hard cases", hard_case_table(outcomes)))
+        tables.append(("Hard cases", outcome_count_table(outcomes)))
     return tables
 
 
@@ -388,11 +402,11 @@ def _verdict(results: Sequence[Plain]) -> tuple[str, bool]:
     if missed:
         words += f", not {'; '.join(missed)}"
     if hard:
-        words += f"; {stability_verdict(hard).rstrip('.')}"
+        words += f"; {outcome_summary(hard).rstrip('.')}"
     return words, not missed and all(outcome.allowed for outcome in hard)
 
 
-def make_overview(scenes: Sequence[Scene]) -> Section:
+def overview_section_for(scenes: Sequence[Scene]) -> Section:
     """Return the overview for scenes of one's own, with the quick hard cases."""
     return OVERVIEW._replace(tasks=lambda full: overview_tasks(scenes, full, hard=True))
 

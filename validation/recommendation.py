@@ -13,19 +13,19 @@ from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from validation.cost.advised_setting import (
     FLOORS,
-    Advice,
-    Point,
+    AdvisedSetting,
     SolverSettings,
+    WorkPrecisionPoint,
     accurate_points,
-    advice,
+    advise_setting,
     duration_text,
-    resolved_points,
+    points_without_clear_error,
 )
 from validation.cost.work_precision import (
     REPEATS,
     STEPS,
     candidate_settings,
-    make_study,
+    make_work_precision,
     measure_points,
     reference_setting,
     reference_values,
@@ -87,7 +87,7 @@ class Recommendation(PlainData):
     starts: int = 1
 
     @property
-    def below_floor(self) -> bool:
+    def needs_more_starts(self) -> bool:
         """True where the starts scatter by too much for a single run."""
         return self.tolerance < FLOORS * self.study.floor
 
@@ -103,7 +103,7 @@ class Recommendation(PlainData):
     def __str__(self) -> str:
         what = f"{self.quantity} of {self.scene} to {self.tolerance:g}: "
         error = f"error {self.error:.2g}" + (f" +- {self.doubt:.1g}" if self.doubt else "")
-        if not self.below_floor:
+        if not self.needs_more_starts:
             return f"{what}{error} in {self.seconds:.3g} s\n  {self.command}"
         price = duration_text(self.starts * self.seconds)
         return (
@@ -117,7 +117,7 @@ class Recommendation(PlainData):
         return super().to_plain() | {
             "command": self.command,
             "floor": self.study.floor,
-            "below_floor": self.below_floor,
+            "below_floor": self.needs_more_starts,
         }
 
 
@@ -178,7 +178,7 @@ def recommend_settings(
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )
-    return recommendation(study, tolerance)
+    return recommend_from_study(study, tolerance)
 
 
 def quantity_is_scattered(quantity: MeasuredQuantity, starts: int) -> bool:
@@ -229,11 +229,11 @@ def _measure_until_decided(
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
         (truth,) = reference_values(scenes, [quantity], [reference], until)
-        tried: list[Point] = []
+        tried: list[WorkPrecisionPoint] = []
         for family in dict.fromkeys(setting.family for setting in settings):
-            own: list[Point] = []
+            own: list[WorkPrecisionPoint] = []
             for setting in (setting for setting in settings if setting.family == family):
-                best = advice(tried + own, truth.floor, tolerance)
+                best = advise_setting(tried + own, truth.floor, tolerance)
                 if _is_settled(own, truth.floor, tolerance) or _next_step_too_dear(own, best):
                     break
                 if not own and _family_too_dear(setting, tried, best):
@@ -242,31 +242,33 @@ def _measure_until_decided(
                 own += measure_points(scenes, [quantity], setting, [truth], until, REPEATS)
                 bar.update()
             tried += own
-    return make_study(scenes[0], quantity, until, tried, truth)
+    return make_work_precision(scenes[0], quantity, until, tried, truth)
 
 
-def _is_settled(points: Sequence[Point], floor: float, tolerance: float, count: int = 2) -> bool:
+def _is_settled(points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2) -> bool:
     """Tell if the finest points of a family are good enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
-        return len(resolved_points(last)) == count
+        return len(points_without_clear_error(last)) == count
     return len(accurate_points(last, tolerance)) == count
 
 
-def _next_step_too_dear(points: Sequence[Point], best: Advice) -> bool:
+def _next_step_too_dear(points: Sequence[WorkPrecisionPoint], best: AdvisedSetting) -> bool:
     """Tell if the next step of a family would cost far more than the best one so far."""
-    done = [point for point in points if not point.failed]
+    done = [point for point in points if not point.has_failed]
     if not done or best.point is None or best.point in points[-1:]:
         return False
     return 2.0 * done[-1].seconds > HOPELESS * best.point.seconds
 
 
-def _family_too_dear(setting: SolverSettings, tried: Sequence[Point], best: Advice) -> bool:
+def _family_too_dear(
+    setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
+) -> bool:
     """Tell if already a family's longest step must cost far more than the best one so far.
 
     By its force calls: a run's time is that of its steps times those of each.
     """
-    known = [latest for latest in tried if not latest.failed and latest.setting.dt in STEPS]
+    known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False
     calls = METHODS[setting.method].force_calls
@@ -276,7 +278,7 @@ def _family_too_dear(setting: SolverSettings, tried: Sequence[Point], best: Advi
     return seconds > HOPELESS * best.point.seconds
 
 
-def recommendation(study: WorkPrecision, tolerance: float) -> Recommendation:
+def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendation:
     """Return what a study recommends for a tolerance.
 
     Raises
@@ -284,9 +286,9 @@ def recommendation(study: WorkPrecision, tolerance: float) -> Recommendation:
     InputError
         If no setting of the study reaches the tolerance.
     """
-    advised = study.advice(tolerance)
+    advised = study.advise(tolerance)
     if advised.point is None:
-        front = study.front()
+        front = study.pareto_front()
         best = f"{front[-1].error:.2g}" if front else "none"
         raise InputError(
             f"tolerance = {tolerance:g} for the {study.quantity} is reached by no setting tried; "

@@ -14,9 +14,9 @@ from validation.cost.report_section import WORK_PRECISION
 from validation.depaula_experiment import DEPAULA
 from validation.energy_drift import ENERGY
 from validation.hard_case_outcomes import STABILITY
-from validation.overview import OVERVIEW, hard_case_table
+from validation.overview import OVERVIEW, outcome_count_table
 from validation.report_tasks import FAILED, Plain, Section, machine_info, run_tasks
-from validation.text_tables import tabulate
+from validation.text_tables import add_table_to_page
 
 Results = Mapping[str, Sequence[Plain]]
 
@@ -64,7 +64,7 @@ def report(
         section.name: run_tasks(section.name, section.tasks(full), where, progress=progress)
         for section in sections
     }
-    plain = summarise(results) | {"full": full, "machine": machine_info(), "parts": results}
+    plain = summarise_verdicts(results) | {"full": full, "machine": machine_info(), "parts": results}
     if where is not None:
         report_page(results, full=full).save(where / "report.html")
         write_json(where / "report.json", plain)
@@ -74,7 +74,7 @@ def report(
 def report_page(results: Results, *, full: bool) -> Page:
     """Return the report as a page."""
     read = {SECTIONS[name]: _read_results(name, section_entries) for name, section_entries in results.items()}
-    verdicts = summarise(results)
+    verdicts = summarise_verdicts(results)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Not all holds: {', '.join(wrong)}." if wrong else "All holds."
     shown = Page("Proof of the numbers", lead)
@@ -82,7 +82,7 @@ def report_page(results: Results, *, full: bool) -> Page:
         _add_section(shown, OVERVIEW, read[OVERVIEW], results)
         if STABILITY in read:
             shown.section("Hard cases at a glance")
-            tabulate(shown, hard_case_table(read[STABILITY]))
+            add_table_to_page(shown, outcome_count_table(read[STABILITY]))
     shown.section("What holds")
     words = {True: "yes", False: "NO"}
     shown.table(
@@ -98,7 +98,7 @@ def report_page(results: Results, *, full: bool) -> Page:
         if section.behind and section_entries:
             for title, table in section.tables(section_entries):
                 shown.text(title)
-                tabulate(shown, table)
+                add_table_to_page(shown, table)
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     kind = "full" if full else "quick"
     shown.footer(f"Made on {made} ({kind}) with " + ", ".join(f"{k} {v}" for k, v in machine_info().items()))
@@ -118,7 +118,7 @@ def _add_section(page: Page, section: Section, items: Sequence[Any], results: Re
         section.show(page, items)
     if items and not section.behind:
         for _, table in section.tables(items):
-            tabulate(page, table)
+            add_table_to_page(page, table)
     for line in _failures(results[section.name]):
         page.note(line)
 
@@ -127,7 +127,7 @@ def _failures(results: Sequence[Plain]) -> list[str]:
     return [f"{result['label']} failed: {result[FAILED]}" for result in results if FAILED in result]
 
 
-def summarise(results: Results) -> dict[str, Any]:
+def summarise_verdicts(results: Results) -> dict[str, Any]:
     """Return a verdict for each section, whether it holds, and whether all of them do."""
     verdicts, held = {}, {}
     for name, result in results.items():

@@ -35,19 +35,19 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> TextT
     return TextTable(tuple(header), tuple(tuple(map(str, row)) for row in rows))
 
 
-def tabulate(page: Page, shown: TextTable) -> None:
+def add_table_to_page(page: Page, shown: TextTable) -> None:
     """Add a table whose numbers are not broken to a page."""
-    page.table(shown.header, [tuple(map(keep_together, row)) for row in shown.rows])
+    page.table(shown.header, [tuple(map(keep_number_with_unit, row)) for row in shown.rows])
 
 
-def keep_together(cell: str) -> str:
+def keep_number_with_unit(cell: str) -> str:
     """Keep a number and its unit on one line: 1e-06 is not broken at its sign."""
     if "," in cell or len(cell) > LONGEST_NUMBER or not cell.lstrip("+-")[:1].isdigit():
         return cell
     return cell.replace("-", "\u2011").replace(" ", "\u00a0")
 
 
-def legend_below(axes: Axes, columns: int = 2) -> None:
+def draw_legend_below(axes: Axes, columns: int = 2) -> None:
     """Draw a legend below the axes."""
     # Below the axes, so that a narrow page leaves the figure wide enough to be read.
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)

@@ -34,7 +34,7 @@ _WORKING = 1.5
 
 
 @dataclasses.dataclass(frozen=True)
-class Trend:
+class EnergyTrend:
     """The trend of a series.
 
     Attributes
@@ -64,7 +64,7 @@ class Trend:
         return max(self.p_stationary, self.p_walk)
 
     @property
-    def drift(self) -> float:
+    def total_drift(self) -> float:
         """Slope over the whole series."""
         return self.rate * self.duration
 
@@ -75,7 +75,7 @@ class Trend:
         return "gains" if self.rate > 0.0 else "loses"
 
 
-def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> Trend:
+def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> EnergyTrend:
     """Test the energy of a run for a trend, against stationary noise and against a random walk.
 
     The p-value is the greater one of both tests (intersection-union test; Berger 1982,
@@ -92,7 +92,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
 
     Returns
     -------
-    Trend
+    EnergyTrend
         Slope over the run with its interval, and whether it differs from none.
 
     Raises
@@ -113,7 +113,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
-    return _fit_trend(positions, means, duration, _swing_of_series(energy))
+    return _fit_trend(positions, means, duration, _deviation_about_line(energy))
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
@@ -124,13 +124,13 @@ def _block_edges(length: int, blocks: int) -> np.ndarray:
     return np.concatenate([[0], edges, [length]])
 
 
-def _swing_of_series(series: np.ndarray) -> float:
+def _deviation_about_line(series: np.ndarray) -> float:
     index = np.arange(len(series))
     line = np.polynomial.Polynomial.fit(index, series, 1)
     return float((series - line(index)).std())
 
 
-def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> Trend:
+def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> EnergyTrend:
     from scipy import stats
 
     count = len(means)
@@ -142,7 +142,7 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
     walk = float(rates.mean())
     walk_error = float(rates.std(ddof=1) * np.sqrt(_WORKING / (count - 1)))
     margin = float(stats.t.ppf(0.995, count - 2)) * max(error, walk_error)
-    return Trend(
+    return EnergyTrend(
         rate=slope,
         interval=(slope - margin, slope + margin),
         p_stationary=_probability(slope, error, count - 2),

@@ -80,16 +80,16 @@ def final_heights(_: bool) -> Numbers:
 
 def single_particle(full: bool) -> Numbers:
     """De Paula's test of its method; its finest steps only in full."""
-    from validation.depaula_experiment import COMPENSATED, PLAIN, depaula_experiment
+    from validation.depaula_experiment import COMPENSATED, PLAIN, run_depaula_experiment
 
-    result = depaula_experiment(full=full)
-    finest = result.of(PLAIN)[-1]
-    clean = result.of(COMPENSATED)[-1]
+    result = run_depaula_experiment(full=full)
+    finest = result.runs_of_form(PLAIN)[-1]
+    clean = result.runs_of_form(COMPENSATED)[-1]
     assert finest.peak_difference is not None
     assert clean.peak_difference is not None
     return {
-        "slope": result.slope(COMPENSATED),
-        "slope_to_finest": result.slope_to_finest(PLAIN),
+        "slope": result.error_slope(COMPENSATED),
+        "slope_to_finest": result.slope_relative_to_finest(PLAIN),
         "step": finest.step,
         "peak_difference": finest.peak_difference,
         "peak_difference_compensated": clean.peak_difference,

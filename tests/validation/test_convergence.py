@@ -12,19 +12,19 @@ from granular.schema.scales import Scales
 from validation.convergence_order import (
     Solver,
     convergence,
-    fitted_slope,
+    fit_convergence_slope,
+    method_name_to_plot,
     method_suits_problem,
-    method_to_plot,
 )
 from validation.convergence_result import CLEAR, ConvergenceResult, convergence_table
-from validation.exact import NAMES, Problem, Snapshot, bounce, exact_problem
+from validation.exact import NAMES, ExactProblem, GrainStates, bounce, exact_problem
 
 STEPS = tuple(0.1 * 2.0 ** (-k / 2) for k in range(13))
 
 
 @pytest.mark.parametrize("order", [1, 2, 4, 6, 8])
 def test_slope_of_a_known_law(order: int) -> None:
-    fit = fitted_slope(STEPS, [3.0 * h**order for h in STEPS], 1e-30)
+    fit = fit_convergence_slope(STEPS, [3.0 * h**order for h in STEPS], 1e-30)
     assert fit is not None
     assert fit.value == pytest.approx(order, abs=1e-9)
     assert STEPS[fit.first] / STEPS[fit.last] >= 10.0 - 1e-6
@@ -36,21 +36,21 @@ def test_rounding_is_left_out_of_the_fit() -> None:
     rounding = 1e-9
     errors = [h**4 + rounding * abs(random.standard_normal()) for h in STEPS]
     assert errors[-1] < 2.0 * errors[-2]  # the finest are rounding alone
-    fit = fitted_slope(STEPS, errors, rounding)
+    fit = fit_convergence_slope(STEPS, errors, rounding)
     assert fit is not None
     assert errors[fit.last] > CLEAR * rounding
     assert fit.last < len(STEPS) - 4
     assert fit.value == pytest.approx(4.0, abs=0.05)
     long = tuple(0.1 * 2.0 ** (-k / 2) for k in range(20))
     errors = [h**2 + rounding * abs(random.standard_normal()) for h in long]
-    fit = fitted_slope(long, errors, rounding)
+    fit = fit_convergence_slope(long, errors, rounding)
     assert fit is not None
     assert long[fit.last] ** 2 > (CLEAR - 4.0) * rounding
     assert fit.value == pytest.approx(2.0, abs=0.02)
 
 
 def test_an_error_that_stays_has_no_order() -> None:
-    fit = fitted_slope(STEPS, [h**2 + 1e-2 for h in STEPS], 1e-12)
+    fit = fit_convergence_slope(STEPS, [h**2 + 1e-2 for h in STEPS], 1e-12)
     assert fit is not None
     assert abs(fit.value) < 0.3
 
@@ -58,7 +58,7 @@ def test_an_error_that_stays_has_no_order() -> None:
 def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
     """Verlet in plain Python for one grain over the wall or with drag; with slips on demand."""
 
-    def solve(problem: Problem, count: int) -> Snapshot:
+    def solve(problem: ExactProblem, count: int) -> GrainStates:
         scales, effects = Scales.from_grains(problem.scene.grains), problem.scene.effects
         weight = effects.gravity.acceleration / scales.acceleration if effects.gravity else 0.0
         rate = effects.drag.decay_rate(scales) if effects.drag else 0.0
@@ -80,7 +80,7 @@ def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
             v = kick(v, x)
             x = x + h * v
             v = kick(v, x)
-        return Snapshot(x[None] * scales.length, v[None] * scales.velocity)
+        return GrainStates(x[None] * scales.length, v[None] * scales.velocity)
 
     return solve
 
@@ -91,7 +91,7 @@ def test_a_sound_solver_shows_its_order() -> None:
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
     assert result.fit is not None
     assert result.fit.value == pytest.approx(2.0, abs=0.01)
-    assert result.holds(0.02)
+    assert result.shows_declared_order(0.02)
 
 
 def test_controls_are_told_apart() -> None:
@@ -100,10 +100,10 @@ def test_controls_are_told_apart() -> None:
     smuggled = convergence(drag, "smuggled", counts, solver=plain_verlet(smuggled=True), order=2)
     assert smuggled.fit is not None
     assert smuggled.fit.value == pytest.approx(1.0, abs=0.1)
-    assert not smuggled.holds(0.3)
+    assert not smuggled.shows_declared_order(0.3)
     problem = exact_problem("oscillation")
     wrong = convergence(problem, "wrong", counts, solver=plain_verlet(gravity=1.0001), order=2)
-    assert not wrong.holds(0.3)
+    assert not wrong.shows_declared_order(0.3)
 
 
 def test_result_survives_json() -> None:
@@ -117,7 +117,7 @@ def test_result_survives_json() -> None:
     assert len(result.table().rows) == len(counts)
     table = result.to_dataframe()
     assert list(table) == ["step", "error", "slope", "seconds"]
-    assert table["slope"][1] == result.slopes[0]
+    assert table["slope"][1] == result.local_slopes[0]
 
 
 def test_toolkit_on_the_oscillation() -> None:
@@ -130,8 +130,8 @@ def test_toolkit_on_the_oscillation() -> None:
 
 def test_free_fall_is_exact() -> None:
     result = convergence(exact_problem("free-fall"), "stormer-verlet")
-    assert result.exact
-    assert result.holds(0.0)
+    assert result.is_exact
+    assert result.shows_declared_order(0.0)
     assert max(result.errors) < 1e-13
 
 
@@ -145,7 +145,7 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
     problem = bounce.bounce_problem(time=bounce.SHORT) if name == "bounce" else exact_problem(name)
     if not method_suits_problem(problem, method):
         pytest.skip("does not suit the problem")
-    result = convergence(problem, method_to_plot(method))
+    result = convergence(problem, method_name_to_plot(method))
     if not problem.smooth:  # the stop limits the order to two
         assert result.fit is not None
         assert result.fit.value == pytest.approx(min(2, METHODS[method].order), abs=0.1)
@@ -155,6 +155,6 @@ def test_every_method_has_its_order(name: str, method: str) -> None:
         # Errors of order eight are rounding before they have fallen for half a decade of steps.
         assert min(result.errors) < 1e-14
         return
-    assert result.holds(TOLERANCE[order]), convergence_table([result]).text()
-    if order <= 6 and not result.exact:
-        assert result.decades > 0.99
+    assert result.shows_declared_order(TOLERANCE[order]), convergence_table([result]).text()
+    if order <= 6 and not result.is_exact:
+        assert result.decades_of_fit > 0.99

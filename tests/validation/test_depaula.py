@@ -16,11 +16,11 @@ from validation.depaula_experiment import (
     TOOLKIT,
     DepaulaRun,
     DepaulaStepTest,
-    _compensated_form,
-    _position_form,
+    _integrate_compensated_form,
+    _integrate_position_form,
     _run_form,
     _run_toolkit,
-    depaula_experiment,
+    run_depaula_experiment,
 )
 from validation.exact import bounce
 
@@ -38,15 +38,15 @@ def coarse() -> DepaulaStepTest:
 
 
 def test_compensated_increments_have_order_two(coarse: DepaulaStepTest) -> None:
-    assert coarse.slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
-    assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.of(COMPENSATED))
+    assert coarse.error_slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
+    assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
 
 
 def test_the_position_form_is_rounding(coarse: DepaulaStepTest) -> None:
     """The error grows as the step shrinks, and all of it is what the forms differ by."""
-    for one in coarse.of(PLAIN):
-        assert coarse.rounding()[one.step] == pytest.approx(one.error, rel=0.1)
-    assert coarse.of(PLAIN)[-1].error > 1e4 * coarse.of(COMPENSATED)[-1].error
+    for one in coarse.runs_of_form(PLAIN):
+        assert coarse.rounding_errors()[one.step] == pytest.approx(one.error, rel=0.1)
+    assert coarse.runs_of_form(PLAIN)[-1].error > 1e4 * coarse.runs_of_form(COMPENSATED)[-1].error
 
 
 def test_peaks_and_path_are_those_of_the_exact_motion(coarse: DepaulaStepTest) -> None:
@@ -70,8 +70,8 @@ def test_experiment_survives_json(coarse: DepaulaStepTest) -> None:
 def test_slopes_of_known_errors() -> None:
     runs = tuple(DepaulaRun(PLAIN, h, 1.0 + h**2, h**2, 0.0) for h in (1e-1, 1e-2, 1e-3))
     one = DepaulaStepTest(runs)
-    assert one.slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
-    assert one.slope_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
+    assert one.error_slope(PLAIN, finest=1e-3) == pytest.approx(2.0)
+    assert one.slope_relative_to_finest(PLAIN) == pytest.approx(2.0, abs=0.01)
 
 
 def test_position_form_and_velocity_form_are_one_sequence() -> None:
@@ -84,8 +84,8 @@ def test_position_form_and_velocity_form_are_one_sequence() -> None:
     gravity = problem.scene.effects.gravity
     assert gravity is not None
     start = (float(bounce.START), gravity.acceleration / scales.acceleration)
-    plain, _ = _position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
-    clean, _ = _compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
+    plain, _ = _integrate_position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
+    clean, _ = _integrate_compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
     exact = float(problem.exact(problem.time).positions[0, 1])
     for method, height in (("stormer-verlet", plain), ("stormer-verlet+compensated", clean)):
         run = simulate(problem.scene, step, problem.time, method, progress=False)
@@ -104,14 +104,14 @@ def test_compensated_sums_keep_what_plain_ones_lose() -> None:
 
 @pytest.mark.long
 def test_the_whole_experiment() -> None:
-    found = depaula_experiment(full=True)
+    found = run_depaula_experiment(full=True)
     for form in (COMPENSATED, TOOLKIT):
-        assert found.slope(form) == pytest.approx(2.0, abs=0.01)
-    finest = found.of(COMPENSATED)[-1]
+        assert found.error_slope(form) == pytest.approx(2.0, abs=0.01)
+    finest = found.runs_of_form(COMPENSATED)[-1]
     assert finest.step == 1e-8
     assert finest.peak_difference is not None
     assert finest.peak_difference <= 1e-12
-    assert found.of(TOOLKIT)[-1].step == 1e-8
-    printed = found.of(PLAIN)[-1].peak_difference
+    assert found.runs_of_form(TOOLKIT)[-1].step == 1e-8
+    printed = found.runs_of_form(PLAIN)[-1].peak_difference
     assert printed is not None
     assert 1e-9 < printed < 1e-7  # rounding, of the size that the source prints

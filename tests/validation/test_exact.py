@@ -11,32 +11,32 @@ from scipy.integrate import solve_ivp
 
 from granular.schema.scales import Scales
 from granular.shared.errors import InputError
-from validation.exact import NAMES, Problem, exact_problem
+from validation.exact import NAMES, ExactProblem, exact_problem
 from validation.exact.bounce import (
     bounce_period,
     bounce_scene,
     harmonic_period,
     oscillation_problem,
-    rest_height,
-    well,
+    potential_well,
+    wall_rest_height,
 )
-from validation.exact.closed_forms import stopping_time
+from validation.exact.closed_forms import sliding_stopping_time
 from validation.exact.problem import natural_units
-from validation.exact.quadrature import position_from_top, speed
+from validation.exact.quadrature import position_after_upper_turning, speed
 
-Force = Callable[[float, np.ndarray, np.ndarray, Problem, Scales], np.ndarray]
+Force = Callable[[float, np.ndarray, np.ndarray, ExactProblem, Scales], np.ndarray]
 
 
-def weight(problem: Problem, scales: Scales) -> float:
+def weight(problem: ExactProblem, scales: Scales) -> float:
     assert problem.scene.effects.gravity is not None
     return problem.scene.effects.gravity.acceleration / scales.acceleration
 
 
-def free_fall(_: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+def free_fall(_: float, x: np.ndarray, __: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
     return np.array([[0.0, -weight(problem, s)]])
 
 
-def bounce(_: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+def bounce(_: float, x: np.ndarray, __: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
     return np.array([[0.0, 0.5 * x[0, 1] ** -3.5 - weight(problem, s)]])
 
 
@@ -46,12 +46,12 @@ def scattering(_: float, x: np.ndarray, __: np.ndarray, *___: object) -> np.ndar
     return np.stack([push, -push])
 
 
-def drag(_: float, __: np.ndarray, v: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+def drag(_: float, __: np.ndarray, v: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
     assert problem.scene.effects.drag is not None
     return -problem.scene.effects.drag.coefficient * s.time / s.mass * v
 
 
-def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: Problem, s: Scales) -> np.ndarray:
+def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
     assert problem.scene.piston is not None
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
@@ -108,14 +108,14 @@ def test_motion_starts_at_the_start(name: str) -> None:
 def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
     scene = bounce_scene(3.0, 0.05)
     with mpmath.workdps(40):
-        one = well(scene)
+        one = potential_well(scene)
         time = mpmath.mpf(12)
         gravity = (one.potential(one.high) - one.high ** mpmath.mpf(-2.5) / 5) / one.high
         series = mpmath.odefun(
             lambda _, s: [s[1], s[0] ** mpmath.mpf(-3.5) / 2 - gravity], 0, [one.high, mpmath.mpf(0)]
         )
         place, velocity = series(time)
-        exact = position_from_top(one.potential, one.low, one.high, time)
+        exact = position_after_upper_turning(one.potential, one.low, one.high, time)
         assert abs(place - exact) < mpmath.mpf(10) ** -25
         assert abs(abs(velocity) - speed(one.potential, one.potential(one.high), exact)) < 1e-25
 
@@ -134,7 +134,7 @@ def test_first_bounce_is_where_the_source_has_it() -> None:
     """[D, 2.3.4]: the grain falls from 40 D = 0.2 m and turns after about 0.2 s."""
     scene = exact_problem("bounce").scene
     with mpmath.workdps(30):
-        low = float(well(scene).low)
+        low = float(potential_well(scene).low)
     assert float(bounce_period(scene)) / 2.0 == pytest.approx(0.2, abs=0.005)
     assert low == pytest.approx((5.0 * 0.0017897 * 38.5) ** -0.4, rel=2e-3)
 
@@ -145,8 +145,8 @@ def test_small_oscillation_has_the_harmonic_period_and_its_correction() -> None:
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene
         with mpmath.workdps(50):
-            one = well(scene)
-            amplitude = float((one.high - one.low) / 2 / rest_height(scene))
+            one = potential_well(scene)
+            amplitude = float((one.high - one.low) / 2 / wall_rest_height(scene))
         exact = float(bounce_period(scene))
         harmonic, corrected = (harmonic_period(scene, a) for a in (0.0, amplitude))
         return amplitude, exact / harmonic - 1.0, exact / corrected - 1.0
@@ -162,7 +162,7 @@ def test_sliding_stops_where_the_energy_is_spent() -> None:
     problem = exact_problem("sliding")
     law, scales = problem.scene.effects.friction, Scales.from_grains(problem.scene.grains)
     assert law is not None
-    assert problem.time > stopping_time(problem.scene)
+    assert problem.time > sliding_stopping_time(problem.scene)
     end = problem.exact(problem.time)
     way = np.linalg.norm(end.positions[0] - np.array(problem.scene.arrangement.positions)[0])
     assert law.dynamic * law.load * way == pytest.approx(0.5 * scales.mass * 0.5**2, rel=1e-12)

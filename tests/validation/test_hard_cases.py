@@ -6,12 +6,12 @@ import pytest
 
 from granular import simulate
 from granular.shared.errors import EnergyError
-from validation.hard_case_outcomes import CRASHED, SILENT, outcome
-from validation.hard_cases import COSTLY, catalogue, near_stability_limit
+from validation.hard_case_outcomes import CRASHED, SILENT, run_hard_case
+from validation.hard_cases import COSTLY, hard_case_catalogue, scene_near_stability_limit
 from validation.hard_cases.hard_case import HardCase
-from validation.hard_cases.one_and_two_grains import verlet_swing
+from validation.hard_cases.one_and_two_grains import distance_from_verlet_swing
 
-CASES = catalogue()
+CASES = hard_case_catalogue()
 
 
 def marked(case: HardCase) -> object:
@@ -23,22 +23,22 @@ def marked(case: HardCase) -> object:
 
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
 def test_case_ends_as_it_may(case: HardCase) -> None:
-    found = outcome(case)
+    found = run_hard_case(case)
     assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
     assert found.allowed, f"{found.kind}: {found.error} {found.said}"
 
 
 def test_only_a_share_of_the_limit_tells_the_swing() -> None:
     """Negative control: the same run is nowhere near the swing of a slightly shorter step."""
-    scene, step = near_stability_limit(0.95)
+    scene, step = scene_near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
-    assert verlet_swing(0.95, step)(run) < 1e-4
-    assert verlet_swing(0.949, step)(run) > 0.1
+    assert distance_from_verlet_swing(0.95, step)(run) < 1e-4
+    assert distance_from_verlet_swing(0.949, step)(run) > 0.1
 
 
 def test_a_wide_swing_near_the_stability_limit_is_stopped() -> None:
     """At 0.95 of the limit Verlet keeps the swing, but not the energy: that is not passed off."""
-    scene, step = near_stability_limit(0.95, 1e-3)
+    scene, step = scene_near_stability_limit(0.95, 1e-3)
     with pytest.raises(EnergyError):
         simulate(scene(), step, 20.0, progress=False)
 

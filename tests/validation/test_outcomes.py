@@ -11,8 +11,16 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene
 from granular.shared.errors import EnergyError, SceneError
-from validation.hard_case_outcomes import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, Outcome, outcome
-from validation.hard_cases.hard_case import HardCase, Measure
+from validation.hard_case_outcomes import (
+    ACCURATE,
+    CRASHED,
+    DEGRADED,
+    SILENT,
+    STOPPED,
+    HardCaseOutcome,
+    run_hard_case,
+)
+from validation.hard_cases.hard_case import ErrorMeasure, HardCase
 
 
 def scene() -> Scene:
@@ -46,7 +54,9 @@ def case(
     made: Callable[[], Scene] = scene,
     **options: object,
 ) -> HardCase:
-    return HardCase("case", "what", made, 0.001, 0.001, Measure("error", measure), 0.1, dt=1e-4, **options)
+    return HardCase(
+        "case", "what", made, 0.001, 0.001, ErrorMeasure("error", measure), 0.1, dt=1e-4, **options
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,8 +76,8 @@ def case(
     ],
 )
 def test_every_ending_is_told(one: HardCase, kind: str, allowed: bool) -> None:
-    found = outcome(one)
+    found = run_hard_case(one)
     assert found.kind == kind
     assert found.allowed is allowed
-    again = Outcome.from_plain(json.loads(json.dumps(found.to_plain())))
+    again = HardCaseOutcome.from_plain(json.loads(json.dumps(found.to_plain())))
     assert again.to_plain() == found.to_plain()

@@ -12,8 +12,8 @@ from validation.exact import bounce, exact_problem
 from validation.external_integrators import (
     ORDERS,
     equations_of_motion,
+    external_solver,
     initial_state,
-    outside_solver,
     solve_adaptively,
 )
 
@@ -33,12 +33,12 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)
     errors = [
-        np.abs(outside_solver(name)(one, count).positions - exact.positions).max()
-        for count in (one.fewest, 2 * one.fewest)
+        np.abs(external_solver(name)(one, count).positions - exact.positions).max()
+        for count in (one.fewest_steps, 2 * one.fewest_steps)
     ]
     assert errors[1] < 0.1 * errors[0] < 1e-8
-    found = outside_solver(name)(one, one.fewest)
-    assert found.steps == one.fewest
+    found = external_solver(name)(one, one.fewest_steps)
+    assert found.steps == one.fewest_steps
     assert found.velocities == pytest.approx(exact.velocities, abs=1e-5)
 
 

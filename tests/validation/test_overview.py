@@ -11,25 +11,25 @@ import pytest
 from granular import Scene
 from granular.shared.html import Page
 from validation import overview
-from validation.cost.advised_setting import Point, SolverSettings
+from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision_result import WorkPrecision
-from validation.effect_costs import NOTHING, costs_agree, effect_costs
+from validation.effect_costs import NOTHING, effect_costs, first_and_last_costs_agree
 from validation.overview import (
     advice_table,
-    effect_table,
+    effect_cost_table,
     overview_tasks,
     plan_runs,
     show_overview,
     suitable_quantities,
 )
-from validation.report import report_page, section_text, summarise
+from validation.report import report_page, section_text, summarise_verdicts
 from validation.report_tasks import run_tasks
 
 
 def study(floor: float) -> WorkPrecision:
     points = (
-        Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.0, 100, None, 1e-4, 5),
-        Point(SolverSettings("stormer-verlet", "auto*4"), 5e-4, 2.0, 200, None, 1e-5, 5),
+        WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.0, 100, None, 1e-4, 5),
+        WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*4"), 5e-4, 2.0, 200, None, 1e-5, 5),
     )
     return WorkPrecision("damper", "period", "1", None, points, floor, "finer")
 
@@ -67,16 +67,16 @@ def test_advice_is_a_row_a_quantity() -> None:
 
 
 def test_a_fresh_start_that_misses_fails_the_report() -> None:
-    assert summarise({"overview": result(True)})["holds"] is True
+    assert summarise_verdicts({"overview": result(True)})["holds"] is True
     bad = {"overview": result(False)}
-    assert summarise(bad)["holds"] is False
+    assert summarise_verdicts(bad)["holds"] is False
     assert "Not all holds: overview." in report_page(bad, full=False).render()
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
 def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: float, alike: bool) -> None:
     row = {"effect": "drag", "first": first, "first_doubt": 0.1, "last": last, "last_doubt": 0.1}
-    assert costs_agree(row) is alike
+    assert first_and_last_costs_agree(row) is alike
     plain = {
         "scene": "s",
         "grains": 2,
@@ -85,7 +85,7 @@ def test_prices_that_differ_by_more_than_a_fifth_both_stand(first: float, last: 
         "sums": {"direct": 3.0},
         "effects": [row, {**row, "first": None}],
     }
-    shown = effect_table(plain)
+    shown = effect_cost_table(plain)
     assert shown.rows[0][3] == ("yes" if alike else "no")
     assert shown.rows[1][1] == "cannot be run"
     drawn = Page("page")

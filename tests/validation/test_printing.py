@@ -7,20 +7,28 @@ import math
 
 import pytest
 
-from validation.convergence_result import ConvergenceResult, Slope
-from validation.cost.advised_setting import Point, SolverSettings
+from validation.convergence_result import ConvergenceResult, FittedSlope
+from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula_experiment import COMPENSATED, PLAIN, TOOLKIT, DepaulaRun, DepaulaStepTest
 from validation.energy_drift import EnergyStudy
-from validation.hard_case_outcomes import ACCURATE, Outcome
+from validation.hard_case_outcomes import ACCURATE, HardCaseOutcome
 from validation.report import section_text
 from validation.report_tasks import FAILED, Plain
-from validation.trend_significance import Trend
+from validation.trend_significance import EnergyTrend
 
 ORDER = ConvergenceResult(
-    "bounce", "pefrl", 4, True, (0.1, 0.01), (1.0, 1e-4), 1e-9, Slope(4.01, (3.9, 4.1), 0, 1), (0.1, 1.0)
+    "bounce",
+    "pefrl",
+    4,
+    True,
+    (0.1, 0.01),
+    (1.0, 1e-4),
+    1e-9,
+    FittedSlope(4.01, (3.9, 4.1), 0, 1),
+    (0.1, 1.0),
 )
-TREND = Trend(1e-3, (5e-4, 2e-3), 1e-3, 1e-3, 0.1, 1.0)
+TREND = EnergyTrend(1e-3, (5e-4, 2e-3), 1e-3, 1e-3, 0.1, 1.0)
 ENERGY = EnergyStudy(
     "swing",
     "explicit-euler",
@@ -39,11 +47,11 @@ COST = WorkPrecision(
     "period",
     "1",
     None,
-    (Point(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),),
+    (WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*8"), 2e-3, 1.5, 100, None, 1e-4, 5),),
     1e-4,
     "finer",
 )
-CASE = Outcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
+CASE = HardCaseOutcome("drop", "stormer-verlet", "auto", ACCURATE, 0.02, 0.1, "", True, 1.0, "distance [D]")
 SOURCE = DepaulaStepTest(
     tuple(
         DepaulaRun(form, h, 0.1 + 1e4 * h * h, 1e4 * h * h, 1.0)

@@ -11,10 +11,10 @@ import pytest
 
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
-from validation.energy_drift import EnergyRun, energy_runs, energy_study
-from validation.report import SECTIONS, report_page, summarise
+from validation.energy_drift import EnergyRun, report_energy_runs, run_energy_study
+from validation.report import SECTIONS, report_page, summarise_verdicts
 from validation.report_tasks import FAILED, Plain, Task, run_tasks
-from validation.trend_significance import Trend
+from validation.trend_significance import EnergyTrend
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -54,7 +54,7 @@ def test_a_failure_is_a_result(tmp_path: Path) -> None:
     (result,) = measured(fails, tmp_path)
     assert result[FAILED] == "SceneError: a value, a limit, a remedy"
     results = {"convergence": [result]}
-    assert summarise(results)["holds"] is False
+    assert summarise_verdicts(results)["holds"] is False
     assert "a value, a limit, a remedy" in report_page(results, full=False).render()
 
 
@@ -73,7 +73,7 @@ def test_tasks_have_keys_of_their_own() -> None:
 
 
 def study(method: str, symplectic: bool, drift: float) -> Plain:
-    trend = Trend(drift, (drift, drift), 1e-9 if drift else 0.5, 1e-9 if drift else 0.5, 0.1, 1.0)
+    trend = EnergyTrend(drift, (drift, drift), 1e-9 if drift else 0.5, 1e-9 if drift else 0.5, 0.1, 1.0)
     from validation.energy_drift import EnergyStudy
 
     times, errors = (0.0, 0.5, 1.0), (0.0, 0.5 * drift, drift)
@@ -86,7 +86,7 @@ def study(method: str, symplectic: bool, drift: float) -> Plain:
 
 def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
-    assert summarise({"energy": good})["holds"] is True
+    assert summarise_verdicts({"energy": good})["holds"] is True
     assert "unlike its kind" not in report_page({"energy": good}, full=False).render()
     for method, keeps, drift in (
         ("stormer-verlet", True, 0.1),
@@ -95,11 +95,11 @@ def test_a_symplectic_method_with_a_trend_does_not_hold() -> None:
         ("runge-kutta-4", False, 0.1),
     ):
         bad = [study(method, keeps, drift)]
-        assert summarise({"energy": bad})["holds"] is False
+        assert summarise_verdicts({"energy": bad})["holds"] is False
         assert "unlike its kind" in report_page({"energy": bad}, full=False).render()
 
 
-SYMPLECTIC = tuple(run for run in energy_runs() if METHODS[run.method].symplectic)
+SYMPLECTIC = tuple(run for run in report_energy_runs() if METHODS[run.method].symplectic)
 
 
 def marked(run: EnergyRun) -> object:
@@ -107,26 +107,26 @@ def marked(run: EnergyRun) -> object:
 
 
 def energy_run(method: str) -> EnergyRun:
-    return next(run for run in energy_runs() if run.method == method)
+    return next(run for run in report_energy_runs() if run.method == method)
 
 
 def test_energy_of_a_symplectic_method_has_no_trend() -> None:
-    found = energy_study(energy_run("stormer-verlet"))
+    found = run_energy_study(energy_run("stormer-verlet"))
     assert found.trend.verdict() == "none"
     assert 1e-5 < found.trend.swing < 1e-2
-    assert abs(found.trend.drift) < 0.1 * found.trend.swing
+    assert abs(found.trend.total_drift) < 0.1 * found.trend.swing
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("method", "verdict"), [("explicit-euler", "gains"), ("runge-kutta-4", "loses")])
 def test_controls_are_told_apart(method: str, verdict: str) -> None:
-    assert energy_study(energy_run(method)).trend.verdict() == verdict
+    assert run_energy_study(energy_run(method)).trend.verdict() == verdict
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("run", [marked(run) for run in SYMPLECTIC])
 def test_symplectic_methods_have_no_trend(run: EnergyRun) -> None:
-    assert energy_study(run).trend.verdict() == "none"
+    assert run_energy_study(run).trend.verdict() == "none"
 
 
 def test_help_and_bad_input(command: Command) -> None:

@@ -8,9 +8,9 @@ import math
 import pytest
 
 from granular.shared.html import Page
-from validation.convergence_result import ConvergenceResult, Slope, convergence_holds, slopes
-from validation.cost.advised_setting import USUAL, Point, SolverSettings
-from validation.cost.report_section import setting_table
+from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
+from validation.cost.advised_setting import USUAL, SolverSettings, WorkPrecisionPoint
+from validation.cost.report_section import advised_setting_table
 from validation.cost.work_precision_result import WorkPrecision
 from validation.depaula_experiment import (
     COMPENSATED,
@@ -18,15 +18,15 @@ from validation.depaula_experiment import (
     TOOLKIT,
     DepaulaRun,
     DepaulaStepTest,
-    show_depaula,
+    show_depaula_section,
 )
-from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, Outcome, stability_matrix
+from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
 
 
 def result(
     problem: str, method: str, order: int, slope: float | None, finest: float = 0.01
 ) -> ConvergenceResult:
-    fit = None if slope is None else Slope(slope, (slope, slope), 0, 1)
+    fit = None if slope is None else FittedSlope(slope, (slope, slope), 0, 1)
     return ConvergenceResult(problem, method, order, True, (0.1, finest), (1.0, 0.1), 1e-3, fit, (0.1, 0.1))
 
 
@@ -61,7 +61,7 @@ def test_an_odd_order_may_show_the_next(slope: float, holds: bool) -> None:
 
 
 def test_slopes_stand_in_rows_by_order() -> None:
-    found = slopes(
+    found = slope_table(
         [
             result("bounce", "pefrl", 4, 4.001),
             result("bounce", "symplectic-euler", 1, 1.0),
@@ -72,13 +72,13 @@ def test_slopes_stand_in_rows_by_order() -> None:
     assert found.rows == (("symplectic-euler", "1", "1.000", "1.500 (!)"), ("pefrl", "4", "4.001", ""))
 
 
-def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> Outcome:
+def ended(case: str, dt: str, kind: str, error: float, allowed: bool = True) -> HardCaseOutcome:
     said = "EnergyError: step 3: off" if kind == STOPPED else ""
-    return Outcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0, "distance [D]")
+    return HardCaseOutcome(case, "stormer-verlet", dt, kind, error, 0.1, said, allowed, 1.0, "distance [D]")
 
 
 def test_outcomes_stand_in_a_row_a_case() -> None:
-    found = stability_matrix(
+    found = outcome_matrix(
         [
             ended("drop", "auto", ACCURATE, 0.02),
             ended("limit", "0.5", STOPPED, math.nan),
@@ -101,15 +101,15 @@ def test_outcomes_stand_in_a_row_a_case() -> None:
 
 
 def test_choices_say_their_share_of_the_default_time() -> None:
-    coarse = Point(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
-    usual = Point(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
+    coarse = WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
+    usual = WorkPrecisionPoint(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     study = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
-    good, _, none = setting_table([study]).rows
+    good, _, none = advised_setting_table([study]).rows
     assert good[2:] == ("1 %", "stormer-verlet", "auto*4", "0.005", "1", "1", "0.25")
     assert none[2:4] == ("1e-6", "none reaches it")
     exact = dataclasses.replace(usual, error=0.0)
     scattered = WorkPrecision("bed", "energy", "1", None, (coarse, exact), 1e-3, "")
-    (_, below, _) = setting_table([scattered]).rows
+    (_, below, _) = advised_setting_table([scattered]).rows
     assert below[3:] == ("any: starts scatter by 0.001", "auto", "0", "4", "16", "4")
 
 
@@ -121,11 +121,11 @@ def test_the_section_of_de_paula_tells_slope_scatter_and_peaks() -> None:
         for h in (4e-6, 2e-6, 1e-6)
     ]
     one = DepaulaStepTest(tuple(runs))
-    assert one.slope(COMPENSATED) == pytest.approx(2.0)
-    assert one.slope_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
-    assert one.scatter_to_finest(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
+    assert one.error_slope(COMPENSATED) == pytest.approx(2.0)
+    assert one.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
+    assert one.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     page = Page("page")
-    show_depaula(page, [DepaulaStepTest.from_plain(one.to_plain())])
+    show_depaula_section(page, [DepaulaStepTest.from_plain(one.to_plain())])
     assert "slope 2.0000" in page.render()
     assert "makes a slope of 2.322" in page.render()
     assert "difference of two peaks is 3.0e-09 m" in page.render()

@@ -13,46 +13,46 @@ from granular import load_scene, simulate
 from granular.run.record import PistonRecord
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
-from validation.cost.advised_setting import Point, SolverSettings
+from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision import (
     candidate_settings,
     depends_on_seed,
     deviation_over_starts,
     work_precision,
-    work_precisions,
+    work_precision_of_quantities,
 )
 from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import bounce
-from validation.measured_quantities import QUANTITIES, MeasuredQuantity, small_swing
-from validation.recommendation import recommend_settings, recommendation
+from validation.measured_quantities import QUANTITIES, MeasuredQuantity, swing_period_and_damping
+from validation.recommendation import recommend_from_study, recommend_settings
 
 
-def point(method: str, steps: int, error: float, seconds: float) -> Point:
-    return Point(SolverSettings(method, f"auto*{1 / steps}"), error, seconds, steps)
+def point(method: str, steps: int, error: float, seconds: float) -> WorkPrecisionPoint:
+    return WorkPrecisionPoint(SolverSettings(method, f"auto*{1 / steps}"), error, seconds, steps)
 
 
-FAILED = Point(SolverSettings("verlet", "auto*8"), math.nan, math.nan, 0, "EnergyError: off")
+FAILED = WorkPrecisionPoint(SolverSettings("verlet", "auto*8"), math.nan, math.nan, 0, "EnergyError: off")
 
 
-def study(*points: Point, floor: float = 0.0) -> WorkPrecision:
+def study(*points: WorkPrecisionPoint, floor: float = 0.0) -> WorkPrecision:
     return WorkPrecision("scene", "energy", "1", None, points, floor, "the value 0.0")
 
 
 def test_front_leaves_out_what_is_beaten() -> None:
     fast, slow = point("a", 10, 1e-2, 1.0), point("a", 100, 1e-4, 10.0)
     beaten, best = point("b", 10, 2e-2, 2.0), point("b", 100, 1e-3, 1.5)
-    assert study(slow, beaten, FAILED, best, fast).front() == (fast, best, slow)
+    assert study(slow, beaten, FAILED, best, fast).pareto_front() == (fast, best, slow)
 
 
 def test_a_setting_accurate_by_luck_is_not_chosen() -> None:
     """The coarse step meets the tolerance, the next finer one does not."""
     lucky, missed, sound = (point("a", 10, 1e-5, 1.0), point("a", 20, 1e-2, 2.0), point("a", 40, 1e-4, 4.0))
     found = study(sound, lucky, missed, FAILED)
-    assert found.cheapest(1e-3) == sound
-    assert found.cheapest(1e-1) == lucky
-    assert found.cheapest(1e-9) is None
+    assert found.cheapest_point(1e-3) == sound
+    assert found.cheapest_point(1e-1) == lucky
+    assert found.cheapest_point(1e-9) is None
     with pytest.raises(InputError, match="least error is 1e-05"):
-        recommendation(found, 1e-9)
+        recommend_from_study(found, 1e-9)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -66,10 +66,10 @@ def test_picture_names_what_cheapest_chooses(level: str) -> None:
         point("b", 20, 1e-8, 4.0),
         FAILED,
     )
-    outside = Point(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
+    outside = WorkPrecisionPoint(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
     found = study(*points, outside)
     wanted = {"1 %": points[0], "0.1 %": points[4], "1e-6": points[4]}[level]
-    assert found.cheapest(LEVELS[level]) == wanted
+    assert found.cheapest_point(LEVELS[level]) == wanted
     with figure() as (_, axes):
         found.plot(axes)
         words = [one.get_text() for one in axes.texts if one.get_text().startswith(level)]
@@ -86,20 +86,20 @@ def test_outside_references_are_shown_and_never_chosen() -> None:
     problem = bounce.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
-    energy, positions = work_precisions(
+    energy, positions = work_precision_of_quantities(
         problem.scene, ["energy", "positions"], settings, references=[0.0, exact], until=0.3
     )
     assert [one.setting.method for one in energy.points] == ["stormer-verlet"]
     assert [one.setting for one in positions.points] == settings
     assert positions.points[1].error < 1e-6
-    assert positions.cheapest(1e-1) == positions.points[0]
-    assert positions.cheapest(1e-6) is None
-    assert positions.front() == positions.points[:1]
+    assert positions.cheapest_point(1e-1) == positions.points[0]
+    assert positions.cheapest_point(1e-6) is None
+    assert positions.pareto_front() == positions.points[:1]
 
 
 def test_choice_is_a_command_and_keywords() -> None:
     setting = SolverSettings("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
-    found = recommendation(study(Point(setting, 1e-3, 1.0, 10)), 1e-2)
+    found = recommend_from_study(study(WorkPrecisionPoint(setting, 1e-3, 1.0, 10)), 1e-2)
     assert found.keywords == {"dt": "auto*2", "method": "stormer-verlet"}
     assert found.changes == {"effects.friction.scheme": "velocity"}
     assert found.command == (
@@ -113,7 +113,7 @@ def test_study_survives_json() -> None:
     one = study(point("a", 10, 1e-2, 1.0), FAILED, floor=0.1)
     again = WorkPrecision.from_plain(json.loads(json.dumps(one.to_plain(), allow_nan=False)))
     assert again.table() == one.table()
-    assert again.points[1].failed
+    assert again.points[1].has_failed
     assert math.isnan(again.points[1].error)
 
 
@@ -126,7 +126,7 @@ def test_study_of_the_lone_grain() -> None:
     found = work_precision(problem.scene, "positions", settings, reference=exact, until=0.3)
     errors = [one.error for one in found.points[:3]]
     assert errors[0] > 8.0 * errors[1] > 64.0 * errors[2]
-    best = recommendation(found, 0.05)
+    best = recommend_from_study(found, 0.05)
     run = simulate(problem.scene.replace(**best.changes), t_end=0.3, progress=False, **best.keywords)
     again = np.abs(run.dataset["position"].values[-1] / 5e-3 - exact).max()
     assert again == best.error
@@ -171,24 +171,26 @@ def test_a_scene_without_random_starts_is_run_once() -> None:
     assert once.floor == 0.0
 
 
-def scattered(starts: int, error: float, doubt: float, steps: int) -> Point:
-    return Point(SolverSettings("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts)
+def scattered(starts: int, error: float, doubt: float, steps: int) -> WorkPrecisionPoint:
+    return WorkPrecisionPoint(
+        SolverSettings("a", f"auto*{1 / steps}"), error, 0.1 * steps, steps, None, doubt, starts
+    )
 
 
 def test_below_three_floors_the_answer_is_more_starts() -> None:
     """Any setting will do, even where one happens to be within the tolerance."""
     points = (scattered(5, 9e-3, 1e-3, 10), scattered(5, 1e-3, 2e-3, 20), scattered(5, 0.0, 2e-3, 40))
     found = study(*points, floor=5e-3)
-    advice = found.advice(1e-2)
-    assert advice.below_floor
+    advice = found.advise(1e-2)
+    assert advice.needs_more_starts
     assert advice.point == points[1]  # the first is clearly biased
     assert advice.starts == 1
-    assert found.advice(1e-3).starts == 100
-    assert found.advice(1e-3).seconds == pytest.approx(200.0)
-    assert "any of these: the starts scatter by 0.005; 100 starts cost 3.3 minutes" in str(found.advice(1e-3))
-    assert found.cheapest(1e-2) is None
-    assert found.cheapest(2e-2) == points[0]
-    chosen = recommendation(found, 1e-3)
+    assert found.advise(1e-3).starts == 100
+    assert found.advise(1e-3).seconds == pytest.approx(200.0)
+    assert "any of these: the starts scatter by 0.005; 100 starts cost 3.3 minutes" in str(found.advise(1e-3))
+    assert found.cheapest_point(1e-2) is None
+    assert found.cheapest_point(2e-2) == points[0]
+    chosen = recommend_from_study(found, 1e-3)
     assert chosen.starts == 100
     assert "any of these" in str(chosen)
     json.dumps(chosen.to_plain(), allow_nan=False)
@@ -197,7 +199,7 @@ def test_below_three_floors_the_answer_is_more_starts() -> None:
 def test_a_single_lucky_mean_is_no_bound() -> None:
     """An error near nought whose standard error is above the tolerance proves nothing."""
     points = (scattered(5, 1e-4, 2e-2, 10), scattered(5, 1e-3, 1e-3, 20))
-    assert study(*points, floor=1e-3).cheapest(1e-2) == points[1]
+    assert study(*points, floor=1e-3).cheapest_point(1e-2) == points[1]
 
 
 MADE = MeasuredQuantity("made", "1", lambda _: 0.0)
@@ -216,7 +218,7 @@ def made_study(
             values = 1.0 + bias + random.normal(0.0, floor, starts)
             error, doubt = deviation_over_starts(MADE, list(values), list(reference))
             setting, seconds = SolverSettings(method, f"auto/{2**k}"), price * 2.0**k
-            points.append(Point(setting, error, seconds, 2**k, None, doubt, starts))
+            points.append(WorkPrecisionPoint(setting, error, seconds, 2**k, None, doubt, starts))
             truth[f"{method} {setting.dt}"] = abs(bias), seconds
     scatter = float(np.std(reference, ddof=1))
     return WorkPrecision("scene", "made", "1", None, tuple(points), scatter, "made"), truth
@@ -229,9 +231,9 @@ def test_noise_does_not_choose(starts: int) -> None:
     for _ in range(200):
         tolerance = floor * 10.0 ** random.uniform(0.5, 2.0)
         found, truth = made_study(random, starts, floor)
-        advice = found.advice(tolerance)
+        advice = found.advise(tolerance)
         needed = min((s for bias, s in truth.values() if bias <= tolerance), default=math.inf)
-        if advice.below_floor:
+        if advice.needs_more_starts:
             continue  # by its own starts, and said so
         if advice.point is None:
             wrong += needed < math.inf
@@ -248,7 +250,7 @@ def test_a_lucky_point_alone_is_chosen_by_what_was_there_before() -> None:
         tolerance = floor * 10.0 ** random.uniform(0.5, 2.0)
         found, truth = made_study(random, 2, floor)
         bare = [dataclasses.replace(one, doubt=0.0) for one in found.points]
-        best = dataclasses.replace(found, points=tuple(bare), floor=0.0).cheapest(tolerance)
+        best = dataclasses.replace(found, points=tuple(bare), floor=0.0).cheapest_point(tolerance)
         if best is not None:
             wrong += truth[f"{best.setting.method} {best.setting.dt}"][0] > tolerance
     assert wrong > 0
@@ -280,7 +282,7 @@ def test_small_swing_of_a_damped_oscillation(period: float, ratio: float) -> Non
     time = np.arange(0.0, 12.0 * period, period / 200.0)
     damped = omega * math.sqrt(1.0 - ratio**2)
     height = 0.06 + 1e-3 * np.exp(-ratio * omega * time) * np.cos(damped * time + 0.3)
-    found = small_swing(PistonRecord(time=time, height=height))
+    found = swing_period_and_damping(PistonRecord(time=time, height=height))
     assert found == pytest.approx((period, ratio), rel=1e-3)
 
 

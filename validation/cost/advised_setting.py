@@ -33,14 +33,14 @@ class SolverSettings(NamedTuple):
     changes: Mapping[str, Any] = {}
 
     @property
-    def outside(self) -> bool:
+    def is_external(self) -> bool:
         """True for an outside reference."""
         return self.method in ORDERS
 
     @property
     def fineness(self) -> str:
         """The step, or an outside reference's tolerance, in words."""
-        return f"tolerance {self.dt}" if self.outside else str(self.dt)
+        return f"tolerance {self.dt}" if self.is_external else str(self.dt)
 
     @property
     def family(self) -> str:
@@ -68,7 +68,7 @@ def confidence_factor(starts: int) -> float:
 
 
 @dataclasses.dataclass(frozen=True)
-class Point:
+class WorkPrecisionPoint:
     """Error and time of one setting.
 
     Attributes
@@ -94,36 +94,36 @@ class Point:
     starts: int = 1
 
     @property
-    def failed(self) -> bool:
+    def has_failed(self) -> bool:
         return self.failure is not None
 
     @property
-    def bound(self) -> float:
+    def upper_error_bound(self) -> float:
         """Upper bound of the error, as far as the starts tell."""
         return self.error + confidence_factor(self.starts) * self.doubt
 
     @property
-    def least(self) -> float:
+    def lower_error_bound(self) -> float:
         """Lower bound of the error."""
         return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
 
 
-def cost_key(point: Point) -> tuple[float, float]:
+def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
     """Key that sorts by time, and settings as fast by their error."""
     return point.seconds, point.error
 
 
-def group_by_family(points: Iterable[Point]) -> dict[str, tuple[Point, ...]]:
+def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
     """Points by family, from coarse to fine."""
-    result: dict[str, list[Point]] = {}
+    result: dict[str, list[WorkPrecisionPoint]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
     return {name: tuple(sorted(group, key=_cost_of_point)) for name, group in result.items()}
 
 
-def _cost_of_point(point: Point) -> int:
+def _cost_of_point(point: WorkPrecisionPoint) -> int:
     # What failed is taken for the coarsest: too long a step is why a run fails.
-    return point.steps if not point.failed else 0
+    return point.steps if not point.has_failed else 0
 
 
 FLOORS = 3.0
@@ -131,13 +131,13 @@ FLOORS = 3.0
 deviations hold all but one start in four hundred."""
 
 
-class Advice(NamedTuple):
+class AdvisedSetting(NamedTuple):
     """Advice for a tolerance.
 
     Attributes
     ----------
     tolerance : float
-    point : Point or None
+    point : WorkPrecisionPoint or None
         The setting to take; None where none that was tried reaches the tolerance.
     starts : int
         How many starts to average over; 1 where a single run is good enough.
@@ -146,12 +146,12 @@ class Advice(NamedTuple):
     """
 
     tolerance: float
-    point: Point | None
+    point: WorkPrecisionPoint | None
     starts: int
     floor: float
 
     @property
-    def below_floor(self) -> bool:
+    def needs_more_starts(self) -> bool:
         """True where the starts scatter by too much for a single run."""
         return self.tolerance < FLOORS * self.floor
 
@@ -161,7 +161,7 @@ class Advice(NamedTuple):
         return math.nan if self.point is None else self.starts * self.point.seconds
 
     def __str__(self) -> str:
-        if self.below_floor:
+        if self.needs_more_starts:
             words = f"any of these: the starts scatter by {self.floor:.2g}"
             if self.point is None:
                 return f"{words}, and more of them would show what no setting tried is free of"
@@ -180,30 +180,30 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
-def required_starts(floor: float, tolerance: float) -> int:
+def starts_for_tolerance(floor: float, tolerance: float) -> int:
     """Return the number of starts for two standard errors of their mean to be a tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
-def advice(points: Iterable[Point], floor: float, tolerance: float) -> Advice:
+def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
     """Advise what to take for a tolerance.
 
     Below `FLOORS` floors the fastest setting whose error cannot be told from nought is named, and
     how many starts it takes; otherwise the fastest one that `holding` names.
     """
-    own = [point for point in points if not point.setting.outside]
+    own = [point for point in points if not point.setting.is_external]
     if tolerance < FLOORS * floor:
         best = min(
-            (point for fam in group_by_family(own).values() for point in resolved_points(fam)),
-            key=cost_key,
+            (point for fam in group_by_family(own).values() for point in points_without_clear_error(fam)),
+            key=time_then_error,
             default=None,
         )
-        return Advice(tolerance, best, required_starts(floor, tolerance), floor)
+        return AdvisedSetting(tolerance, best, starts_for_tolerance(floor, tolerance), floor)
     sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
-    return Advice(tolerance, min(sound, key=cost_key, default=None), 1, floor)
+    return AdvisedSetting(tolerance, min(sound, key=time_then_error, default=None), 1, floor)
 
 
-def accurate_points(family: Sequence[Point], tolerance: float) -> list[Point]:
+def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
     """Points of a family that are accurate to a tolerance, and not so by luck.
 
     The error's bound must be within the tolerance, and no point of the family with more steps may
@@ -211,18 +211,18 @@ def accurate_points(family: Sequence[Point], tolerance: float) -> list[Point]:
     """
     result = []
     for point in reversed(family):
-        if point.failed or not point.least <= tolerance:
+        if point.has_failed or not point.lower_error_bound <= tolerance:
             break
-        if point.bound <= tolerance:
+        if point.upper_error_bound <= tolerance:
             result.append(point)
     return result
 
 
-def resolved_points(family: Sequence[Point]) -> list[Point]:
+def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
     """Points of a family whose errors, and all finer ones', cannot be told from nought."""
     result = []
     for point in reversed(family):
-        if point.failed or point.least > 0.0:
+        if point.has_failed or point.lower_error_bound > 0.0:
             break
         result.append(point)
     return result

@@ -13,13 +13,13 @@ from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.plotting import figure
 from validation.cost.advised_setting import USUAL, SolverSettings
-from validation.cost.work_precision import candidate_settings, work_precisions
+from validation.cost.work_precision import candidate_settings, work_precision_of_quantities
 from validation.cost.work_precision_result import LEVELS, WorkPrecision
 from validation.exact import exact_problem
 from validation.external_integrators import ORDERS
 from validation.report_scenes import compression_scene, disturbed_lattice, frictionless_bed
 from validation.report_tasks import Plain, Section, Task
-from validation.text_tables import WIDTH, TextTable, legend_below, tabulate, text_table
+from validation.text_tables import WIDTH, TextTable, add_table_to_page, draw_legend_below, text_table
 
 if TYPE_CHECKING:
     from granular.shared.html import Page
@@ -117,7 +117,7 @@ def _exact_grain() -> list[Any]:
 def _measure_studies(
     scene: Scene, quantities: Sequence[str], settings: Sequence[SolverSettings], options: dict[str, Any]
 ) -> Plain:
-    studies = work_precisions(scene, quantities, settings, **options)
+    studies = work_precision_of_quantities(scene, quantities, settings, **options)
     return {"studies": [study.to_plain() for study in studies]}
 
 
@@ -138,20 +138,20 @@ def show_studies(page: Page, results: Sequence[Studies]) -> None:
         "(thin, dotted) the bare integration. The last column is the time over that of the default "
         "setting, stormer-verlet at dt = auto."
     )
-    tabulate(page, setting_table(studies))
+    add_table_to_page(page, advised_setting_table(studies))
     for study in studies:
         with figure(width=WIDTH, height=5.0) as (drawing, axes):
             study.plot(axes)
-            legend_below(axes)
+            draw_legend_below(axes)
             until = "" if study.horizon is None else f" over {study.horizon:g} s"
             page.figure(drawing, f"{study.quantity} of {study.scene}{until}, against {study.reference}.")
 
 
-def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
+def advised_setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
     """Return a table of the setting to take for each level, and its time over the default one's."""
     rows = []
     for study in studies:
-        usual = study.usual()
+        usual = study.default_point()
         seconds = math.nan if usual is None else usual.seconds
         rows += [
             (study.scene, study.quantity, words, *_advised_setting(study, level, seconds))
@@ -162,12 +162,12 @@ def setting_table(studies: Sequence[WorkPrecision]) -> TextTable:
 
 
 def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
-    advice = work_precision.advice(level)
+    advice = work_precision.advise(level)
     best = advice.point
     if best is None:
         return (str(advice), "", "", "", "", "")
     take = best.setting.family
-    if advice.below_floor:
+    if advice.needs_more_starts:
         take = f"any: starts scatter by {advice.floor:.2g}"
     ratio = advice.seconds / usual
     return (
@@ -184,14 +184,14 @@ def _study_tables(results: Sequence[Studies]) -> list[tuple[str, TextTable]]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the best of all."
     return [
         *((title.format(study), study.table()) for study in join_studies(results)),
-        ("What to take.", setting_table(join_studies(results))),
+        ("What to take.", advised_setting_table(join_studies(results))),
     ]
 
 
 def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
     studies = join_studies(results)
     usual = [study for study in studies if any(point.setting[:2] == USUAL for point in study.points)]
-    right = sum(study.usual() is not None for study in usual)
+    right = sum(study.default_point() is not None for study in usual)
     words = (
         f"cost of accuracy shown for {len(studies)} quantities; the default setting runs in "
         f"{right} of {len(usual)}"

@@ -16,7 +16,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
 from granular.shared.errors import GranularError, InputError
-from validation.cost.advised_setting import Point, SolverSettings
+from validation.cost.advised_setting import SolverSettings, WorkPrecisionPoint
 from validation.cost.work_precision_result import WorkPrecision
 from validation.external_integrators import solve_adaptively
 from validation.measured_quantities import MeasuredQuantity, quantity_named
@@ -91,12 +91,12 @@ def work_precision(
     RunError
         If the reference itself fails.
     """
-    return work_precisions(
+    return work_precision_of_quantities(
         scene, [quantity], settings, references=[reference], until=until, seeds=seeds, repeats=repeats
     )[0]
 
 
-def work_precisions(
+def work_precision_of_quantities(
     scene: Scene,
     quantities: Sequence[str | MeasuredQuantity],
     settings: Iterable[SolverSettings],
@@ -116,11 +116,11 @@ def work_precisions(
     rows = [
         measure_points(scenes, chosen, quantity, truth, until, repeats)
         for quantity in wanted
-        if not quantity.outside
+        if not quantity.is_external
     ]
-    outside = [quantity for quantity in wanted if quantity.outside]
+    outside = [quantity for quantity in wanted if quantity.is_external]
     return tuple(
-        make_study(
+        make_work_precision(
             scene,
             quantity,
             until,
@@ -131,11 +131,11 @@ def work_precisions(
     )
 
 
-def make_study(
+def make_work_precision(
     scene: Scene,
     quantity: MeasuredQuantity,
     until: float | None,
-    points: Iterable[Point],
+    points: Iterable[WorkPrecisionPoint],
     truth: ReferenceValue,
 ) -> WorkPrecision:
     """Return the study that points against a truth make."""
@@ -230,7 +230,7 @@ def measure_points(
     truth: Sequence[ReferenceValue],
     until: float | None,
     repeats: int,
-) -> list[Point]:
+) -> list[WorkPrecisionPoint]:
     """Point for each quantity, from the same runs."""
     try:
         _compile_setting(scenes[0], setting)
@@ -243,7 +243,9 @@ def measure_points(
         try:
             values = [quantity.measure(run) for run in runs]
             error, doubt = deviation_over_starts(quantity, values, item.values)
-            measured.append(Point(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes)))
+            measured.append(
+                WorkPrecisionPoint(setting, error, float(np.mean(seconds)), steps, None, doubt, len(scenes))
+            )
         except GranularError as stop:
             measured.append(_failed_point(setting, stop))
     return measured
@@ -294,8 +296,8 @@ def _time_calls(
     return done, seconds
 
 
-def _failed_point(setting: SolverSettings, stop: GranularError) -> Point:
-    return Point(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
+def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecisionPoint:
+    return WorkPrecisionPoint(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
 def _compile_setting(scene: Scene, setting: SolverSettings) -> None:
@@ -310,7 +312,7 @@ def _outside_points(
     settings: Sequence[SolverSettings],
     truth: ReferenceValue,
     until: float | None,
-) -> list[Point]:
+) -> list[WorkPrecisionPoint]:
     """Points of the outside references, which give positions only; compiled before they count."""
     if quantity.name != "positions" or until is None:
         return []
@@ -322,5 +324,5 @@ def _outside_points(
         solved = solve_adaptively(setting.method, scene, until, float(setting.dt))
         seconds = time.perf_counter() - started
         error = quantity.error(solved.positions / length, truth.values[0])
-        result.append(Point(setting, error, seconds, solved.steps or 0))
+        result.append(WorkPrecisionPoint(setting, error, seconds, solved.steps or 0))
     return result

@@ -8,7 +8,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from granular.shared.plotting import COLOURS, GREY, STYLES, axes_or_new
-from validation.cost.advised_setting import USUAL, Advice, Point, advice, cost_key, group_by_family
+from validation.cost.advised_setting import (
+    USUAL,
+    AdvisedSetting,
+    WorkPrecisionPoint,
+    advise_setting,
+    group_by_family,
+    time_then_error,
+)
 from validation.report_tasks import PlainData
 from validation.text_tables import TextTable, text_table
 
@@ -29,7 +36,7 @@ class WorkPrecision(PlainData):
         ``unit`` of the errors: ``"1"`` where they are relative.
     horizon : float or None
         Until when the scene was run [s]; None for its whole protocol.
-    points : tuple of Point
+    points : tuple of WorkPrecisionPoint
     floor : float
         Standard deviation of the quantity over the starts, as an error; 0 for one start, and where
         each start has a value of its own.
@@ -41,40 +48,40 @@ class WorkPrecision(PlainData):
     quantity: str
     unit: str
     horizon: float | None
-    points: tuple[Point, ...]
+    points: tuple[WorkPrecisionPoint, ...]
     floor: float
     reference: str
 
-    def front(self) -> tuple[Point, ...]:
+    def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
         """Pareto front, from fast to accurate: no setting is both faster and more accurate."""
-        own = [point for point in self.points if not point.failed and not point.setting.outside]
-        front: list[Point] = []
-        for point in sorted(own, key=cost_key):
+        own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
+        front: list[WorkPrecisionPoint] = []
+        for point in sorted(own, key=time_then_error):
             if not front or point.error < front[-1].error:
                 front.append(point)
         return tuple(front)
 
-    def advice(self, tolerance: float) -> Advice:
+    def advise(self, tolerance: float) -> AdvisedSetting:
         """Return the setting to take for a tolerance, and from how many starts."""
-        return advice(self.points, self.floor, tolerance)
+        return advise_setting(self.points, self.floor, tolerance)
 
-    def cheapest(self, tolerance: float) -> Point | None:
+    def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
         """Fastest setting one run of which is accurate to a tolerance, and not so by luck."""
-        result = self.advice(tolerance)
-        return None if result.below_floor else result.point
+        result = self.advise(tolerance)
+        return None if result.needs_more_starts else result.point
 
-    def usual(self) -> Point | None:
+    def default_point(self) -> WorkPrecisionPoint | None:
         """Default method and step, in the first form that was tried and did not fail."""
-        finished = (point for point in self.points if not point.failed)
+        finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
-    def families(self) -> dict[str, tuple[Point, ...]]:
+    def points_by_family(self) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
         """Points by family, from coarse to fine."""
         return group_by_family(self.points)
 
-    def digit(self) -> float | None:
+    def cost_of_digit(self) -> float | None:
         """Return how many times as long a digit takes, along the front; None without two points."""
-        points = [point for point in self.front() if point.error > max(0.0, point.doubt)]
+        points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
         digits = math.log10(points[0].error / points[-1].error)
@@ -82,7 +89,7 @@ class WorkPrecision(PlainData):
 
     def table(self) -> TextTable:
         """One row a setting, the front marked with a star."""
-        front = self.front()
+        front = self.pareto_front()
         rows = []
         for point in self.points:
             said = "" if point.failure is None else point.failure.split(":", 1)[0]
@@ -117,8 +124,8 @@ class WorkPrecision(PlainData):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw error over seconds, a line a family, what to take ringed, the floor as a band."""
         axes = axes_or_new(ax)
-        levels = {words: self.advice(level) for words, level in LEVELS.items()}
-        _draw_error_over_cost(axes, self.points, self.front(), self.floor, levels)
+        levels = {words: self.advise(level) for words, level in LEVELS.items()}
+        _draw_error_over_cost(axes, self.points, self.pareto_front(), self.floor, levels)
         unit = "" if self.unit == "1" else f" [{self.unit}]"
         axes.set_ylabel(f"error of the {self.quantity}{unit}")
         return axes
@@ -128,7 +135,11 @@ class WorkPrecision(PlainData):
 
 
 def _draw_error_over_cost(
-    axes: Axes, points: Sequence[Point], front: Sequence[Point], floor: float, levels: Mapping[str, Advice]
+    axes: Axes,
+    points: Sequence[WorkPrecisionPoint],
+    front: Sequence[WorkPrecisionPoint],
+    floor: float,
+    levels: Mapping[str, AdvisedSetting],
 ) -> None:
     """Draw error over seconds, a line a family, with the bounds of the errors as thin bars.
 
@@ -153,14 +164,14 @@ def _draw_error_over_cost(
         low, high = axes.get_ylim()
         axes.axhspan(low, floor, color=GREY, alpha=0.2, linewidth=0.0)
         axes.set_ylim(low, max(high, 1.2 * floor))
-    plain_numbers(axes)
+    label_run_times(axes)
     axes.set_xlabel("wall time [s]")
 
 
-def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None:
-    done = [point for point in points if not point.failed and point.error > 0.0]
-    failed = sum(point.failed for point in points)
-    outside = points[0].setting.outside
+def _draw_family(axes: Axes, name: str, points: Sequence[WorkPrecisionPoint], k: int) -> None:
+    done = [point for point in points if not point.has_failed and point.error > 0.0]
+    failed = sum(point.has_failed for point in points)
+    outside = points[0].setting.is_external
     seconds, errors = [point.seconds for point in done], [point.error for point in done]
     colour = COLOURS[k % len(COLOURS)]
     axes.loglog(
@@ -174,13 +185,13 @@ def _draw_family(axes: Axes, name: str, points: Sequence[Point], k: int) -> None
         label=f"{name} ({failed} failed)" if failed else name,
     )
     if any(point.doubt > 0.0 for point in done):
-        axes.vlines(seconds, errors, [point.bound for point in done], color=colour, linewidth=0.9)
+        axes.vlines(seconds, errors, [point.upper_error_bound for point in done], color=colour, linewidth=0.9)
 
 
-def _mark_advised_setting(axes: Axes, words: str, advised: Advice) -> None:
+def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
     """Ring the setting to take for a level, and name it at the level's line."""
     best = advised.point
-    if best is not None and not advised.below_floor and best.error > 0.0:
+    if best is not None and not advised.needs_more_starts and best.error > 0.0:
         axes.plot(
             best.seconds,
             best.error,
@@ -190,7 +201,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: Advice) -> None:
             markerfacecolor="none",
             markeredgewidth=1.4,
         )
-    said = f"{advised.starts:.2g} starts" if advised.below_floor else str(advised)
+    said = f"{advised.starts:.2g} starts" if advised.needs_more_starts else str(advised)
     axes.annotate(
         f"{words}: {said}",
         (0.99, advised.tolerance),
@@ -203,7 +214,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: Advice) -> None:
     )
 
 
-def plain_numbers(axes: Axes) -> None:
+def label_run_times(axes: Axes) -> None:
     """Label seconds as they are read: 0.02, 0.05, 0.1; fewer of them over many decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

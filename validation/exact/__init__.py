@@ -7,23 +7,23 @@ from collections.abc import Callable
 from granular.schema.sections import unknown
 from granular.shared.errors import InputError
 from validation.exact import bounce, closed_forms, driven_piston, scattering
-from validation.exact.problem import Problem, Snapshot
+from validation.exact.problem import ExactProblem, GrainStates
 
-__all__ = ["NAMES", "Problem", "Snapshot", "exact_problem"]
+__all__ = ["NAMES", "ExactProblem", "GrainStates", "exact_problem"]
 
-_PROBLEMS: dict[str, Callable[[], Problem]] = {
-    "free-fall": closed_forms.free_fall,
+_PROBLEMS: dict[str, Callable[[], ExactProblem]] = {
+    "free-fall": closed_forms.free_fall_problem,
     "bounce": bounce.bounce_problem,
     "oscillation": bounce.oscillation_problem,
     "scattering": scattering.scattering_problem,
-    "drag": closed_forms.drag,
-    "sliding": closed_forms.sliding,
+    "drag": closed_forms.drag_problem,
+    "sliding": closed_forms.sliding_problem,
     "driven-piston": driven_piston.driven_piston_problem,
 }
 NAMES = tuple(_PROBLEMS)
 
 
-def exact_problem(name: str) -> Problem:
+def exact_problem(name: str) -> ExactProblem:
     """Return the exact problem of that name.
 
     Parameters
@@ -33,7 +33,7 @@ def exact_problem(name: str) -> Problem:
 
     Returns
     -------
-    Problem
+    ExactProblem
         Scene with its exact solution.
 
     Raises

@@ -30,14 +30,14 @@ from granular.scene.scene import Scene
 from validation.exact.problem import (
     BOTTOM_ONLY,
     DIGITS,
+    ExactProblem,
+    GrainStates,
     Number,
-    Problem,
-    Snapshot,
+    few_grains_scene,
+    grain_start_state,
     natural_units,
-    single_grain_scene,
-    start_state,
 )
-from validation.exact.quadrature import Potential, period, position_from_top, speed
+from validation.exact.quadrature import Potential, period, position_after_upper_turning, speed
 
 __all__ = ["harmonic_period", "oscillation_problem"]
 
@@ -73,16 +73,16 @@ class PotentialWell(NamedTuple):
     time: Number
 
 
-def bounce_problem(start: float = START, time: float = TIME) -> Problem:
+def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
     """Bounce from a height [D], compared after a time [s]."""
     scene = bounce_scene(start, time)
-    return Problem(
+    return ExactProblem(
         "bounce",
         "a grain bouncing on the magnetic wall",
         scene,
         time,
-        partial(snapshot, scene),
-        fewest=round(2000 * time / TIME),
+        partial(exact_bounce, scene),
+        fewest_steps=round(2000 * time / TIME),
     )
 
 
@@ -90,10 +90,10 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     """Lone grain at a height [D] over the bottom wall, held for a time [s]."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
-    return single_grain_scene(name, time, effects, arrangement=arrangement)
+    return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
-def well(scene: Scene) -> PotentialWell:
+def potential_well(scene: Scene) -> PotentialWell:
     """Well of a scene with a lone grain at rest; within mpmath's working precision."""
     from mpmath import findroot, mpf
 
@@ -104,7 +104,7 @@ def well(scene: Scene) -> PotentialWell:
     def potential(y: Number) -> Number:
         return y ** mpf(-2.5) / 5 + weight * y
 
-    start = mpf(start_state(scene)[0][1]) / units.length
+    start = mpf(grain_start_state(scene)[0][1]) / units.length
     rest = (1 / (2 * weight)) ** (mpf(2) / 7)
     # The other turning point lies as far beyond the place of rest, to first order.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
@@ -118,24 +118,24 @@ def bounce_period(scene: Scene) -> Number:
     from mpmath import workdps
 
     with workdps(DIGITS):
-        well_ = well(scene)
+        well_ = potential_well(scene)
         return period(well_.potential, well_.low, well_.high) * well_.time
 
 
-def snapshot(scene: Scene, time: float) -> Snapshot:
+def exact_bounce(scene: Scene, time: float) -> GrainStates:
     """Place and velocity at a time [s], for a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
-        well_ = well(scene)
+        well_ = potential_well(scene)
         late = mpf(time) / well_.time
-        position = position_from_top(well_.potential, well_.low, well_.high, late)
+        position = position_after_upper_turning(well_.potential, well_.low, well_.high, late)
         magnitude = speed(well_.potential, well_.potential(well_.high), position)
         half = period(well_.potential, well_.low, well_.high) / 2
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
-        return Snapshot(
-            np.array([[start_state(scene)[0][0], float(position * well_.length)]]),
+        return GrainStates(
+            np.array([[grain_start_state(scene)[0][0], float(position * well_.length)]]),
             np.array([[0.0, float(velocity * well_.velocity)]]),
         )
 
@@ -149,7 +149,7 @@ OSCILLATION_TIME = 0.12
 """[s]"""
 
 
-def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_TIME) -> Problem:
+def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_TIME) -> ExactProblem:
     """Make the problem of a grain that oscillates above a wall that repels it.
 
     Parameters
@@ -161,17 +161,22 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
 
     Returns
     -------
-    Problem
+    ExactProblem
         Scene with its exact solution.
     """
-    height = float(rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
+    height = float(wall_rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
-    return Problem(
-        "oscillation", "small oscillation above the wall", scene, time, partial(snapshot, scene), fewest=12
+    return ExactProblem(
+        "oscillation",
+        "small oscillation above the wall",
+        scene,
+        time,
+        partial(exact_bounce, scene),
+        fewest_steps=12,
     )
 
 
-def rest_height(scene: Scene) -> Number:
+def wall_rest_height(scene: Scene) -> Number:
     """Height y_e [D] at which the wall carries the grain."""
     from mpmath import mpf, workdps
 
@@ -203,6 +208,6 @@ def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height = rest_height(scene)
+        height = wall_rest_height(scene)
         omega = sqrt(mpf(7) / 4 * height ** mpf(-4.5))
         return float(2 * pi * units.time / omega / (1 - mpf(9) / 16 * mpf(amplitude) ** 2))

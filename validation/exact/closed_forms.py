@@ -8,31 +8,40 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import DIGITS, Problem, Snapshot, natural_units, single_grain_scene, start_state
+from validation.exact.problem import (
+    DIGITS,
+    ExactProblem,
+    GrainStates,
+    few_grains_scene,
+    grain_start_state,
+    natural_units,
+)
 
 # Free fall --------------------------------------------------------------------------------------
 
 
-def free_fall(time: float = 0.25) -> Problem:
+def free_fall_problem(time: float = 0.25) -> ExactProblem:
     """Grain thrown upwards and sideways: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2).
 
     Every method of order two or more is exact here, so only rounding is left; a method of order one
     misses by g t h/2, the controls' slope.
     """
     arrangement = {"positions": [["20 D", "40 D"]], "velocities": [[0.1, 0.5]]}
-    scene = single_grain_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
-    return Problem("free-fall", "free fall", scene, time, partial(_falling_grain, scene), fewest=16)
+    scene = few_grains_scene("free-fall", time, {"gravity": {}}, arrangement=arrangement)
+    return ExactProblem(
+        "free-fall", "free fall", scene, time, partial(_exact_free_fall, scene), fewest_steps=16
+    )
 
 
-def _falling_grain(scene: Scene, time: float) -> Snapshot:
+def _exact_free_fall(scene: Scene, time: float) -> GrainStates:
     """Grain at a time [s]."""
     from mpmath import mpf, workdps
 
     assert scene.effects.gravity is not None
     with workdps(DIGITS):
         t, g = mpf(time), mpf(scene.effects.gravity.acceleration)
-        (x, y), (vx, vy) = start_state(scene)
-        return Snapshot(
+        (x, y), (vx, vy) = grain_start_state(scene)
+        return GrainStates(
             np.array([[float(mpf(x) + mpf(vx) * t), float(mpf(y) + mpf(vy) * t - g * t * t / 2)]]),
             np.array([[vx, float(mpf(vy) - g * t)]]),
         )
@@ -44,7 +53,7 @@ COEFFICIENT = 0.02
 """gamma [kg/s]: the velocity falls to a hundredth."""
 
 
-def drag(time: float = 0.1) -> Problem:
+def drag_problem(time: float = 0.1) -> ExactProblem:
     """Viscous drag alone: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m.
 
     The velocity is exact in every method that takes drag by its flow; the place is not, because the
@@ -52,19 +61,19 @@ def drag(time: float = 0.1) -> Problem:
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[2.0, 1.0]]}
     effects = {"drag": {"coefficient": COEFFICIENT}}
-    scene = single_grain_scene("drag", time, effects, arrangement=arrangement)
-    return Problem(
+    scene = few_grains_scene("drag", time, effects, arrangement=arrangement)
+    return ExactProblem(
         "drag",
         "viscous drag alone",
         scene,
         time,
-        partial(_dragged_grain, scene),
-        fewest=8,
+        partial(_exact_drag, scene),
+        fewest_steps=8,
         conservative=False,
     )
 
 
-def _dragged_grain(scene: Scene, time: float) -> Snapshot:
+def _exact_drag(scene: Scene, time: float) -> GrainStates:
     """Grain at a time [s]."""
     from mpmath import exp, expm1, mpf, workdps
 
@@ -73,9 +82,9 @@ def _dragged_grain(scene: Scene, time: float) -> Snapshot:
         rate = mpf(scene.effects.drag.coefficient) / natural_units(scene.grains).mass
         factor = -expm1(-rate * mpf(time)) / rate
         left = exp(-rate * mpf(time))
-        start, speed = start_state(scene)
+        start, speed = grain_start_state(scene)
         positions = [mpf(q) + mpf(v) * factor for q, v in zip(start, speed, strict=True)]
-        return Snapshot(
+        return GrainStates(
             np.array([[float(q) for q in positions]]), np.array([[float(mpf(v) * left) for v in speed]])
         )
 
@@ -90,7 +99,7 @@ LOAD = 0.01
 """N [N]: the grain of 0.43 g loses 10.4 m/s^2, a little more than its weight would give it."""
 
 
-def sliding(time: float = SLIDING_TIME) -> Problem:
+def sliding_problem(time: float = SLIDING_TIME) -> ExactProblem:
     """Grain stopped by Coulomb friction under a constant normal load N.
 
     It loses a = mu_d N/m of its speed per time until it stops at t_s = v0/a, after v0^2/(2 a). A
@@ -100,20 +109,20 @@ def sliding(time: float = SLIDING_TIME) -> Problem:
     order gains here.
     """
     arrangement = {"positions": [["10 D", "10 D"]], "velocities": [[0.4, 0.3]]}
-    scene = single_grain_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
-    return Problem(
+    scene = few_grains_scene("sliding", time, {"friction": {"load": LOAD}}, arrangement=arrangement)
+    return ExactProblem(
         "sliding",
         "a grain stopped by dry friction",
         scene,
         time,
-        partial(_sliding_grain, scene),
-        fewest=256,
+        partial(_exact_sliding, scene),
+        fewest_steps=256,
         conservative=False,
         smooth=False,
     )
 
 
-def _sliding_grain(scene: Scene, time: float) -> Snapshot:
+def _exact_sliding(scene: Scene, time: float) -> GrainStates:
     """Grain at a time [s]."""
     from mpmath import mpf, sqrt, workdps
 
@@ -121,21 +130,21 @@ def _sliding_grain(scene: Scene, time: float) -> Snapshot:
     assert friction is not None
     with workdps(DIGITS):
         loss = mpf(friction.dynamic) * mpf(friction.load) / natural_units(scene.grains).mass
-        start, velocity = start_state(scene)
+        start, velocity = grain_start_state(scene)
         speed = sqrt(sum(mpf(v) ** 2 for v in velocity))
         late = min(mpf(time), speed / loss)
         distance = (speed - loss * late / 2) * late
         left = speed - loss * late
         along = [mpf(v) / speed for v in velocity]
         positions = [mpf(q) + e * distance for q, e in zip(start, along, strict=True)]
-        return Snapshot(
+        return GrainStates(
             np.array([[float(q) for q in positions]]), np.array([[float(e * left) for e in along]])
         )
 
 
-def stopping_time(scene: Scene) -> float:
+def sliding_stopping_time(scene: Scene) -> float:
     """Time at which a sliding grain stops, t_s [s]."""
     assert scene.effects.friction is not None
     law = scene.effects.friction
-    speed = math.hypot(*start_state(scene)[1])
+    speed = math.hypot(*grain_start_state(scene)[1])
     return speed * float(natural_units(scene.grains).mass) / (law.dynamic * law.load)

@@ -13,7 +13,14 @@ from functools import partial
 import numpy as np
 
 from granular.scene.scene import Scene
-from validation.exact.problem import DIGITS, Problem, Snapshot, natural_units, single_grain_scene, start_state
+from validation.exact.problem import (
+    DIGITS,
+    ExactProblem,
+    GrainStates,
+    few_grains_scene,
+    grain_start_state,
+    natural_units,
+)
 from validation.exact.quadrature import position_after_turning, time_from_turning
 
 TIME = 0.05
@@ -23,10 +30,10 @@ GAP = 4.0
 """Distance of grain and piston at the start [D]."""
 
 
-def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> Problem:
+def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> ExactProblem:
     """Grain struck by the piston."""
     top = 40.0
-    scene = single_grain_scene(
+    scene = few_grains_scene(
         "driven-piston",
         time,
         {"walls": {"left": "none", "right": "none", "bottom": "none"}},
@@ -34,18 +41,18 @@ def driven_piston_problem(speed: float = SPEED, time: float = TIME) -> Problem:
         piston={"height": f"{top!r} D"},
         protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}],
     )
-    return Problem(
+    return ExactProblem(
         "driven-piston",
         "a piston driven against a grain",
         scene,
         time,
-        partial(snapshot, scene),
-        fewest=24,
+        partial(exact_driven_piston, scene),
+        fewest_steps=24,
         conservative=False,
     )
 
 
-def snapshot(scene: Scene, time: float) -> Snapshot:
+def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
     """Place and velocity at a time [s] within the stage."""
     from mpmath import findroot, mpf, sqrt, workdps
 
@@ -57,7 +64,7 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
     assert move.duration is not None
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height, (x, y) = mpf(scene.piston.height), start_state(scene)[0]
+        height, (x, y) = mpf(scene.piston.height), grain_start_state(scene)[0]
         down = (height - mpf(move.to)) / mpf(move.duration)
         start, speed = (height - mpf(y)) / units.length, down / units.velocity
 
@@ -70,6 +77,6 @@ def snapshot(scene: Scene, time: float) -> Snapshot:
         gap = position_after_turning(potential, turning, late)
         opening = sqrt(2 * abs(energy - potential(gap))) * (1 if late > 0 else -1)
         position = height - down * mpf(time) - gap * units.length
-        return Snapshot(
+        return GrainStates(
             np.array([[x, float(position)]]), np.array([[0.0, float(-down - opening * units.velocity)]])
         )

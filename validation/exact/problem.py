@@ -24,7 +24,7 @@ Number = Any
 """A number of mpmath, which has no types of its own."""
 
 
-class Units(NamedTuple):
+class NaturalUnits(NamedTuple):
     """Sizes of the natural units in SI, for grains of the first species."""
 
     length: Number
@@ -41,7 +41,7 @@ class Units(NamedTuple):
         return self.force / self.mass
 
 
-def natural_units(grains: Grains) -> Units:
+def natural_units(grains: Grains) -> NaturalUnits:
     """Natural units; to be called within mpmath's working precision."""
     from mpmath import mpf, pi, sqrt
 
@@ -51,10 +51,10 @@ def natural_units(grains: Grains) -> Units:
     moment = mpf(grains.remanence) * volume / permeability
     force = permeability * moment**2 / (pi * diameter**4)
     mass = mpf(grains.density) * volume
-    return Units(diameter, mass, force, sqrt(mass * diameter / force))
+    return NaturalUnits(diameter, mass, force, sqrt(mass * diameter / force))
 
 
-class Snapshot(NamedTuple):
+class GrainStates(NamedTuple):
     """The grains at one time.
 
     Attributes
@@ -71,7 +71,7 @@ class Snapshot(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class ExactProblem:
     """A scene whose motion is known.
 
     Attributes
@@ -82,7 +82,7 @@ class Problem:
         When a simulation is compared with it [s].
     exact : callable
         The grains at a time [s], correct to the last bit but a few.
-    fewest : int
+    fewest_steps : int
         Steps up to ``time`` at which one step is about half a radian of the stiffest mode: the
         longest that a composition method of high order can be judged at.
     conservative : bool
@@ -95,12 +95,12 @@ class Problem:
     title: str
     scene: Scene
     time: float
-    exact: Callable[[float], Snapshot]
-    fewest: int
+    exact: Callable[[float], GrainStates]
+    fewest_steps: int
     conservative: bool = True
     smooth: bool = True
 
-    def perturb_start(self, bits: int) -> Problem:
+    def perturb_start(self, bits: int) -> ExactProblem:
         """Return the same problem with its start moved by a few units in the last place.
 
         The exact motion is not moved along: what a simulation of the nudged problem differs from
@@ -120,7 +120,7 @@ RECORDS = 16
 """Records of a run: enough to see how much energy is turned over, which the ledger is judged by."""
 
 
-def single_grain_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
+def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
     """Scene of grains of 5 mm in a cell 60 D wide, held for a time [s].
 
     Parameters
@@ -147,7 +147,7 @@ BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 """Walls of a scene where only the bottom repels."""
 
 
-def start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
+def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
     """Position [m] and velocity [m/s] that a grain starts with."""
     plan = scene.arrangement
     assert plan.positions is not None

@@ -53,7 +53,7 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
         reached, end, before = reached + gain, end + width, after
 
 
-def open_integrand(potential: Potential, turning: Number) -> Potential:
+def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
     """dt/ds for q = turning + s^2, where the potential falls beyond the turning point."""
     from mpmath import sqrt
 
@@ -65,12 +65,12 @@ def time_from_turning(potential: Potential, turning: Number, position: Number) -
     """Time between the turning point and a place beyond it."""
     from mpmath import sqrt
 
-    return integrate_from_zero(open_integrand(potential, turning), sqrt(position - turning))
+    return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
     """Place at a time before or after the turn (the motion is even in time)."""
-    integrand = open_integrand(potential, turning)
+    integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
     if time == 0:
         return turning
@@ -79,7 +79,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
     return turning + s * s
 
 
-def closed_integrand(potential: Potential, turning: Number, other: Number) -> Potential:
+def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
     """dt/dphi for q = turning + (other - turning) sin^2(phi/2), between two turning points."""
     from mpmath import sin, sqrt
 
@@ -98,11 +98,11 @@ def period(potential: Potential, low: Number, high: Number) -> Number:
     from mpmath import pi
 
     half = +pi / 2
-    lower = integrate_from_zero(closed_integrand(potential, low, high), half)
-    return 2 * (lower + integrate_from_zero(closed_integrand(potential, high, low), half))
+    lower = integrate_from_zero(time_integrand_between_turnings(potential, low, high), half)
+    return 2 * (lower + integrate_from_zero(time_integrand_between_turnings(potential, high, low), half))
 
 
-def position_from_top(potential: Potential, low: Number, high: Number, time: Number) -> Number:
+def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
     """Place at a time after the upper turning point."""
     from mpmath import floor, pi, sin
 
@@ -113,7 +113,7 @@ def position_from_top(potential: Potential, low: Number, high: Number, time: Num
     turning, other, away = (high, low, late) if late < early else (low, high, early)
     if away <= 0:
         return turning
-    integrand = closed_integrand(potential, turning, other)
+    integrand = time_integrand_between_turnings(potential, turning, other)
     phi = _invert_integral(integrand, away, _rough_inverse(integrand, away, +pi))
     return turning + (other - turning) * sin(phi / 2) ** 2
 

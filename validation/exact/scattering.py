@@ -19,19 +19,19 @@ import numpy as np
 from granular.scene.scene import Scene
 from validation.exact.problem import (
     DIGITS,
+    ExactProblem,
+    GrainStates,
     Number,
-    Problem,
-    Snapshot,
+    few_grains_scene,
+    grain_start_state,
     natural_units,
-    single_grain_scene,
-    start_state,
 )
 from validation.exact.quadrature import (
     Potential,
     integrate_from_zero,
-    open_integrand,
     position_after_turning,
     time_from_turning,
+    time_integrand_past_turning,
 )
 
 TIME = 0.025
@@ -48,21 +48,21 @@ class Orbit(NamedTuple):
     ----------
     potential : callable
         u(r)
-    turning : mpf
+    closest_distance : mpf
         Closest approach.
-    momentum : mpf
+    angular_momentum : mpf
         l, signed.
-    before : mpf
+    time_to_closest : mpf
         Time from the start to the closest approach.
     """
 
     potential: Potential
-    turning: Number
-    momentum: Number
-    before: Number
+    closest_distance: Number
+    angular_momentum: Number
+    time_to_closest: Number
 
 
-def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> Problem:
+def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float = TIME) -> ExactProblem:
     """Two grains that come from left and right at a speed [m/s] each, ``aside`` [D] off centre."""
     across, along = aside / 2.0, APART / 2.0
     arrangement = {
@@ -72,16 +72,23 @@ def scattering_problem(speed: float = SPEED, aside: float = ASIDE, time: float =
         ],
         "velocities": [[speed, 0.0], [-speed, 0.0]],
     }
-    scene = single_grain_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
-    return Problem("scattering", "two grains that scatter", scene, time, partial(snapshot, scene), fewest=32)
+    scene = few_grains_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
+    return ExactProblem(
+        "scattering",
+        "two grains that scatter",
+        scene,
+        time,
+        partial(exact_scattering, scene),
+        fewest_steps=32,
+    )
 
 
-def orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
+def relative_orbit(scene: Scene) -> tuple[Orbit, tuple[Number, Number]]:
     """Relative motion and the direction at the start (angle, distance)."""
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
-    (first, slow), (second, fast) = start_state(scene, 0), start_state(scene, 1)
+    (first, slow), (second, fast) = grain_start_state(scene, 0), grain_start_state(scene, 1)
     x, y = ((mpf(b) - mpf(a)) / units.length for a, b in zip(first, second, strict=True))
     vx, vy = ((mpf(b) - mpf(a)) / units.velocity for a, b in zip(slow, fast, strict=True))
     momentum = x * vy - y * vx
@@ -102,40 +109,41 @@ def _swept_angle(orbit: Orbit, distance: Number) -> Number:
     """Angle swept between the closest approach and a distance."""
     from mpmath import sqrt
 
-    integrand = open_integrand(orbit.potential, orbit.turning)
+    integrand = time_integrand_past_turning(orbit.potential, orbit.closest_distance)
     return integrate_from_zero(
-        lambda s: orbit.momentum / (orbit.turning + s * s) ** 2 * integrand(s), sqrt(distance - orbit.turning)
+        lambda s: orbit.angular_momentum / (orbit.closest_distance + s * s) ** 2 * integrand(s),
+        sqrt(distance - orbit.closest_distance),
     )
 
 
-def snapshot(scene: Scene, time: float) -> Snapshot:
+def exact_scattering(scene: Scene, time: float) -> GrainStates:
     """Places and velocities at a time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        path, (angle, start) = orbit(scene)
-        late = mpf(time) / units.time - path.before
-        distance = position_after_turning(path.potential, path.turning, late)
+        path, (angle, start) = relative_orbit(scene)
+        late = mpf(time) / units.time - path.time_to_closest
+        distance = position_after_turning(path.potential, path.closest_distance, late)
         side = 1 if late > 0 else -1
         angle += _swept_angle(path, start) + side * _swept_angle(path, distance)
-        energy = path.potential(path.turning)
+        energy = path.potential(path.closest_distance)
         along = side * sqrt(2 * abs(energy - path.potential(distance)))
-        across = path.momentum / distance
+        across = path.angular_momentum / distance
         c, s = cos(angle), sin(angle)
         position = [distance * c, distance * s]
         velocity = [along * c - across * s, along * s + across * c]
-        return _grains(scene, units.length, units.velocity, position, velocity, time)
+        return _both_grain_states(scene, units.length, units.velocity, position, velocity, time)
 
 
-def _grains(
+def _both_grain_states(
     scene: Scene, length: Number, speed: Number, point: list[Number], velocity: list[Number], time: float
-) -> Snapshot:
+) -> GrainStates:
     """Both grains from the relative motion and that of their centre."""
     from mpmath import mpf
 
     positions, velocities = np.empty((2, 2)), np.empty((2, 2))
-    starts = [start_state(scene, grain) for grain in (0, 1)]
+    starts = [grain_start_state(scene, grain) for grain in (0, 1)]
     for axis in range(2):
         start = sum(mpf(position[axis]) for position, _ in starts) / 2
         drift = sum(mpf(velocity[axis]) for _, velocity in starts) / 2
@@ -143,4 +151,4 @@ def _grains(
             where = start + drift * mpf(time) + sign * point[axis] * length / 2
             positions[grain, axis] = float(where)
             velocities[grain, axis] = float(drift + sign * velocity[axis] * speed / 2)
-    return Snapshot(positions, velocities)
+    return GrainStates(positions, velocities)

@@ -8,11 +8,11 @@ settings.
 
 from __future__ import annotations
 
-from validation.hard_cases.beds import piston_cases, size_cases, sum_cases
+from validation.hard_cases.beds import pair_sum_cases, piston_cases, size_cases
 from validation.hard_cases.extreme_values import (
-    count_cases,
     extreme_cases,
     non_finite_cases,
+    small_count_cases,
     uncomputable_cases,
 )
 from validation.hard_cases.friction import friction_cases
@@ -20,21 +20,21 @@ from validation.hard_cases.hard_case import HardCase, energy_change
 from validation.hard_cases.one_and_two_grains import (
     collision_cases,
     damping_cases,
+    distance_from_verlet_swing,
     head_on_collision,
     mass_cases,
-    near_stability_limit,
+    scene_near_stability_limit,
     start_cases,
     step_cases,
-    verlet_swing,
 )
 
 __all__ = [
     "COSTLY",
-    "catalogue",
+    "distance_from_verlet_swing",
     "energy_change",
+    "hard_case_catalogue",
     "head_on_collision",
-    "near_stability_limit",
-    "verlet_swing",
+    "scene_near_stability_limit",
 ]
 
 COSTLY = (
@@ -57,7 +57,7 @@ COSTLY = (
 """Words in the names of hard cases whose scenes take long to compile or to run."""
 
 
-def catalogue() -> tuple[HardCase, ...]:
+def hard_case_catalogue() -> tuple[HardCase, ...]:
     """Return all hard cases.
 
     Returns
@@ -67,8 +67,8 @@ def catalogue() -> tuple[HardCase, ...]:
 
     Examples
     --------
-    >>> from validation import catalogue
-    >>> len(catalogue()) > 10
+    >>> from validation import hard_case_catalogue
+    >>> len(hard_case_catalogue()) > 10
     True
     """
     return (
@@ -80,8 +80,8 @@ def catalogue() -> tuple[HardCase, ...]:
         *mass_cases(),
         *size_cases(),
         *step_cases(),
-        *count_cases(),
-        *sum_cases(),
+        *small_count_cases(),
+        *pair_sum_cases(),
         *extreme_cases(),
         *uncomputable_cases(),
         *non_finite_cases(),

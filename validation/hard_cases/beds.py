@@ -11,7 +11,7 @@ from granular.run.evaluation import evaluate
 from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
-from validation.hard_cases.hard_case import HardCase, Measure, cut_to_few_grains
+from validation.hard_cases.hard_case import ErrorMeasure, HardCase, cut_to_few_grains
 
 # Pistons ----------------------------------------------------------------------------------------
 
@@ -23,7 +23,7 @@ def _damper_fall(**changes: Any) -> Scene:
     )
 
 
-def _compressed_frequency() -> Scene:
+def _compressed_bed() -> Scene:
     """Bed whose piston descends until the grains' area is more than the cell's."""
     return cut_to_few_grains(
         "bed",
@@ -80,7 +80,7 @@ def piston_cases() -> tuple[HardCase, ...]:
         HardCase(
             "packing above 1",
             "the grains' area is more than the cell's, without contact",
-            _compressed_frequency,
+            _compressed_bed,
             0.55,
             2.0,
         ),
@@ -111,7 +111,7 @@ def piston_cases() -> tuple[HardCase, ...]:
 # Sizes ------------------------------------------------------------------------------------------
 
 
-def _many_sizes(**fractions: tuple[str, float]) -> Scene:
+def _bed_of_several_sizes(**fractions: tuple[str, float]) -> Scene:
     """Bed of several species: diameter and fraction of each, by its name."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
@@ -126,14 +126,14 @@ def size_cases() -> tuple[HardCase, ...]:
         HardCase(
             "aspect ratio 0.1",
             "half of the grains are a tenth as wide [D, 4.1]",
-            lambda: _many_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
+            lambda: _bed_of_several_sizes(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
             0.05,
             1.0,
         ),
         HardCase(
             "three species of ratio 10",
             "the widest grains are ten times as wide as the narrowest",
-            lambda: _many_sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
+            lambda: _bed_of_several_sizes(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
             0.05,
             1.0,
         ),
@@ -158,7 +158,7 @@ FAR = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
 """A far field that matters in a bed of 23 grains."""
 
 
-def _fast_grain() -> Scene:
+def _fast_grain_scene() -> Scene:
     """Grain at 5 m/s, 0.8 D in a step of 1 ms, flies past two rows of slow ones."""
     rows = [[f"{x} D", f"{y} D"] for y in (8, 30) for x in range(6, 60, 6)]
     return cut_to_few_grains(
@@ -178,7 +178,7 @@ def _fast_grain() -> Scene:
     )
 
 
-def _with_list(radius: float) -> Scene:
+def _bed_with_pair_list(radius: float) -> Scene:
     """Bed of 92 grains whose list is made anew as its grains move."""
     return load_scene("bed").replace(
         **{
@@ -210,13 +210,13 @@ def _bed_of_1e5_grains() -> Scene:
     )
 
 
-def sum_cases() -> tuple[HardCase, ...]:
+def pair_sum_cases() -> tuple[HardCase, ...]:
     """Hard cases of lists and of the far field."""
     lists = tuple(
         HardCase(
             f"list of pairs within {radius} D",
             "the list takes pairs in and leaves others out as the bed moves [D, 5.2]",
-            partial(_with_list, radius),
+            partial(_bed_with_pair_list, radius),
             0.05,
             1.0,
             errors=("EnergyError",),
@@ -236,10 +236,10 @@ def sum_cases() -> tuple[HardCase, ...]:
         HardCase(
             "fast grain across a skin in a step",
             "a grain crosses its lists' skin with every step, and the radius of those it passes",
-            _fast_grain,
+            _fast_grain_scene,
             0.04,
             0.04,
-            Measure("greatest force missed, over the greatest force", greatest_missing_force),
+            ErrorMeasure("greatest force missed, over the greatest force", greatest_missing_force),
             1e-12,
             dt=1e-3,
         ),

@@ -11,7 +11,7 @@ from granular.scene.scene import Scene
 from validation.hard_cases.hard_case import HardCase, cut_to_few_grains
 
 
-def _count(number: int) -> Scene:
+def _bed_with_count(number: int) -> Scene:
     return cut_to_few_grains("bed", **{"grains.count": number})
 
 
@@ -21,17 +21,17 @@ def _bed_with_value(key: str, value: float) -> Scene:
         "arrangement.velocities": [[0.0, value]],
         "protocol": [{"kind": "hold", "name": "hold", "duration": value}],
     }
-    return _bouncing(**{key: wrong.get(key, value)})
+    return _bouncing_grain(**{key: wrong.get(key, value)})
 
 
-def _bouncing(**changes: Any) -> Scene:
+def _bouncing_grain(**changes: Any) -> Scene:
     return load_scene("single-particle").replace(**changes)
 
 
-def count_cases() -> tuple[HardCase, ...]:
+def small_count_cases() -> tuple[HardCase, ...]:
     """Beds of no grain and of few."""
     return tuple(
-        HardCase(words, "sums over grains or pairs are empty", partial(_count, number), 0.05, 1.0)
+        HardCase(words, "sums over grains or pairs are empty", partial(_bed_with_count, number), 0.05, 1.0)
         for number, words in ((0, "no grain"), (1, "one grain"), (2, "two grains"))
     )
 
@@ -59,7 +59,7 @@ def extreme_cases() -> tuple[HardCase, ...]:
         HardCase(
             f"extreme: {name}",
             "extreme but finite",
-            partial(_bouncing, **changes),
+            partial(_bouncing_grain, **changes),
             *times.get(name, (0.5, 2.0)),
         )
         for name, changes in cases.items()
@@ -79,7 +79,7 @@ def uncomputable_cases() -> tuple[HardCase, ...]:
             HardCase(
                 f"unheard of: {name}",
                 "its steps cannot be counted",
-                partial(_bouncing, **changes),
+                partial(_bouncing_grain, **changes),
                 0.1,
                 0.1,
                 errors=errors,
@@ -89,7 +89,7 @@ def uncomputable_cases() -> tuple[HardCase, ...]:
         HardCase(
             "unheard of: a step of 1e10 s",
             "it is longer than the run",
-            _bouncing,
+            _bouncing_grain,
             0.1,
             0.1,
             errors=("InputError",),
@@ -109,9 +109,9 @@ def non_finite_cases() -> tuple[HardCase, ...]:
     }
     case = partial(
         HardCase,
-        what="a number that is none",
-        quick=0.1,
-        full=0.1,
+        difficulty="a number that is none",
+        quick_time=0.1,
+        full_time=0.1,
         errors=("SceneError", "FieldError", "InputError"),
     )
     cases = []
@@ -120,5 +120,5 @@ def non_finite_cases() -> tuple[HardCase, ...]:
             case(name=f"injected {value}: {words}", scene=partial(_bed_with_value, key, value))
             for words, key in keys.items()
         ]
-        cases.append(case(name=f"injected {value}: the step", scene=_bouncing, dt=value))
+        cases.append(case(name=f"injected {value}: the step", scene=_bouncing_grain, dt=value))
     return tuple(cases)

@@ -7,21 +7,21 @@ from typing import Any
 from granular.scene.published_beds import mono_bed
 from granular.scene.scene import Scene
 from validation.exact import closed_forms
-from validation.exact.problem import single_grain_scene
+from validation.exact.problem import few_grains_scene
 from validation.hard_cases.hard_case import (
     BROKEN,
+    ErrorMeasure,
     HardCase,
-    Measure,
     cut_to_few_grains,
-    distance_from_exact,
     greatest_displacement,
+    make_distance_from_exact,
 )
 
 
 def _loaded_grain(load: float) -> Scene:
     """Grain under its weight, pressed on the plates [N]."""
     arrangement = {"positions": [["30 D", "30 D"]]}
-    return single_grain_scene(
+    return few_grains_scene(
         "loaded", 0.5, {"gravity": {}, "friction": {"load": load}}, arrangement=arrangement
     )
 
@@ -50,8 +50,8 @@ def _pair_list_scheme() -> Scene:
 
 def friction_cases() -> tuple[HardCase, ...]:
     """Thresholds that a step may jump over."""
-    problem = closed_forms.sliding()
-    distance = Measure("distance from the exact place [D]", distance_from_exact(problem))
+    problem = closed_forms.sliding_problem()
+    distance = ErrorMeasure("distance from the exact place [D]", make_distance_from_exact(problem))
     limit = 10.4 * 1e-2**2 / 8.0 / 5e-3  # a h^2/8: see the problem
     rubbing: dict[str, Any] = {"effects.drag": None, "effects.friction": {}}
     return (
@@ -61,7 +61,7 @@ def friction_cases() -> tuple[HardCase, ...]:
             lambda: _loaded_grain(0.01),
             0.5,
             5.0,
-            Measure("displacement [D]", greatest_displacement),
+            ErrorMeasure("displacement [D]", greatest_displacement),
             0.0,
         ),
         HardCase(

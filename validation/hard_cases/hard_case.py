@@ -13,7 +13,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
-from validation.exact import Problem
+from validation.exact import ExactProblem
 
 FAIR = 1e-4
 """Residual of the ledger beyond which the engine itself calls a run degraded."""
@@ -22,21 +22,21 @@ BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
 """Errors that a step that is too long may end in."""
 
 
-class Measure(NamedTuple):
+class ErrorMeasure(NamedTuple):
     """An error of a finished run.
 
     Attributes
     ----------
-    words : str
-        What it is the error of, with its unit.
+    description : str
+        Quantity that the error is of, with its unit.
     error : callable
     """
 
-    words: str
+    description: str
     error: Callable[[Trajectory], float]
 
 
-LEDGER = Measure(
+LEDGER = ErrorMeasure(
     "residual of the energy ledger over the energy turned over",
     lambda run: float(run.settings()["ledger_residual"]),
 )
@@ -48,13 +48,13 @@ class HardCase:
 
     Attributes
     ----------
-    name, what : str
-        ``what`` says what is hard about it.
+    name, difficulty : str
+        The difficulty says what is hard about it.
     scene : callable
         Makes the scene; it may raise a typed error, which counts as a stop.
-    quick, full : float
+    quick_time, full_time : float
         Times up to which it runs [s].
-    measure : Measure
+    measure : ErrorMeasure
     limit : float
         The error up to which the run is accurate.
     errors : tuple of str
@@ -66,11 +66,11 @@ class HardCase:
     """
 
     name: str
-    what: str
+    difficulty: str
     scene: Callable[[], Scene]
-    quick: float
-    full: float
-    measure: Measure = LEDGER
+    quick_time: float
+    full_time: float
+    measure: ErrorMeasure = LEDGER
     limit: float = FAIR
     errors: tuple[str, ...] = ()
     dt: float | str = "auto"
@@ -99,7 +99,7 @@ def energy_change(run: Trajectory) -> float:
     return float(abs(total[-1] / total[0] - 1.0))
 
 
-def distance_from_exact(problem: Problem) -> Callable[[Trajectory], float]:
+def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
     """Distance from the exact place at the run's end [D]."""
 
     def measure(run: Trajectory) -> float:
@@ -135,7 +135,7 @@ def terminal_fall_error(run: Trajectory) -> float:
     return float(max(by_speed, by_place / fallen))
 
 
-def momentum_change(run: Trajectory) -> float:
+def energy_or_momentum_change(run: Trajectory) -> float:
     """Change of energy or momentum over what there is of it (no walls)."""
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values

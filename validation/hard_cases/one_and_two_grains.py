@@ -13,27 +13,27 @@ from granular.run.trajectory import Trajectory
 from granular.scene.loading import load_scene
 from granular.scene.scene import Scene
 from granular.schema.scales import Scales
-from validation.exact import Problem
-from validation.exact.problem import BOTTOM_ONLY, single_grain_scene
+from validation.exact import ExactProblem
+from validation.exact.problem import BOTTOM_ONLY, few_grains_scene
 from validation.hard_cases.hard_case import (
     BROKEN,
+    ErrorMeasure,
     HardCase,
-    Measure,
     cut_to_few_grains,
-    distance_from_exact,
     energy_change,
+    energy_or_momentum_change,
     greatest_displacement,
-    momentum_change,
+    make_distance_from_exact,
     terminal_fall_error,
 )
 
-ENERGY = Measure("relative change of the energy", energy_change)
-ENERGY_AFTERWARDS = Measure("relative change of the energy afterwards", energy_change)
+ENERGY = ErrorMeasure("relative change of the energy", energy_change)
+ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", energy_change)
 
 # Collisions -------------------------------------------------------------------------------------
 
 
-def head_on_collision(closest: float) -> Problem:
+def head_on_collision(closest: float) -> ExactProblem:
     """Make the problem of two grains that collide head-on, from 6 D apart.
 
     Their speed is that at which the dipoles stop them at a given distance, by their energy.
@@ -45,7 +45,7 @@ def head_on_collision(closest: float) -> Problem:
 
     Returns
     -------
-    Problem
+    ExactProblem
         Scene with its exact solution.
     """
     from validation.exact.scattering import APART, scattering_problem
@@ -56,7 +56,7 @@ def head_on_collision(closest: float) -> Problem:
     return scattering_problem(natural * scales.velocity, 0.0, time)
 
 
-def _fast_shot(speed: float) -> Scene:
+def _shot_at_wall(speed: float) -> Scene:
     """Grain shot at the bottom wall from 20 D [D/tau], and away again."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     arrangement = {
@@ -65,7 +65,7 @@ def _fast_shot(speed: float) -> Scene:
     }
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     time = 40.0 / speed * scales.time
-    return single_grain_scene("shot", time, effects, arrangement=arrangement, cell={"width": "60 D"})
+    return few_grains_scene("shot", time, effects, arrangement=arrangement, cell={"width": "60 D"})
 
 
 def collision_cases() -> tuple[HardCase, ...]:
@@ -74,12 +74,14 @@ def collision_cases() -> tuple[HardCase, ...]:
     for closest in (0.5, 0.1, 0.02):
         problem = head_on_collision(closest)
         name, time = f"head-on to {closest:g} D", problem.time
-        measure = Measure("distance from the exact place afterwards [D]", distance_from_exact(problem))
+        measure = ErrorMeasure(
+            "distance from the exact place afterwards [D]", make_distance_from_exact(problem)
+        )
         cases += [
             HardCase(
                 name,
                 "the pair's stiffness grows like r^-5",
-                partial(_given, problem.scene),
+                partial(_return_scene, problem.scene),
                 time,
                 time,
                 measure,
@@ -88,7 +90,7 @@ def collision_cases() -> tuple[HardCase, ...]:
             HardCase(
                 f"{name}, energy",
                 "the same, judged by its energy",
-                partial(_given, problem.scene),
+                partial(_return_scene, problem.scene),
                 time,
                 time,
                 ENERGY_AFTERWARDS,
@@ -96,14 +98,14 @@ def collision_cases() -> tuple[HardCase, ...]:
             ),
         ]
     for speed in (1.0, 10.0, 100.0):
-        scene = _fast_shot(speed)
+        scene = _shot_at_wall(speed)
         length = scene.protocol[0].total_duration(0.0)
         assert length is not None
         cases.append(
             HardCase(
                 f"shot at the wall with {speed:g} D/tau",
                 "the wall's stiffness grows like w^-4.5",
-                partial(_given, scene),
+                partial(_return_scene, scene),
                 length,
                 length,
                 ENERGY_AFTERWARDS,
@@ -113,7 +115,7 @@ def collision_cases() -> tuple[HardCase, ...]:
     return tuple(cases)
 
 
-def _given(scene: Scene) -> Scene:
+def _return_scene(scene: Scene) -> Scene:
     return scene
 
 
@@ -132,13 +134,13 @@ def _unequal_masses(ratio: float) -> Scene:
         "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
         "velocities": [[0.0, 0.0], [-speed, 0.0]],
     }
-    scene = single_grain_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
+    scene = few_grains_scene("unequal", 2.0 * apart / speed, {"dipole": {}}, arrangement=plan)
     return scene.replace(**{"grains": grains})
 
 
 def mass_cases() -> tuple[HardCase, ...]:
     """Grains of very different masses."""
-    measure = Measure("relative change of energy or momentum", momentum_change)
+    measure = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
     return tuple(
         HardCase(
             f"mass ratio {ratio:g}",
@@ -156,9 +158,9 @@ def mass_cases() -> tuple[HardCase, ...]:
 # Starts -----------------------------------------------------------------------------------------
 
 
-def _pair(gap: str, **effects: Any) -> Scene:
+def _two_grains_at_rest(gap: str, **effects: Any) -> Scene:
     """Two grains of 5 mm at rest, at a distance."""
-    return single_grain_scene(
+    return few_grains_scene(
         "pair",
         0.01,
         {"dipole": {}, **effects},
@@ -175,13 +177,13 @@ def start_cases() -> tuple[HardCase, ...]:
     }
     return (
         *(
-            HardCase(name, what, partial(_pair, gap), 0.01, 0.01, ENERGY, 1e-6, ("SceneError",))
+            HardCase(name, what, partial(_two_grains_at_rest, gap), 0.01, 0.01, ENERGY, 1e-6, ("SceneError",))
             for name, (what, gap) in refused.items()
         ),
         HardCase(
             "overlapping start with contact",
             "two grains 0.999 D apart, with contact",
-            lambda: _pair("0.999", contact={"modulus": 1e8}),
+            lambda: _two_grains_at_rest("0.999", contact={"modulus": 1e8}),
             0.002,
             0.01,
         ),
@@ -195,7 +197,7 @@ def _overdamped_grain(ratio: float) -> Scene:
     """Drag with gamma h/m of that size, at a step of a millisecond: nothing shortens it here."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
-    scene = single_grain_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
+    scene = few_grains_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
     return scene.replace(**{"output.scalars": 1e-3, "output.frames": 0.1})
 
 
@@ -206,7 +208,7 @@ def _hardly_swinging(drag: float) -> Scene:
 
 def damping_cases() -> tuple[HardCase, ...]:
     """Drags from weak to overwhelming, and beds that hardly swing."""
-    fall = Measure("relative error of the fall", terminal_fall_error)
+    fall = ErrorMeasure("relative error of the fall", terminal_fall_error)
     near_one = tuple(
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
@@ -237,7 +239,9 @@ LINEAR = 1e-6
 linear to rounding, and its energy below what the ledger judges."""
 
 
-def near_stability_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Callable[[], Scene], float]:
+def scene_near_stability_limit(
+    fraction: float, amplitude: float = LINEAR
+) -> tuple[Callable[[], Scene], float]:
     """Make a scene of a swinging grain, with a fraction of the longest step at which Verlet is stable.
 
     That step is 2/omega, by Hairer, Lubich and Wanner (2003, doi:10.1017/S0962492902000144), section
@@ -262,7 +266,7 @@ def near_stability_limit(fraction: float, amplitude: float = LINEAR) -> tuple[Ca
     return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
 
 
-def verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
+def distance_from_verlet_swing(fraction: float, step: float) -> Callable[[Trajectory], float]:
     """Distance from Verlet's own swing in a linear mode, over its amplitude.
 
     At a step of that fraction of 2/omega the places are x_n = A cos(n theta), with cos(theta) =
@@ -287,9 +291,11 @@ def _recorded_rarely() -> Scene:
 
 def step_cases() -> tuple[HardCase, ...]:
     """Long steps, and many."""
-    below, short = near_stability_limit(0.95)
-    beyond, long = near_stability_limit(1.05)
-    swing = Measure("distance from Verlet's exact swing over its width", verlet_swing(0.95, short))
+    below, short = scene_near_stability_limit(0.95)
+    beyond, long = scene_near_stability_limit(1.05)
+    swing = ErrorMeasure(
+        "distance from Verlet's exact swing over its width", distance_from_verlet_swing(0.95, short)
+    )
     return (
         HardCase(
             "step at 0.95 of the stability limit",
@@ -309,7 +315,7 @@ def step_cases() -> tuple[HardCase, ...]:
             beyond,
             20.0,
             200.0,
-            Measure("displacement [D]", greatest_displacement),
+            ErrorMeasure("displacement [D]", greatest_displacement),
             2e-5,
             BROKEN,
             dt=long,
